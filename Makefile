@@ -1,0 +1,59 @@
+# One word for each chore. `make demo` and `make test` need Python 3.11 or newer, pip and make, nothing else.
+
+PYTHON ?= python3
+DEMO_OUT ?= demo
+UV ?= uv
+
+BIN := .venv/bin
+INSTALLED := .venv/.installed
+
+.PHONY: help demo test check bench docs lock clean environment
+
+help:  ## list the chores
+	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
+
+demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
+	$(BIN)/servobench run --out "$(DEMO_OUT)"
+
+test: $(INSTALLED)  ## run the tests; ARGS='-k pattern' is passed on to pytest
+	$(BIN)/python -m pytest $(ARGS)
+
+check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
+	$(BIN)/ruff format --check .
+	$(BIN)/ruff check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/python tools/check_lock.py
+	$(BIN)/python tools/check_docs.py
+
+bench: $(INSTALLED)  ## measure speed, accuracy and coverage
+	$(BIN)/python bench/run.py $(ARGS)
+
+docs: $(INSTALLED)  ## check links, anchors and decision records (the pages themselves are read as Markdown)
+	$(BIN)/python tools/check_docs.py
+
+lock:  ## renew requirements.lock with uv; ARGS=--upgrade takes newer versions too
+	$(UV) pip compile --quiet --universal --generate-hashes --all-extras --group dev \
+	    --custom-compile-command "make lock" $(ARGS) pyproject.toml --output-file requirements.lock
+	$(PYTHON) tools/check_lock.py
+
+clean:  ## remove the environment, caches and the demo's output
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis dist demo
+	find . -name __pycache__ -type d -prune -exec rm -rf {} +
+
+environment: $(INSTALLED)  ## create or renew .venv
+
+$(INSTALLED): requirements.lock pyproject.toml | $(BIN)/python
+	@echo "setting up .venv; this is done once"
+	$(PIP) --require-hashes -r requirements.lock
+	$(PIP) --no-deps --no-build-isolation -e .
+	@touch $@
+
+# Debian packs ensurepip apart (python3-venv); without it the new environment has no pip, and PYTHON's own does the work.
+$(BIN)/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || \
+	    { echo "servobench needs Python 3.11 or newer; for instance: make $(MAKECMDGOALS) PYTHON=python3.12"; exit 1; }
+	$(PYTHON) -m venv $$($(PYTHON) -c 'from ensurepip import bootstrap' 2>/dev/null || echo --without-pip) .venv || { rm -rf .venv; exit 1; }
+
+PIP = $(shell $(BIN)/python -c 'import pip' 2>/dev/null && echo $(BIN)/python || echo $(PYTHON)) -m pip \
+    --python $(BIN)/python --disable-pip-version-check install --quiet

@@ -1,0 +1,64 @@
+"""What a device measures: channels, one latch of them (a sample), and the device's description of itself."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Literal, TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array: TypeAlias = NDArray[np.float64]
+Timing: TypeAlias = Literal["virtual", "host", "device"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Channel:
+    """One thing that is measured or commanded.
+
+    `unit` is None where a file doesn't say it. `minimum` and `maximum` bound the range, `resolution` is the smallest
+    step, all three in `unit`. An encoder has `counter_bits`, the width at which it wraps, and `counts_per_rev`.
+    """
+
+    name: str
+    unit: str | None
+    minimum: float | None = None
+    maximum: float | None = None
+    resolution: float | None = None
+    counter_bits: int | None = None
+    counts_per_rev: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True, slots=True)
+class Sample:
+    """One latch of a device's inputs, taken before the voltage of the same tick acts.
+
+    `index` counts ticks from 0, `time` is the device's or the clock's own time of the latch [s], `counts` the encoder as the
+    counter shows it (wrapped). `tachometer` [rad/s] and `current` [A] are there where the device has them.
+    """
+
+    index: int
+    time: float
+    counts: int
+    tachometer: float | None = None
+    current: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class DeviceInfo:
+    """What a device is: its name, serial number, channels, and its delay from a write to the shaft [s].
+
+    `timing` says who keeps the time: the caller's virtual clock, the host's clock, or the device itself.
+    `settings` are the settings it was opened with, for the record.
+    """
+
+    name: str
+    serial: str = ""
+    channels: tuple[Channel, ...] = ()
+    delay: float = 0.0
+    timing: Timing = "virtual"
+    settings: tuple[tuple[str, str], ...] = field(default=())
+
+    def channel(self, name: str) -> Channel | None:
+        """Return the channel of that name, or None where the device hasn't one."""
+        return next((channel for channel in self.channels if channel.name == name), None)

@@ -1,0 +1,260 @@
+"""The simulated twin of a servo motor: amplifier, motor, encoder and sensors, in virtual time or beside the wall clock."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from servobench.channels import Channel, DeviceInfo, Sample
+from servobench.devices.base import DEVICES
+from servobench.errors import DeviceError, UsageError
+from servobench.motor.amplifier import Amplifier
+from servobench.motor.encoder import CurrentSensor, Encoder, Tachometer
+from servobench.motor.parameters import DataSheet, MotorParameters, data_sheet
+from servobench.motor.physics import MotorState, Physics, disturbance_factor
+from servobench.motor.solvers.base import SOLVERS, Solver
+from servobench.settings import (
+    Angle,
+    CountsPerRev,
+    Current,
+    Damping,
+    Inductance,
+    Inertia,
+    MotorConstant,
+    Resistance,
+    Settings,
+    Speed,
+    Time,
+    Torque,
+    TorqueNoise,
+    Voltage,
+)
+
+
+class TwinSettings(Settings):
+    """The hidden truths of a simulated motor; what is left out comes from the data sheet `motor`."""
+
+    motor: str = "qube_servo_2"
+    """Name of the data sheet."""
+    resistance: Resistance | None = None
+    """Winding resistance [Ω]."""
+    inductance: Inductance | None = None
+    """Winding inductance; 0 leaves the electrical pole out [H]."""
+    motor_constant: MotorConstant | None = None
+    """Torque and back-emf constant [V·s/rad]."""
+    rotor_inertia: Inertia | None = None
+    """Inertia of the rotor [kg·m²]."""
+    hub_inertia: Inertia | None = None
+    """Inertia of the hub [kg·m²]."""
+    disc_inertia: Inertia | None = None
+    """Inertia of the disc [kg·m²]."""
+    viscous_friction: Damping = 1e-6
+    """Viscous friction; a data sheet has none, so this is assumed [N·m·s/rad]."""
+    coulomb_torque: Torque = 8e-4
+    """Coulomb friction; a data sheet has none, so this is assumed [N·m]."""
+    torque_noise: TorqueNoise = 0.0
+    """Intensity of a white disturbance torque, two-sided [N·m/√Hz]."""
+    amplifier_limit: Voltage | None = None
+    """Largest voltage of the amplifier [V]."""
+    amplifier_resistance: Resistance = 0.0
+    """Resistance of the amplifier, in series with the winding [Ω]."""
+    dead_band: Voltage | None = None
+    """Dead band of the amplifier [V]."""
+    counts_per_rev: CountsPerRev | None = None
+    """Counts of the encoder in a revolution."""
+    counter_bits: Literal[16, 24, 32] | None = None
+    """Width of the encoder's counter."""
+    start_angle: Angle = 0.0
+    """Angle of the shaft at the start; the counter isn't reset there [rad]."""
+    delay: Time = 0.0
+    """Time from a write until its voltage acts, unknown to the device itself [s]."""
+    current_sensor: bool = True
+    """Whether there is a current channel."""
+    current_noise: Current = 0.0
+    """Standard deviation of the noise of the current channel [A]."""
+    tachometer: bool = False
+    """Whether there is a speed channel."""
+    tachometer_noise: Speed = 0.0
+    """Standard deviation of the noise of the speed channel [rad/s]."""
+    solver: str = "exact"
+    """How the equations are solved: exact, euler, rk4 or adaptive."""
+    solver_step: Time | None = None
+    """Longest step of the solver; without it a tick is one step [s]."""
+    timing: Literal["virtual", "host"] = "virtual"
+    """Whether time is computed, as fast as can be, or waited for."""
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """The data sheet that values come from where they aren't set; raises `UnknownName`."""
+        return data_sheet(self.motor)
+
+    @property
+    def parameters(self) -> MotorParameters:
+        """The motor's true parameters."""
+        names = ("resistance", "inductance", "motor_constant", "rotor_inertia", "hub_inertia", "disc_inertia")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return replace(
+            self.data_sheet.motor,
+            **given,
+            viscous_friction=self.viscous_friction,
+            coulomb_torque=self.coulomb_torque,
+        )
+
+
+@DEVICES.member("twin")
+class Twin:
+    """A simulated motor that behaves as a device: what is written acts from the tick of the sample before it.
+
+    The same settings and seed give the same samples, bit for bit.
+    """
+
+    Settings: ClassVar[type[TwinSettings]] = TwinSettings
+
+    def __init__(self, settings: TwinSettings | None = None) -> None:
+        self.settings = settings or TwinSettings()
+        sheet = self.settings.data_sheet
+        chosen: dict[str, Any] = {"limit": self.settings.amplifier_limit, "dead_band": self.settings.dead_band}
+        nominal = {"limit": sheet.voltage_limit, "dead_band": sheet.dead_band}
+        self._amplifier = Amplifier(
+            **{name: nominal[name] if value is None else value for name, value in chosen.items()},
+            resistance=self.settings.amplifier_resistance,
+        )
+        self._encoder = Encoder(
+            counts_per_rev=self.settings.counts_per_rev or sheet.counts_per_rev,
+            counter_bits=self.settings.counter_bits or sheet.counter_bits,  # type: ignore[arg-type]
+        )
+        self._current = CurrentSensor(noise=self.settings.current_noise) if self.settings.current_sensor else None
+        self._tachometer = Tachometer(noise=self.settings.tachometer_noise) if self.settings.tachometer else None
+        self._physics = Physics.of(self.settings.parameters, self.settings.amplifier_resistance)
+        if self.settings.solver_step is not None and self.settings.solver_step <= 0:
+            raise UsageError(f"twin: solver_step is {self.settings.solver_step:g} s; expected more than 0")
+        if self.settings.delay < 0:
+            raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
+        self._open = False
+        self._solver: Solver | None = None
+
+    @property
+    def info(self) -> DeviceInfo:
+        """What the twin says of itself: as a real device, it doesn't tell its hidden truths."""
+        counts = Channel(
+            name="counts",
+            unit="counts",
+            resolution=1.0,
+            counter_bits=self._encoder.counter_bits,
+            counts_per_rev=self._encoder.counts_per_rev,
+        )
+        voltage = Channel(name="voltage", unit="V", minimum=-self._amplifier.limit, maximum=self._amplifier.limit)
+        channels = [voltage, counts]
+        if self._current:
+            limit = self._current.range
+            channels.append(
+                Channel(name="current", unit="A", minimum=-limit, maximum=limit, resolution=self._current.resolution)
+            )
+        if self._tachometer:
+            channels.append(Channel(name="tachometer", unit="rad/s", resolution=self._tachometer.resolution))
+        given = self.settings.model_dump(exclude_defaults=True)
+        return DeviceInfo(
+            name="twin",
+            serial="simulated",
+            channels=tuple(channels),
+            timing=self.settings.timing,
+            settings=(("motor", self.settings.motor), *((n, str(v)) for n, v in given.items() if n != "motor")),
+        )
+
+    def __enter__(self) -> Self:
+        """Connect; the shaft is at rest."""
+        self._open = True
+        self._reset(math.nan, None)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop and close."""
+        self.stop()
+        self._open = False
+
+    def start(self, sample_time: float, seed: int | None) -> None:
+        """Prepare a run with that sample time [s]; the shaft is at rest at its start angle."""
+        self._needs_open()
+        if not (math.isfinite(sample_time) and sample_time > 0):
+            raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")
+        self._reset(sample_time, seed)
+        self._solver = SOLVERS[self.settings.solver].prepare(self._physics, sample_time, self.settings.solver_step)
+        noise = self.settings.torque_noise
+        self._disturbance = disturbance_factor(self._physics, noise, sample_time) if noise else None
+
+    def read(self) -> Sample:
+        """Let the tick before pass, then latch counts, current and speed."""
+        self._needs_open()
+        if self._solver is None:
+            raise UsageError("twin: read() came before start(); start a run first")
+        self._index += 1
+        if self._index > 0:
+            self._advance()
+        i, w, theta = self._state
+        return Sample(
+            index=self._index,
+            time=self._index * self._sample_time,
+            counts=self._encoder.counts(theta),
+            tachometer=self._tachometer.read(w, self._random) if self._tachometer else None,
+            current=self._current.read(i, self._random) if self._current else None,
+        )
+
+    def write(self, voltage: float) -> float:
+        """Hold a voltage [V] from this tick on, and return it within the amplifier's limits."""
+        self._needs_open()
+        if isinstance(voltage, bool) or not isinstance(voltage, int | float | np.floating) or not math.isfinite(voltage):
+            raise UsageError(f"twin: {voltage!r} is no voltage; expected a finite number in V")
+        applied = self._amplifier.saturated(float(voltage))
+        self._held = self._amplifier.output(float(voltage))
+        return applied
+
+    def stop(self) -> None:
+        """Put zero volts on the motor, at once."""
+        self._held = 0.0
+        self._queue: list[float] = []
+
+    @property
+    def state(self) -> MotorState:
+        """The hidden truth: current [A], speed [rad/s] and angle [rad] at the last sample; for tests and pictures."""
+        return self._state
+
+    def coast(self, duration: float) -> MotorState:
+        """Let time pass with the voltage that is held, without sampling, and return the hidden state; proves a stop."""
+        self._needs_open()
+        solver = SOLVERS["exact"].prepare(self._physics, duration, None)
+        self._state = solver.advance(self._state, self._held, duration)
+        return self._state
+
+    def _needs_open(self) -> None:
+        if not self._open:
+            raise DeviceError("the twin isn't connected: use it inside a with statement")
+
+    def _reset(self, sample_time: float, seed: int | None) -> None:
+        self._sample_time = sample_time
+        self._state = MotorState(0.0, 0.0, self.settings.start_angle)
+        self._index = -1
+        self._held = 0.0
+        self._queue = []
+        self._random = np.random.default_rng(seed)
+
+    def _advance(self) -> None:
+        """One tick: the part with the voltage of an earlier write that still acts, then the newer one."""
+        solver = self._solver
+        if solver is None:
+            return
+        whole, rest = divmod(self.settings.delay, self._sample_time)
+        self._queue.append(self._held)
+        older = self._queue[-int(whole) - 2] if len(self._queue) > whole + 1 else 0.0
+        newer = self._queue[-int(whole) - 1] if len(self._queue) > whole else 0.0
+        del self._queue[: -int(whole) - 2]
+        if rest > 0:
+            self._state = solver.advance(self._state, older, rest)
+        self._state = solver.advance(self._state, newer, self._sample_time - rest)
+        if self._disturbance is not None and self._state.speed != 0.0:
+            self._state = MotorState(*(np.array(self._state) + self._disturbance @ self._random.standard_normal(3)).tolist())

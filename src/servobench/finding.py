@@ -1,0 +1,65 @@
+"""A finding: one thing to know about data or a model; and the verdict that findings lead to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from enum import StrEnum
+
+
+class Severity(StrEnum):
+    """How much a finding weighs: `info` is told, `warning` makes a result doubtful, `refusal` refuses it."""
+
+    INFO = "info"
+    WARNING = "warning"
+    REFUSAL = "refusal"
+
+
+class Verdict(StrEnum):
+    """How far a result may be trusted."""
+
+    TRUSTED = "trusted"
+    DOUBTFUL = "doubtful"
+    REFUSED = "refused"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Finding:
+    """One thing to know, in one plain sentence.
+
+    `code` is a stable lower-case name with hyphens (`offset-found`); `parameters` names the parameters concerned;
+    `rows` is the first and the last row concerned, counted from 1 as a person counts the rows of the file, or None.
+    """
+
+    code: str
+    severity: Severity
+    sentence: str
+    parameters: tuple[str, ...] = ()
+    rows: tuple[int, int] | None = None
+
+
+def info(code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None) -> Finding:
+    """Return a finding that is told and changes nothing."""
+    return Finding(code=code, severity=Severity.INFO, sentence=sentence, parameters=parameters, rows=rows)
+
+
+def warning(
+    code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None
+) -> Finding:
+    """Return a finding that makes a result doubtful."""
+    return Finding(code=code, severity=Severity.WARNING, sentence=sentence, parameters=parameters, rows=rows)
+
+
+def refusal(
+    code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None
+) -> Finding:
+    """Return a finding that refuses a result."""
+    return Finding(code=code, severity=Severity.REFUSAL, sentence=sentence, parameters=parameters, rows=rows)
+
+
+def verdict(findings: Iterable[Finding]) -> Verdict:
+    """Return the verdict: refused with any refusal, doubtful with any warning, otherwise trusted."""
+    severities = {finding.severity for finding in findings}
+    if Severity.REFUSAL in severities:
+        return Verdict.REFUSED
+    return Verdict.DOUBTFUL if Severity.WARNING in severities else Verdict.TRUSTED

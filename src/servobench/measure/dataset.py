@@ -1,0 +1,125 @@
+"""A dataset: what identification works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import UsageError
+from servobench.finding import Finding
+from servobench.measure.base import Chain, Kind, Mask, StartState
+from servobench.recording.recording import Source
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dataset:
+    """Identification data: an input and an output, each at its own times, in SI units.
+
+    `u` (N,) in `input_unit` holds from `t_input[k]` to `t_input[k+1]` [s]; before the first time it was `input_before`.
+    `y` (M,) in `output_unit` is what stood at the end of the measurement `chain` at `t_output[k]` [s], a position or a speed
+    (`kind`). The chain is two: the `declared` stages ran before the record began, so nobody knows what state they were in at
+    its start; the `applied` ones started from zero with the first sample, as they do in a prediction.
+    `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
+    at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
+    Nothing is resampled; times increase but need not be regular.
+    Raises `UsageError` where the values don't make a dataset.
+    """
+
+    name: str
+    t_input: Array
+    u: Array
+    input_unit: str
+    input_before: float
+    t_output: Array
+    y: Array
+    output_unit: str
+    kind: Kind
+    source: Source
+    quantum: float | None = None
+    declared: Chain = field(default_factory=Chain)
+    applied: Chain = field(default_factory=Chain)
+    delay: float = 0.0
+    findings: tuple[Finding, ...] = ()
+
+    def __post_init__(self) -> None:
+        for t, x, what in ((self.t_input, self.u, "input"), (self.t_output, self.y, "output")):
+            if t.ndim != 1 or t.shape != x.shape:
+                raise UsageError(f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}")
+            if not (np.isfinite(t).all() and np.isfinite(x).all()):
+                raise UsageError(f"{self.name}: the {what} has values that are not finite; leave those rows out")
+            if (np.diff(t) <= 0).any():
+                raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
+
+    @property
+    def chain(self) -> Chain:
+        """The whole measurement chain, the declared stages first: a prediction goes through its linear part."""
+        return self.declared + self.applied
+
+    @property
+    def shaft_kind(self) -> Kind:
+        """What of the shaft enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
+        return self.chain.linear.takes or self.kind
+
+    @property
+    def valid(self) -> Mask:
+        """Which samples of y (M,) don't look back before the first one; the others carry no weight."""
+        return self.chain.linear.valid(self.t_output)
+
+    @property
+    def start_states(self) -> tuple[StartState, ...]:
+        """The S start states of declared stages, which nobody knows."""
+        return self.declared.linear.start_states(self.shaft_kind)
+
+    @property
+    def start_responses(self) -> Array:
+        """What each unknown start state adds to y, per unit of it, as columns (M, S)."""
+        return self.applied.linear(self.declared.linear.start_responses(self.t_output), self.t_output)
+
+    @property
+    def position_unit(self) -> str:
+        """The unit of the shaft's position: rad, m or counts."""
+        return self.output_unit.removesuffix("/s")
+
+    @property
+    def duration(self) -> float:
+        """The time from the first to the last sample of the output [s]; 0 for less than two samples."""
+        return float(self.t_output[-1] - self.t_output[0]) if len(self.t_output) > 1 else 0.0
+
+    @property
+    def sample_time(self) -> float:
+        """The median time between samples of the output [s]; NaN for less than two samples."""
+        return float(np.median(np.diff(self.t_output))) if len(self.t_output) > 1 else float("nan")
+
+    def part(self, start: float, end: float) -> Dataset:
+        """Return the samples with start <= t < end [s]; the input before them is the input that held until then.
+
+        A part that leaves out the first sample begins with all stages in the middle of their work: they are all declared.
+        Raises `UsageError` where less than two samples of the output are left.
+        """
+        keep_out = (self.t_output >= start) & (self.t_output < end)
+        if keep_out.sum() < 2:
+            raise UsageError(f"{self.name}: between {start:g} s and {end:g} s there are less than two samples")
+        keep_in = (self.t_input >= start) & (self.t_input < end)
+        earlier = np.flatnonzero(self.t_input < start)
+        before = float(self.u[earlier[-1]]) if len(earlier) else self.input_before
+        t_input, u = self.t_input[keep_in], self.u[keep_in]
+        if not len(u):
+            t_input, u = np.array([start]), np.array([before])
+        return Dataset(
+            name=f"{self.name} [{start:g} s to {end:g} s]",
+            t_input=t_input,
+            u=u,
+            input_unit=self.input_unit,
+            input_before=before,
+            t_output=self.t_output[keep_out],
+            y=self.y[keep_out],
+            output_unit=self.output_unit,
+            kind=self.kind,
+            source=self.source,
+            quantum=self.quantum,
+            declared=self.declared if keep_out[0] else self.chain,
+            applied=self.applied if keep_out[0] else Chain(),
+            delay=self.delay,
+        )

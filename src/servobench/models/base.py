@@ -1,0 +1,113 @@
+"""The kind `models`: model structures, and a structure with values."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, Protocol, TypeAlias, runtime_checkable
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.measure.dataset import Dataset
+from servobench.registry import Registry
+from servobench.transfer_function import TransferFunction
+
+Output: TypeAlias = Literal["position", "speed"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Parameter:
+    """One parameter of a structure: its name, what it means, its unit and its bounds.
+
+    In the unit, `{position}` and `{input}` stand for the units of the data (`{position}/(s·{input})`).
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    lower: float = -np.inf
+    upper: float = np.inf
+
+    def unit_in(self, data: Dataset) -> str:
+        """Return the unit, spelled out for that data."""
+        return self.unit.format(position=data.position_unit, input=data.input_unit)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Prediction:
+    """What a structure predicts for a dataset, in the dataset's own terms.
+
+    `y` (M,) in the dataset's output unit; `jacobian` (M, P + Q): by the P parameters, then by the Q nuisance parameters of
+    this record; `valid` (M,) is False where the chain still looks back before the record.
+    """
+
+    y: Array
+    jacobian: Array
+    valid: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+@runtime_checkable
+class Structure(Protocol):
+    """A model structure: what is known of the form, with parameters to be found.
+
+    A parameter vector for one dataset is the P parameters and then the Q nuisance parameters of that record.
+    """
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """The P parameters that all records share."""
+        ...
+
+    def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
+        """Return the Q nuisance parameters of a record: start position, start speed, start states of filters."""
+        ...
+
+    def guess(self, data: Sequence[Dataset]) -> Array:
+        """Return a first guess: the parameters, then the nuisance parameters of each record in turn.
+
+        Raises `NotIdentifiable` where the data can't support any.
+        """
+        ...
+
+    def predict(self, theta: Array, data: Dataset) -> Prediction:
+        """Return the prediction for the parameter vector theta (P + Q,), with its exact Jacobian."""
+        ...
+
+    def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
+        """Return the linear part for the parameters theta (P,) as a transfer function, in the units of the data."""
+        ...
+
+
+STRUCTURES: Registry[Structure] = Registry("model structure", "servobench.models")
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Model:
+    """A structure with values for its parameters, `theta` (P,), in the units of `data`, the first dataset it came from."""
+
+    structure: Structure
+    theta: Array
+    data: Dataset
+
+    def __getitem__(self, name: str) -> float:
+        """Return the value of a parameter."""
+        return float(self.theta[self.names.index(name)])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The names of the parameters."""
+        return tuple(parameter.name for parameter in self.structure.parameters)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """The units of the parameters, spelled out."""
+        return tuple(parameter.unit_in(self.data) for parameter in self.structure.parameters)
+
+    def transfer_function(self, output: Output = "speed") -> TransferFunction:
+        """Return the linear part as a transfer function from the input to the speed or the position."""
+        return self.structure.transfer_function(self.theta, output, self.data)
+
+    def simulate(self, data: Dataset, nuisance: Array) -> Array:
+        """Return the predicted output (M,) for a dataset with nuisance parameters (Q,), chain included."""
+        return self.structure.predict(np.concatenate([self.theta, nuisance]), data).y

@@ -1,0 +1,114 @@
+"""A recording: what happened, with nothing thrown away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from servobench.channels import Array, Channel, DeviceInfo
+from servobench.errors import UsageError
+from servobench.finding import Finding
+
+StopReason: TypeAlias = Literal["finished", "interrupted", "fault", "device_lost", "error", "unknown"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped:
+    """Why a run ended: `finished` as asked, or cut short; the sentence says it in words."""
+
+    reason: StopReason
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """The samples of one channel.
+
+    `values` has shape (N,) and is in the channel's unit, as recorded. `t` [s] has the same shape, or is None where the
+    file that it comes from has no times.
+    """
+
+    channel: Channel
+    values: Array
+    t: Array | None
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 1 or (self.t is not None and self.t.shape != self.values.shape):
+            times = "no times" if self.t is None else f"times of shape {self.t.shape}"
+            raise UsageError(
+                f"channel {self.channel.name!r} has values of shape {self.values.shape} and {times}; expected (N,) both"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        """Same channel, same values and same times, NaN equal to NaN."""
+        if not isinstance(other, Series) or self.channel != other.channel:
+            return False
+        if self.t is None or other.t is None:
+            times = self.t is other.t
+        else:
+            times = np.array_equal(self.t, other.t, equal_nan=True)
+        return times and np.array_equal(self.values, other.values, equal_nan=True)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where a recording comes from: a path or a device's name, the SHA-256 of the file (empty for a run), its format."""
+
+    name: str
+    sha256: str = ""
+    format: str = "run"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What happened: raw channels, each with its own times.
+
+    `input` and `output` name the channels that are the motor's input and measured output, or are None where nobody has said so
+    yet. Sample k of the output is latched at t_k before input k acts; input k holds from its time to the next.
+    `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
+    `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder.
+    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s] and `late` (0 or 1), and where the device has
+    them `tachometer` and `current`. `experiment` is the experiment's TOML text, empty where there was none.
+    """
+
+    name: str
+    series: tuple[Series, ...]
+    source: Source
+    input: str | None = None
+    output: str | None = None
+    input_before: float | None = None
+    chain: str = ""
+    info: DeviceInfo | None = None
+    experiment: str = ""
+    findings: tuple[Finding, ...] = ()
+    stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
+    versions: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        names = [series.channel.name for series in self.series]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise UsageError(f"recording {self.name!r} has two channels called {', '.join(twice)}: rename one")
+        for role, name in (("input", self.input), ("output", self.output)):
+            if name is not None and name not in names:
+                raise UsageError(f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}")
+
+    def __getitem__(self, name: str) -> Series:
+        """Return the series of that channel; raises `UsageError`, which lists the channels, where there is none."""
+        for series in self.series:
+            if series.channel.name == name:
+                return series
+        known = ", ".join(series.channel.name for series in self.series)
+        raise UsageError(f"recording {self.name!r} has no channel {name!r}; it has {known}")
+
+    def __contains__(self, name: str) -> bool:
+        return any(series.channel.name == name for series in self.series)
+
+    def with_findings(self, *findings: Finding) -> Recording:
+        """Return the same recording with further findings."""
+        return replace(self, findings=(*self.findings, *findings))

@@ -1,0 +1,78 @@
+"""A kind and its members: every file in the kind's folder joins by being there, every plug-in by its entry point."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar
+
+from servobench.errors import UnknownName, UsageError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """The members of one kind by name.
+
+    `kind` is the singular noun that error messages use; `package` is the folder. Its modules are imported when a member is
+    first asked for, so that defining a kind costs nothing at start-up. Members of other packages come from the
+    entry-point group of the same name as the folder (`servobench.signals`).
+    """
+
+    def __init__(self, kind: str, package: str) -> None:
+        self.kind = kind
+        self.package = package
+        self._members: dict[str, T] = {}
+        self._complete = False
+
+    def member(self, name: str) -> Callable[[T], T]:
+        """Return a decorator that makes what it decorates the member of that name.
+
+        Raises `UsageError` where two members claim one name.
+        """
+
+        def add(found: T) -> T:
+            if name in self._members and self._members[name] is not found:
+                raise UsageError(f"two members of {self.package} are called {name!r}: rename one of them")
+            self._members[name] = found
+            return found
+
+        return add
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all members, sorted."""
+        self._load()
+        return tuple(sorted(self._members))
+
+    def __getitem__(self, name: str) -> T:
+        """Return the member of that name; raises `UnknownName`, which lists the known ones."""
+        self._load()
+        if name not in self._members:
+            raise UnknownName(self.kind, name, self._members)
+        return self._members[name]
+
+    def __iter__(self) -> Iterator[T]:
+        return (self._members[name] for name in self.names())
+
+    def name_of(self, found: object) -> str:
+        """Return the name that a member, or a value whose class is a member, is known by.
+
+        Raises `UsageError` where it is no member of this kind.
+        """
+        self._load()
+        for name, member in self._members.items():
+            if found is member or type(found) is member:
+                return name
+        raise UsageError(f"{found!r} is no {self.kind} that servobench knows; known: {', '.join(self.names())}")
+
+    def _load(self) -> None:
+        if self._complete:
+            return
+        self._complete = True
+        folder = importlib.import_module(self.package)
+        for module in pkgutil.iter_modules(folder.__path__):
+            importlib.import_module(f"{self.package}.{module.name}")
+        for plug_in in entry_points(group=self.package):
+            self.member(plug_in.name)(plug_in.load())

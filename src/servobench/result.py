@@ -1,0 +1,167 @@
+"""A result: the answer of an identification, and the reasons to trust it or not."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, Verdict, verdict
+from servobench.measure.dataset import Dataset
+from servobench.transfer_function import TransferFunction
+
+SCHEMA = "servobench.result/1"
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordFit:
+    """How well one record that was held out is simulated; `fit_percent` as in `Fit`."""
+
+    name: str
+    samples: int
+    fit_percent: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """A model tried on data that it wasn't fitted to: how that was done, and what came out."""
+
+    how: str
+    fit_percent: float
+    records: tuple[RecordFit, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperatingRange:
+    """Where the data were taken: the smallest and the largest input and speed."""
+
+    input: tuple[float, float]
+    speed: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What the result was made with and from: version, time of making (ISO 8601, UTC), SHA-256 of each file."""
+
+    version: str
+    created: str
+    inputs_sha256: tuple[str, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One parameter held against its nominal value: the difference in standard deviations is `z`."""
+
+    name: str
+    nominal: float
+    identified: float
+    sd: float
+    unit: str
+
+    @property
+    def z(self) -> float:
+        """The difference between identified and nominal value in standard deviations."""
+        return (self.identified - self.nominal) / self.sd
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """The answer: a fit or None where the data can't support a model, findings, validation and provenance."""
+
+    data: tuple[Dataset, ...]
+    fit: Fit | None
+    findings: tuple[Finding, ...]
+    validation: Validation | None
+    operating_range: OperatingRange
+    nominal: tuple[Comparison, ...]
+    provenance: Provenance
+
+    @property
+    def verdict(self) -> Verdict:
+        """Refused, doubtful or trusted."""
+        return verdict(self.findings)
+
+    @property
+    def transfer_function(self) -> TransferFunction | None:
+        """The transfer function from the input to the speed, None where there is no fit."""
+        return self.fit.model.transfer_function("speed") if self.fit else None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data of the schema `servobench.result/1`; numbers are finite or None."""
+        fit, system = self.fit, self.transfer_function
+        data: dict[str, Any] = {
+            "schema": SCHEMA,
+            "verdict": str(self.verdict),
+            "findings": [_finding(finding) for finding in self.findings],
+            "structure": fit.structure if fit else None,
+            "estimator": fit.estimator if fit else None,
+            "parameters": {} if fit is None else {
+                name: {"value": e.value, "sd": e.sd, "interval": list(e.interval), "level": e.level, "unit": e.unit}
+                for name, e in fit.estimates.items()
+            },
+            "transfer_function": None if system is None else {
+                "numerator": list(system.numerator),
+                "denominator": list(system.denominator),
+                "output": system.output,
+                "delay": system.delay,
+                "unit": system.unit,
+            },
+            "fit_percent": {
+                "training": fit.fit_percent if fit else None,
+                "validation": self.validation.fit_percent if self.validation else None,
+            },
+            "validation": {
+                "how": self.validation.how if self.validation else "not validated",
+                "records": [] if self.validation is None else [
+                    {"name": r.name, "samples": r.samples, "fit_percent": r.fit_percent}
+                    for r in self.validation.records
+                ],
+            },
+            "operating_range": {"input": list(self.operating_range.input), "speed": list(self.operating_range.speed)},
+            "nominal": [
+                {"name": c.name, "nominal": c.nominal, "identified": c.identified, "sd": c.sd, "z": c.z, "unit": c.unit}
+                for c in self.nominal
+            ],
+            "records": [_record(record) for record in self.data],
+            "provenance": {
+                "version": self.provenance.version,
+                "created": self.provenance.created,
+                "inputs_sha256": list(self.provenance.inputs_sha256),
+            },
+        }  # fmt: skip
+        plain: dict[str, Any] = _finite(data)
+        return plain
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "code": finding.code,
+        "severity": str(finding.severity),
+        "sentence": finding.sentence,
+        "parameters": list(finding.parameters),
+        "rows": list(finding.rows) if finding.rows else None,
+    }
+
+
+def _record(data: Dataset) -> dict[str, Any]:
+    import numpy as np
+
+    steps = np.diff(data.t_output)
+    p99 = float(np.percentile(steps, 99)) if len(steps) else math.nan
+    return {
+        "source": data.source.name,
+        "name": data.name,
+        "samples": len(data.y),
+        "duration": data.duration,
+        "sample_time": {"median": data.sample_time, "p99": p99},
+    }
+
+
+def _finite(value: Any) -> Any:
+    """The same data with None for every number that isn't finite, as JSON has no NaN."""
+    if isinstance(value, dict):
+        return {key: _finite(item) for key, item in value.items()}
+    if isinstance(value, list):
+        return [_finite(item) for item in value]
+    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -1,0 +1,77 @@
+"""What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
+
+import os
+from collections.abc import Callable, Generator
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import hypothesis
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
+UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
+
+# No deadline: the first example of a property compiles the kernels, and a shared machine stalls now and then.
+hypothesis.settings.register_profile("local", deadline=None)
+# Under CI the same examples every time: a red run is about the change, and can be repeated elsewhere.
+hypothesis.settings.register_profile("ci", deadline=None, derandomize=True, print_blob=True)
+hypothesis.settings.load_profile("ci" if UNDER_CI else "local")
+
+
+@pytest.fixture(scope="session")
+def real_data() -> Callable[[str], Path]:
+    """Return a function from the name of a real recording, such as "emps/DATA_EMPS.mat", to its path.
+
+    The recordings are other people's and no part of this project. They are looked for in the folder that the
+    environment variable SERVOBENCH_REAL_DATA names, else in `../shared/data` beside the checkout. Where that folder
+    is absent the test is skipped; where the folder is there and the file is not, the test fails.
+    """
+
+    def find(name: str) -> Path:
+        if not REAL_DATA.is_dir():
+            pytest.skip("real recordings are absent: set SERVOBENCH_REAL_DATA to a folder that holds them")
+        path = REAL_DATA / name
+        assert path.is_file(), f"no recording called {name} in {REAL_DATA}"
+        return path
+
+    return find
+
+
+def allowed_skips() -> list[tuple[str, str]]:
+    """Return the rows of allowed_skips.txt: (pattern of the test's id, pattern of the reason)."""
+    lines = (ROOT / "tests" / "allowed_skips.txt").read_text(encoding="utf-8").splitlines()
+    rows = [line.partition("|") for line in lines if line.strip() and not line.startswith("#")]
+    return [(test.strip(), reason.strip()) for test, _, reason in rows]
+
+
+def fail_unlisted_skip(report: pytest.TestReport | pytest.CollectReport) -> None:
+    """Turn a skip into a failure, unless allowed_skips.txt lists it: a test that nobody runs holds nothing."""
+    if not report.skipped or hasattr(report, "wasxfail"):
+        return
+    said = report.longrepr[2] if isinstance(report.longrepr, tuple) else str(report.longrepr)
+    reason = said.removeprefix("Skipped: ")
+    if any(fnmatchcase(report.nodeid, test) and fnmatchcase(reason, why) for test, why in allowed_skips()):
+        return
+    report.outcome = "failed"
+    report.longrepr = (
+        f"{report.nodeid} was skipped: {reason}\nNot listed in tests/allowed_skips.txt, so it fails under CI."
+    )
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.TestReport]:
+    """Under CI, hold every test's skip against the list."""
+    report = yield
+    if UNDER_CI:
+        fail_unlisted_skip(report)
+    return report
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Under CI, hold the skip of a whole file (`importorskip` at its top) against the list."""
+    report = yield
+    if UNDER_CI:
+        fail_unlisted_skip(report)
+    return report
