@@ -68,7 +68,9 @@ class MissingInformation(UsageError):
 
     def __init__(self, source: str, missing: Iterable[str]) -> None:
         self.missing = tuple(missing)
-        super().__init__("\n".join([f"{source}: more has to be known before this can be identified:", *self.missing]))
+        super().__init__(
+            "\n".join([f"{source}: more has to be known before this can be identified:", *self.missing])
+        )
 
 
 class NotIdentifiable(ServobenchError, ValueError):

@@ -38,7 +38,9 @@ class Finding:
     rows: tuple[int, int] | None = None
 
 
-def info(code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None) -> Finding:
+def info(
+    code: str, sentence: str, *, parameters: tuple[str, ...] = (), rows: tuple[int, int] | None = None
+) -> Finding:
     """Return a finding that is told and changes nothing."""
     return Finding(code=code, severity=Severity.INFO, sentence=sentence, parameters=parameters, rows=rows)
 

@@ -65,14 +65,32 @@ class Registry(Generic[T]):
         for name, member in self._members.items():
             if found is member or type(found) is member:
                 return name
-        raise UsageError(f"{found!r} is no {self.kind} that servobench knows; known: {', '.join(self.names())}")
+        raise UsageError(
+            f"{found!r} is no {self.kind} that servobench knows; known: {', '.join(self.names())}"
+        )
 
     def _load(self) -> None:
         if self._complete:
             return
-        self._complete = True
+        self._complete = True  # before the work: a member's module may ask for another member
+        try:
+            self._import_all()
+        except BaseException:
+            self._complete = False  # or the next look would find a part of the members and call it all
+            raise
+
+    def _import_all(self) -> None:
         folder = importlib.import_module(self.package)
         for module in pkgutil.iter_modules(folder.__path__):
-            importlib.import_module(f"{self.package}.{module.name}")
+            # Compiled kernels belong to members and are none; importing them costs a second that a look at the names shouldn't.
+            if module.name != "kernels":
+                importlib.import_module(f"{self.package}.{module.name}")
         for plug_in in entry_points(group=self.package):
-            self.member(plug_in.name)(plug_in.load())
+            try:
+                found = plug_in.load()
+            except Exception as error:
+                origin = f" of the package {plug_in.dist.name}" if plug_in.dist else ""
+                raise UsageError(
+                    f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
+                ) from error
+            self.member(plug_in.name)(found)

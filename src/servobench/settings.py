@@ -1,17 +1,35 @@
 """Settings: values that come from a file or from Python, checked at the door, units included.
 
 A field of a quantity type takes a number in SI units or a text with a unit: `frequency = 0.4` and `"0.4 Hz"` are the same.
+A field that holds a member of a kind takes the member, or a table with its name and its settings.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, TypeAlias
+from difflib import get_close_matches
+from typing import Annotated, Any, Self, TypeAlias
 
-from pydantic import BaseModel, ConfigDict, GetCoreSchemaHandler, GetJsonSchemaHandler
-from pydantic_core import CoreSchema, core_schema
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
+from servobench.errors import UnknownName, UsageError
+from servobench.registry import Registry
 from servobench.units import quantity
+
+_WITH_UNITS = {"quantities": "with units"}
+"""The context in which a quantity is written as a text."""
 
 
 @dataclass(frozen=True)
@@ -21,13 +39,84 @@ class In:
     si: str
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
-        return core_schema.no_info_before_validator_function(self._read, core_schema.float_schema(allow_inf_nan=False))
+        writer = core_schema.plain_serializer_function_ser_schema(self._write, info_arg=True)
+        number = core_schema.float_schema(allow_inf_nan=False)
+        return core_schema.no_info_before_validator_function(self._read, number, serialization=writer)
 
-    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "unit": self.si}
 
+    def _read(self, given: object) -> float:
+        return quantity(given, self.si)
+
+    def _write(self, value: float, info: core_schema.SerializationInfo) -> float | str:
+        return f"{value!r} {self.si}".replace(".0 ", " ") if info.context is _WITH_UNITS else value
+
+
+@dataclass(frozen=True)
+class MemberOf:
+    """Marks a field that holds a member of the kind `registry`.
+
+    It takes the member itself or a table, whose `type` is the member's name and whose other keys are its settings; it is written
+    as such a table. Whatever the registry finds, a plug-in's members too, can stand here.
+    """
+
+    registry: Registry[Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        writer = core_schema.plain_serializer_function_ser_schema(self._table, info_arg=True)
+        return core_schema.no_info_plain_validator_function(self._read, serialization=writer)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {
+            "type": "object",
+            "properties": {"type": {"enum": list(self.registry.names())}},
+            "required": ["type"],
+        }
+
     def _read(self, given: object) -> object:
-        return quantity(given, self.si) if isinstance(given, str) else given
+        if not isinstance(given, Mapping):
+            return self._known(given)
+        settings = {key: value for key, value in given.items() if key != "type"}
+        return TypeAdapter(self._called(given.get("type"))).validate_python(settings)
+
+    def _known(self, given: object) -> object:
+        try:
+            self.registry.name_of(given)
+        except UsageError:
+            known = ", ".join(self.registry.names())
+            raise ValueError(
+                f"{given!r} is no {self.registry.kind}; expected a table with a type, one of {known}"
+            ) from None
+        return given
+
+    def _called(self, name: object) -> Any:
+        known = ", ".join(self.registry.names())
+        if name is None:
+            sentence = f"is missing; expected the name of a {self.registry.kind}; known: {known}"
+        elif not isinstance(name, str):
+            sentence = f"{name!r} is no name of a {self.registry.kind}; known: {known}"
+        else:
+            try:
+                return self.registry[name]
+            except UnknownName as error:
+                sentence = str(error)
+        raise ValidationError.from_exception_data(
+            self.registry.kind, [_problem("unknown_name", sentence, ("type",), name)]
+        )
+
+    def _table(self, member: Any, info: core_schema.SerializationInfo) -> dict[str, Any]:
+        settings = TypeAdapter(type(member)).dump_python(
+            member,
+            mode="json" if info.mode_is_json() else "python",
+            context=info.context,
+            exclude_none=info.exclude_none,
+        )
+        return {"type": self.registry.name_of(member), **settings}
 
 
 Voltage: TypeAlias = Annotated[float, In("V")]
@@ -46,9 +135,48 @@ Torque: TypeAlias = Annotated[float, In("N·m")]
 TorqueNoise: TypeAlias = Annotated[float, In("N·m/√Hz")]
 CountsPerRev: TypeAlias = Annotated[float, In("counts/rev")]
 Slew: TypeAlias = Annotated[float, In("V/s")]
+PositiveVoltage: TypeAlias = Annotated[Voltage, Field(gt=0)]
+# A nanosecond to thirty years: wide enough for anything that turns, and its inverse and ratios are finite.
+PositiveTime: TypeAlias = Annotated[Time, Field(gt=0), Field(ge=1e-9, le=1e9)]
+PositiveFrequency: TypeAlias = Annotated[Frequency, Field(gt=0), Field(ge=1e-9, le=1e9)]
 
 
 class Settings(BaseModel):
     """What all settings are: frozen, and without a place for a misspelt name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _tell_what_is_known(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Name the nearest and all known keys where one is not known: a misspelling is the likeliest mistake of all."""
+        try:
+            return handler(data)
+        except ValidationError as error:
+            problems = error.errors(include_url=False)
+            if not any(problem["type"] == "extra_forbidden" for problem in problems):
+                raise
+            retold = [_retold(problem, cls.model_fields) for problem in problems]
+        raise ValidationError.from_exception_data(cls.__name__, retold)
+
+
+def with_units(settings: Settings) -> dict[str, Any]:
+    """Return settings as plain data that reads back the same: each quantity a text with its unit, no key where there is none."""
+    return settings.model_dump(context=_WITH_UNITS, exclude_none=True)
+
+
+def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDetails:
+    """The same problem, in our words where a key isn't known."""
+    if problem["type"] != "extra_forbidden":
+        return _problem(problem["type"], problem["msg"], problem["loc"], problem["input"])
+    near = get_close_matches(str(problem["loc"][-1]), known, n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    sentence = f"not known here{hint}; known: {', '.join(known)}"
+    return _problem("not_known", sentence, problem["loc"], problem["input"])
+
+
+def _problem(code: str, sentence: str, where: tuple[int | str, ...], given: object) -> InitErrorDetails:
+    """One line of a validation error with a sentence of ours."""
+    # The sentence goes in as a value, as it may hold braces itself.
+    error = PydanticCustomError(code, "{sentence}", {"sentence": sentence})
+    return InitErrorDetails(type=error, loc=where, input=given)

@@ -28,7 +28,12 @@ class TransferFunction:
 
     def __post_init__(self) -> None:
         values = (*self.numerator, *self.denominator, self.delay)
-        if not self.numerator or not self.denominator or not all(np.isfinite(values)) or self.denominator[0] == 0:
+        if (
+            not self.numerator
+            or not self.denominator
+            or not all(np.isfinite(values))
+            or self.denominator[0] == 0
+        ):
             raise UsageError(
                 f"no transfer function: numerator {self.numerator}, denominator {self.denominator}, delay {self.delay}; "
                 "expected finite coefficients, highest power first, the first of the denominator not zero"

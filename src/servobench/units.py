@@ -1,6 +1,6 @@
 """Units: SI inside; other units at the edges only.
 
-A unit is a product of powers of base units: `rad/s`, `kg·m²`, `g*cm^2`, `N·m/√Hz`, `counts/rev`.
+A unit is a product of powers of base units, read from left to right: `rad/s`, `kg·m²`, `g*cm^2`, `N·m/√Hz`, `counts/rev`.
 Angle is kept as a dimension of its own, so that a position, a speed and a frequency can be told apart,
 and `Hz` is one revolution per second: a cut-off of `8 Hz` read in `rad/s` is 50.3.
 The radian alone may be left out, as SI allows (`N·m/A` is `V·s/rad`).
@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import dataclass
+from decimal import Decimal
 from difflib import get_close_matches
 from functools import cache
 
@@ -40,6 +41,9 @@ _PREFIXED: dict[str, tuple[float, Dimension]] = {
     "J": (1.0, _dimension(kg=1, m=2, s=-2)),
     "Hz": (2 * math.pi, _dimension(s=-1, angle=1)),
     "rad": (1.0, _dimension(angle=1)),
+    "Ω": (1.0, _dimension(kg=1, m=2, s=-3, A=-2)),
+    "Ohm": (1.0, _dimension(kg=1, m=2, s=-3, A=-2)),
+    "Nm": (1.0, _dimension(kg=1, m=2, s=-2)),
 }
 _PLAIN: dict[str, tuple[float, Dimension]] = {
     "1": (1.0, _NONE),
@@ -51,20 +55,34 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "h": (3600.0, _dimension(s=1)),
     "%": (1.0, _dimension(percent=1)),
 }
-_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6, "": 1.0}
+_PREFIXES = {"p": 1e-12, "n": 1e-9, "u": 1e-6, "m": 1e-3, "c": 1e-2, "d": 1e-1, "k": 1e3, "M": 1e6}
 _ALIASES = {
-    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "millisecond": "ms", "milliseconds": "ms",
-    "msec": "ms", "microseconds": "us", "usec": "us", "minutes": "min",
-    "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "v": "V", "amp": "A", "amps": "A", "ampere": "A",
-    "Ohm": "ohm", "\u03a9": "ohm", "\u2126": "ohm", "henry": "H", "meter": "m", "metre": "m", "meters": "m", "metres": "m",
+    "sec": "s", "secs": "s", "second": "s", "seconds": "s", "millisecond": "ms", "milliseconds": "ms", "msec": "ms",
+    "microsecond": "us", "microseconds": "us", "usec": "us", "minute": "min", "minutes": "min",
+    "hr": "h", "hour": "h", "hours": "h",
+    "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "v": "V", "millivolt": "mV", "millivolts": "mV",
+    "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliamp": "mA", "milliamps": "mA",
+    "ohms": "ohm", "Ohms": "ohm", "henry": "H", "henries": "H",
+    "meter": "m", "metre": "m", "meters": "m", "metres": "m", "gram": "g", "grams": "g", "kilogram": "kg", "kilograms": "kg",
+    "newton": "N", "newtons": "N", "watt": "W", "watts": "W", "joule": "J", "joules": "J",
     "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
     "turn": "rev", "turns": "rev", "revs": "rev", "rotation": "rev", "rotations": "rev",
     "revolution": "rev", "revolutions": "rev", "r": "rev", "rot": "rev", "cycle": "rev", "cycles": "rev",
-    "counts": "count", "ticks": "count", "tick": "count", "pulses": "count",
-    "RPM": "rpm", "hz": "Hz", "percent": "%", "dps": "deg/s", "Nm": "N·m", "mNm": "mN·m", "rps": "rev/s",
+    "counts": "count", "ticks": "count", "tick": "count", "pulse": "count", "pulses": "count",
+    "RPM": "rpm", "hz": "Hz", "hertz": "Hz", "Hertz": "Hz", "percent": "%",
 }  # fmt: skip
+_SHORT = {"dps": "deg/s", "rps": "rev/s"}
+_LONGEST = 80  # characters; no unit needs more, and a longer text must not cost time or depth
+_SPELLINGS = str.maketrans(
+    {"µ": "u", "μ": "u", "\u2126": "Ω"}
+)  # micro sign, Greek mu; ohm sign to Greek omega
 _SUPERSCRIPTS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")
-_TOKEN = re.compile(r"\s*(?:(?P<root>√|sqrt)|(?P<name>[A-Za-zµμΩΩ°%]+|1)|(?P<power>(?:\^|\*\*)-?\d+)|(?P<mark>[*·⋅×/()]))")
+_TOKEN = re.compile(
+    r"\s*(?:(?P<root>√|sqrt)|(?P<name>[A-Za-zΩ°]+|%|1(?![0-9]))|(?P<power>(?:\^|\*\*)-?[0-9]+)|(?P<mark>[*·⋅×./()]))"
+)
+_QUANTITY = re.compile(
+    r"\s*(?P<number>[-+]?(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][-+]?[0-9]+)?)\s*(?P<unit>.*?)\s*"
+)
 
 _QUANTITIES: dict[Dimension, str] = {
     _dimension(s=1): "time",
@@ -107,6 +125,8 @@ class Unit:
     symbol: str
     factor: float
     dimension: Dimension
+    radians: bool = True
+    """Whether no other unit of angle than the radian is in it."""
 
     @property
     def quantity(self) -> str:
@@ -115,8 +135,10 @@ class Unit:
 
     @property
     def si(self) -> str:
-        """The symbol of the SI unit of the same quantity; the unit's own symbol where there is no name for it."""
-        return _SI_SYMBOLS.get(self.dimension, self.symbol)
+        """The symbol of the SI unit of the same quantity, put together from base units where it has no name."""
+        if self.dimension in _SI_SYMBOLS:
+            return _SI_SYMBOLS[self.dimension]
+        return self.symbol if self.factor == 1 else _in_base_units(self.dimension)
 
 
 @cache
@@ -125,8 +147,11 @@ def unit(text: str) -> Unit:
 
     Raises `UnitError` where the text is no unit.
     """
-    factor, dimension = _Parser(text).whole()
-    return Unit(symbol=text.strip(), factor=factor, dimension=dimension)
+    if len(text) > _LONGEST:
+        raise UnitError(f"{text[:20]!r}... is no unit: it has {len(text)} characters")
+    parser = _Parser(text)
+    factor, dimension = parser.whole()
+    return Unit(symbol=text.strip(), factor=factor, dimension=dimension, radians=parser.radians)
 
 
 def is_unit(text: str) -> bool:
@@ -141,36 +166,59 @@ def is_unit(text: str) -> bool:
 def convert(value: float, from_unit: str, to_unit: str) -> float:
     """Return a value given in one unit in another unit of the same quantity.
 
+    Between decimal multiples the point is shifted, so that 9 ms are 0.009 s to the last digit.
     Raises `UnitError` where the two measure different things.
     """
     source, target = unit(from_unit), unit(to_unit)
     if not _compatible(source, target):
         raise UnitError(f"{from_unit!r} can't be turned into {to_unit!r}: they measure different things")
-    return value * source.factor / target.factor
+    ratio = source.factor / target.factor
+    exponent = round(math.log10(ratio))
+    # A product of a few rounded factors is off by some 1e-15; no two of our units differ by a factor this near to a power of ten.
+    if math.isclose(ratio, 10.0**exponent, rel_tol=1e-12):
+        return float(Decimal(repr(float(value))).scaleb(exponent))
+    return value * ratio
 
 
-def quantity(given: float | str, si: str) -> float:
+def quantity(given: object, si: str) -> float:
     """Return a quantity in the unit `si`; a text has its own unit (`"1.16 mH"`), a bare number is in `si` already.
 
-    Raises `UnitError` where the text is no number with a unit, or a quantity of another kind.
+    Raises `UnitError` where it is no number with a unit, a quantity of another kind, or too large.
     """
+    expected = f'expected something in {si} (for example "1 {si}")'
     if isinstance(given, int | float) and not isinstance(given, bool):
-        return float(given)
-    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(.*?)\s*", str(given))
-    example = f'for example "1 {si}"'
+        try:
+            return float(given)
+        except OverflowError:
+            raise UnitError(f"a whole number of {len(str(given))} digits is too large; {expected}") from None
+    match = _QUANTITY.fullmatch(str(given))
     if not match:
-        raise UnitError(f"{given!r} is no number with a unit; expected something in {si} ({example})")
-    number, symbol = float(match[1]), match[2]
-    if not symbol:
-        return number
+        raise UnitError(f"{given!r} is no number with a unit; {expected}")
+    symbol = match["unit"]
+    if re.match(r",\d", symbol):
+        raise UnitError(f"{given!r} has a comma; write a decimal point, {expected}")
     try:
-        return convert(number, symbol, si)
+        number = convert(float(match["number"]), symbol, si) if symbol else float(match["number"])
     except UnitError as error:
-        if not is_unit(symbol):
-            raise UnitError(f"{given!r}: {error}; expected something in {si} ({example})") from None
-        what = unit(symbol).quantity
-        kind = f" is a {what}" if what != "other" else ""
-        raise UnitError(f"{given!r}{kind}; expected something in {si} ({example})") from None
+        raise UnitError(f"{given!r}{_why_not(symbol, error)}; {expected}") from None
+    if not math.isfinite(number):
+        raise UnitError(f"{given!r} is too large; {expected}")
+    return number
+
+
+def _why_not(symbol: str, error: UnitError) -> str:
+    """Why a quantity with this unit isn't of the expected kind, as the middle of a sentence."""
+    if not is_unit(symbol):
+        return f": {error}"
+    what = unit(symbol).quantity
+    return f" is a {what}" if what != "other" else ": the unit is of another kind"
+
+
+def _in_base_units(dimension: Dimension) -> str:
+    """A dimension as a product of powers of base units."""
+    bases = zip(("kg", "m", "s", "A", "rad", "counts", "%"), dimension, strict=True)
+    parts = [symbol if power == 1 else f"{symbol}^{power:g}" for symbol, power in bases if power]
+    return "·".join(parts) or "1"
 
 
 def _compatible(a: Unit, b: Unit) -> bool:
@@ -178,37 +226,19 @@ def _compatible(a: Unit, b: Unit) -> bool:
     if a.dimension == b.dimension:
         return True
     without_angle = [tuple(p for i, p in enumerate(u.dimension) if i != 4) for u in (a, b)]
-    radians_only = not any(re.search(r"Hz|hz|rev|rot|turn|cyc|deg|°|rpm|RPM|dps|rps", u.symbol) for u in (a, b))
-    return without_angle[0] == without_angle[1] and radians_only and any(without_angle[0])
-
-
-def _named(name: str, text: str) -> tuple[float, Dimension]:
-    """One name with its prefix, as factor and dimension."""
-    name = name.replace("µ", "u").replace("μ", "u")
-    name = _ALIASES.get(name, name)
-    if not name.isalpha() and name not in _PLAIN and name != "%":
-        return _Parser(name).whole()
-    if name in _PLAIN:
-        return _PLAIN[name]
-    if name in _PREFIXED:
-        return _PREFIXED[name]
-    for prefix, scale in _PREFIXES.items():
-        if prefix and name.startswith(prefix) and name[len(prefix) :] in _PREFIXED:
-            factor, dimension = _PREFIXED[name[len(prefix) :]]
-            return scale * factor, dimension
-    near = get_close_matches(name, [*_PREFIXED, *_PLAIN, *_ALIASES], n=1)
-    hint = f" (did you mean {near[0]!r}?)" if near else ""
-    raise UnitError(f"{name!r} in {text!r} is no unit that is known here{hint}")
+    return without_angle[0] == without_angle[1] and a.radians and b.radians and any(without_angle[0])
 
 
 class _Parser:
-    """Reads one unit text: factors joined by `*`, `·` or `/`, powers, roots and parentheses, left to right."""
+    """Reads one unit text: factors joined by `*`, `·`, `.`, a space, `/` or "per", with powers, roots and parentheses."""
 
     def __init__(self, text: str) -> None:
         self.text = text
+        self.radians = True
         self.tokens: list[tuple[str, str]] = []
-        rest = re.sub(r"([⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+)", lambda m: "^" + m[1].translate(_SUPERSCRIPTS), text.strip())
-        rest = re.sub(r"(?<=[A-Za-zΩ])(\d)$|(?<=[A-Za-zΩ])(\d)(?=[*·/)])", lambda m: "^" + (m[1] or m[2]), rest)
+        rest = re.sub(r"\bper\b", "/", text.strip().translate(_SPELLINGS))
+        rest = re.sub(r"[⁰¹²³⁴⁵⁶⁷⁸⁹⁻]+", lambda m: "^" + m[0].translate(_SUPERSCRIPTS), rest)
+        rest = re.sub(r"(?<=[A-Za-zΩ])-?[0-9]+", lambda m: "^" + m[0], rest)
         while rest:
             match = _TOKEN.match(rest)
             if not match or match.lastgroup is None:
@@ -238,7 +268,7 @@ class _Parser:
         factor, dimension = self._power()
         while True:
             kind, mark = self._peek()
-            if kind == "mark" and mark in "*·⋅×/":
+            if kind == "mark" and mark in "*·⋅×./":
                 self._take()
                 sign = -1.0 if mark == "/" else 1.0
             elif kind in {"name", "root"}:
@@ -255,7 +285,7 @@ class _Parser:
             factor, dimension = self._power()
             return math.sqrt(factor), tuple(p / 2 for p in dimension)
         if kind == "name":
-            factor, dimension = _named(value, self.text)
+            factor, dimension = self._named(value)
         elif value == "(":
             factor, dimension = self._product()
             if self._take()[1] != ")":
@@ -264,5 +294,27 @@ class _Parser:
             raise UnitError(f"{self.text!r} is no unit: a name is missing")
         if self._peek()[0] == "power":
             exponent = int(self._take()[1].lstrip("^*"))
+            if abs(exponent) > 9:
+                raise UnitError(f"{self.text!r} is no unit: a power of {exponent} measures nothing")
             return factor**exponent, tuple(p * exponent for p in dimension)
         return factor, dimension
+
+    def _named(self, name: str) -> tuple[float, Dimension]:
+        """One name with its prefix, as factor and dimension."""
+        if name in _SHORT:
+            self.radians = False
+            return _Parser(_SHORT[name]).whole()
+        base, scale = _ALIASES.get(name, name), 1.0
+        if base not in _PLAIN and base not in _PREFIXED:
+            if base[0] not in _PREFIXES or base[1:] not in _PREFIXED:
+                raise self._unknown(name)
+            base, scale = base[1:], _PREFIXES[base[0]]
+        factor, dimension = _PLAIN[base] if base in _PLAIN else _PREFIXED[base]
+        if dimension[4] and base != "rad":
+            self.radians = False
+        return scale * factor, dimension
+
+    def _unknown(self, name: str) -> UnitError:
+        near = get_close_matches(name, [*_PREFIXED, *_PLAIN, *_ALIASES], n=1)
+        hint = f" (did you mean {near[0]!r}?)" if near else ""
+        return UnitError(f"{name!r} in {self.text!r} is no unit that is known here{hint}")

@@ -1,0 +1,59 @@
+"""The command line: `servobench`, and `python -m servobench`.
+
+Help and version are printed from stored texts before anything else is imported, so that they come at once.
+"""
+
+from __future__ import annotations
+
+import sys
+from os import path
+
+TYPE_CHECKING = False  # the typing module costs a third of what an empty interpreter does
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+_HELP = ("--help", "-h")
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run the command line with these arguments, those of the process where there are none, and return the exit status."""
+    words = sys.argv[1:] if arguments is None else list(arguments)
+    text = _stored_text(words)
+    if text is not None and _printed(text):
+        return 0
+    from servobench.cli.app import run_app
+
+    return run_app(words)
+
+
+def _stored_text(words: list[str]) -> str | None:
+    """The text that answers these words, None where the words ask for more than help or the version."""
+    if words == ["--version"]:
+        from servobench._version import __version__
+
+        return f"servobench {__version__}\n"
+    if not words or words[-1] not in _HELP or len(words) > 2:
+        return None
+    if len(words) == 1:
+        return _help_text("servobench")
+    # A name that isn't of letters alone could lead out of the folder.
+    return _help_text(f"servobench-{words[0]}") if words[0].isalpha() else None
+
+
+def _help_text(page: str) -> str | None:
+    """A page of help, None where there is no such page."""
+    try:
+        with open(path.join(path.dirname(__file__), "help", f"{page}.txt"), encoding="ascii") as file:
+            return file.read()
+    except OSError:
+        return None
+
+
+def _printed(text: str) -> bool:
+    """Print a text; return False where nobody reads the output any more, which is then said as for any other command."""
+    try:
+        sys.stdout.write(text)
+        sys.stdout.flush()
+    except (OSError, AttributeError):  # AttributeError: the process was started without an output
+        return False
+    return True

@@ -2,11 +2,27 @@
 
 from __future__ import annotations
 
+import math
 from types import TracebackType
-from typing import Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
+
+import numpy as np
 
 from servobench.channels import DeviceInfo, Sample
+from servobench.errors import UsageError
+from servobench.recording.recording import Stopped
 from servobench.registry import Registry
+
+
+class RunEnded(Exception):
+    """A device's word that its run is over: a recording played to its end, a motor that a guard has stopped.
+
+    It is a result and no error, so it stands outside of their tree: a run that gets it stops the motor and ends with `stopped`.
+    """
+
+    def __init__(self, stopped: Stopped) -> None:
+        super().__init__(stopped.sentence)
+        self.stopped = stopped
 
 
 @runtime_checkable
@@ -15,6 +31,11 @@ class Device(Protocol):
 
     Each tick of a run is one `read` and then one `write`. Any method but `stop` may raise `DeviceError`.
     """
+
+    Settings: ClassVar[type[Any]]
+    """The pydantic model of its settings."""
+
+    def __init__(self, settings: Any) -> None: ...
 
     @property
     def info(self) -> DeviceInfo:
@@ -36,7 +57,10 @@ class Device(Protocol):
         ...
 
     def read(self) -> Sample:
-        """Latch and return the inputs at t_k; waits for the tick where the device is its own time base."""
+        """Latch and return the inputs at t_k; waits for the tick where the device is its own time base.
+
+        Raises `RunEnded` where there is nothing more to come.
+        """
         ...
 
     def write(self, voltage: float) -> float:
@@ -51,4 +75,37 @@ class Device(Protocol):
         ...
 
 
+def finite_voltage(device: str, voltage: object) -> float:
+    """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
+    # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
+    if isinstance(voltage, bool) or not isinstance(voltage, int | float | np.floating | np.integer):
+        raise UsageError(f"{device}: {voltage!r} is no voltage; expected a finite number in V")
+    try:
+        value = float(voltage)
+    except OverflowError:  # an integer of hundreds of digits
+        value = math.inf
+    if not math.isfinite(value):
+        raise UsageError(f"{device}: {voltage!r} V can't be put out; expected a finite number in V")
+    return value
+
+
 DEVICES: Registry[type[Device]] = Registry("device", "servobench.devices")
+
+
+def connect(name: str, **settings: object) -> Device:
+    """Return the device of that name, to be used in a `with` statement.
+
+    `settings` are the device's own, numbers in SI units or texts with a unit: `connect("twin", coulomb_torque="0.8 mN·m")`.
+    Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
+    """
+    from pydantic import ValidationError
+
+    device = DEVICES[name]
+    try:
+        return device(device.Settings(**settings))
+    except ValidationError as error:
+        lines = [
+            f"{name}: {'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}"
+            for e in error.errors()
+        ]
+        raise UsageError("\n".join(lines)) from None

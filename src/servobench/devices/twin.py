@@ -117,7 +117,10 @@ class Twin:
     def __init__(self, settings: TwinSettings | None = None) -> None:
         self.settings = settings or TwinSettings()
         sheet = self.settings.data_sheet
-        chosen: dict[str, Any] = {"limit": self.settings.amplifier_limit, "dead_band": self.settings.dead_band}
+        chosen: dict[str, Any] = {
+            "limit": self.settings.amplifier_limit,
+            "dead_band": self.settings.dead_band,
+        }
         nominal = {"limit": sheet.voltage_limit, "dead_band": sheet.dead_band}
         self._amplifier = Amplifier(
             **{name: nominal[name] if value is None else value for name, value in chosen.items()},
@@ -127,8 +130,12 @@ class Twin:
             counts_per_rev=self.settings.counts_per_rev or sheet.counts_per_rev,
             counter_bits=self.settings.counter_bits or sheet.counter_bits,  # type: ignore[arg-type]
         )
-        self._current = CurrentSensor(noise=self.settings.current_noise) if self.settings.current_sensor else None
-        self._tachometer = Tachometer(noise=self.settings.tachometer_noise) if self.settings.tachometer else None
+        self._current = (
+            CurrentSensor(noise=self.settings.current_noise) if self.settings.current_sensor else None
+        )
+        self._tachometer = (
+            Tachometer(noise=self.settings.tachometer_noise) if self.settings.tachometer else None
+        )
         self._physics = Physics.of(self.settings.parameters, self.settings.amplifier_resistance)
         if self.settings.solver_step is not None and self.settings.solver_step <= 0:
             raise UsageError(f"twin: solver_step is {self.settings.solver_step:g} s; expected more than 0")
@@ -147,12 +154,20 @@ class Twin:
             counter_bits=self._encoder.counter_bits,
             counts_per_rev=self._encoder.counts_per_rev,
         )
-        voltage = Channel(name="voltage", unit="V", minimum=-self._amplifier.limit, maximum=self._amplifier.limit)
+        voltage = Channel(
+            name="voltage", unit="V", minimum=-self._amplifier.limit, maximum=self._amplifier.limit
+        )
         channels = [voltage, counts]
         if self._current:
             limit = self._current.range
             channels.append(
-                Channel(name="current", unit="A", minimum=-limit, maximum=limit, resolution=self._current.resolution)
+                Channel(
+                    name="current",
+                    unit="A",
+                    minimum=-limit,
+                    maximum=limit,
+                    resolution=self._current.resolution,
+                )
             )
         if self._tachometer:
             channels.append(Channel(name="tachometer", unit="rad/s", resolution=self._tachometer.resolution))
@@ -162,7 +177,10 @@ class Twin:
             serial="simulated",
             channels=tuple(channels),
             timing=self.settings.timing,
-            settings=(("motor", self.settings.motor), *((n, str(v)) for n, v in given.items() if n != "motor")),
+            settings=(
+                ("motor", self.settings.motor),
+                *((n, str(v)) for n, v in given.items() if n != "motor"),
+            ),
         )
 
     def __enter__(self) -> Self:
@@ -184,7 +202,9 @@ class Twin:
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")
         self._reset(sample_time, seed)
-        self._solver = SOLVERS[self.settings.solver].prepare(self._physics, sample_time, self.settings.solver_step)
+        self._solver = SOLVERS[self.settings.solver].prepare(
+            self._physics, sample_time, self.settings.solver_step
+        )
         noise = self.settings.torque_noise
         self._disturbance = disturbance_factor(self._physics, noise, sample_time) if noise else None
 
@@ -208,7 +228,11 @@ class Twin:
     def write(self, voltage: float) -> float:
         """Hold a voltage [V] from this tick on, and return it within the amplifier's limits."""
         self._needs_open()
-        if isinstance(voltage, bool) or not isinstance(voltage, int | float | np.floating) or not math.isfinite(voltage):
+        if (
+            isinstance(voltage, bool)
+            or not isinstance(voltage, int | float | np.floating)
+            or not math.isfinite(voltage)
+        ):
             raise UsageError(f"twin: {voltage!r} is no voltage; expected a finite number in V")
         applied = self._amplifier.saturated(float(voltage))
         self._held = self._amplifier.output(float(voltage))
@@ -257,4 +281,6 @@ class Twin:
             self._state = solver.advance(self._state, older, rest)
         self._state = solver.advance(self._state, newer, self._sample_time - rest)
         if self._disturbance is not None and self._state.speed != 0.0:
-            self._state = MotorState(*(np.array(self._state) + self._disturbance @ self._random.standard_normal(3)).tolist())
+            self._state = MotorState(
+                *(np.array(self._state) + self._disturbance @ self._random.standard_normal(3)).tolist()
+            )

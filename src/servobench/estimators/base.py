@@ -74,7 +74,9 @@ class Fit:
                 level=0.95,
                 unit=unit,
             )
-            for name, value, s, unit in zip(self.model.names, self.model.theta, sd, self.model.units, strict=True)
+            for name, value, s, unit in zip(
+                self.model.names, self.model.theta, sd, self.model.units, strict=True
+            )
         }
 
     @property
@@ -98,8 +100,14 @@ class Estimator(Protocol):
         """Return None where the method can do this, or a refusal that says why it can't."""
         ...
 
-    def fit(self, structure: Structure, data: Sequence[Dataset]) -> Fit:
-        """Return the fit of a structure to several datasets jointly; raises `NotIdentifiable`."""
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the fit of a structure to several datasets jointly.
+
+        `starts` are vectors to begin from, in place of the structure's own guesses: the parameters, then the nuisance
+        parameters of each record. Raises `NotIdentifiable` where the data don't determine the parameters.
+        """
         ...
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Protocol, Self, TypeAlias, runtime_checkable
 
@@ -106,7 +105,9 @@ class Chain:
         for piece in text.split("|"):
             name, *words = piece.split() or [""]
             if not name:
-                raise UsageError(f"chain {text!r} has nothing between two bars; expected {_EXAMPLE!r}, for example")
+                raise UsageError(
+                    f"chain {text!r} has nothing between two bars; expected {_EXAMPLE!r}, for example"
+                )
             stages.append(STAGES[name].parse(tuple(words)))
         return cls(tuple(stages))
 
@@ -174,7 +175,17 @@ class Chain:
         return tuple(states), x
 
     def __call__(self, x: Array, t: Array) -> Array:
-        """Return samples x, (N,) or (N, P) for P signals beside each other, at times t (N,) [s] after all stages."""
+        """Return samples x, (N,) or (N, P) for P signals beside each other, at times t (N,) [s] after all stages.
+
+        Raises `UsageError` where times and samples don't match, or times don't increase.
+        """
+        x = np.asarray(x, dtype=np.float64)
+        if t.ndim != 1 or x.ndim not in (1, 2) or len(x) != len(t):
+            raise UsageError(
+                f"a chain got samples of shape {x.shape} at times of shape {t.shape}; expected as many of both"
+            )
+        if (np.diff(t) <= 0.0).any():
+            raise UsageError("a chain got times that don't increase everywhere")
         for stage in self.stages:
             x = stage(x, t)
         return x

@@ -46,9 +46,13 @@ class Dataset:
     def __post_init__(self) -> None:
         for t, x, what in ((self.t_input, self.u, "input"), (self.t_output, self.y, "output")):
             if t.ndim != 1 or t.shape != x.shape:
-                raise UsageError(f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}")
+                raise UsageError(
+                    f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}"
+                )
             if not (np.isfinite(t).all() and np.isfinite(x).all()):
-                raise UsageError(f"{self.name}: the {what} has values that are not finite; leave those rows out")
+                raise UsageError(
+                    f"{self.name}: the {what} has values that are not finite; leave those rows out"
+                )
             if (np.diff(t) <= 0).any():
                 raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
 
@@ -69,13 +73,25 @@ class Dataset:
 
     @property
     def start_states(self) -> tuple[StartState, ...]:
-        """The S start states of declared stages, which nobody knows."""
-        return self.declared.linear.start_states(self.shaft_kind)
+        """The S start states that nobody knows."""
+        running, _ = self._running_and_fresh
+        return running.start_states(self.shaft_kind)
 
     @property
     def start_responses(self) -> Array:
         """What each unknown start state adds to y, per unit of it, as columns (M, S)."""
-        return self.applied.linear(self.declared.linear.start_responses(self.t_output), self.t_output)
+        running, fresh = self._running_and_fresh
+        return fresh(running.start_responses(self.t_output), self.t_output)
+
+    @property
+    def _running_and_fresh(self) -> tuple[Chain, Chain]:
+        """The linear stages in a state that nobody knows at the first sample, and those in the same state as in a prediction.
+
+        Where the declared chain looks back before the record, the first values that a prediction feeds to the applied stages
+        are not those that the data fed to them; what that leaves behind in a filter is one more unknown state.
+        """
+        declared, applied = self.declared.linear, self.applied.linear
+        return (declared, applied) if declared.valid(self.t_output).all() else (declared + applied, Chain())
 
     @property
     def position_unit(self) -> str:
@@ -100,7 +116,9 @@ class Dataset:
         """
         keep_out = (self.t_output >= start) & (self.t_output < end)
         if keep_out.sum() < 2:
-            raise UsageError(f"{self.name}: between {start:g} s and {end:g} s there are less than two samples")
+            raise UsageError(
+                f"{self.name}: between {start:g} s and {end:g} s there are less than two samples"
+            )
         keep_in = (self.t_input >= start) & (self.t_input < end)
         earlier = np.flatnonzero(self.t_input < start)
         before = float(self.u[earlier[-1]]) if len(earlier) else self.input_before

@@ -63,10 +63,14 @@ class Structure(Protocol):
         """Return the Q nuisance parameters of a record: start position, start speed, start states of filters."""
         ...
 
-    def guess(self, data: Sequence[Dataset]) -> Array:
-        """Return a first guess: the parameters, then the nuisance parameters of each record in turn.
+    def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds of the parameters, (P,) each, for that data."""
+        ...
 
-        Raises `NotIdentifiable` where the data can't support any.
+    def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
+        """Return first guesses to try: each the parameters, then the nuisance parameters of each record in turn.
+
+        More than one where the search may end at different minima. Raises `NotIdentifiable` where the data can't support any.
         """
         ...
 

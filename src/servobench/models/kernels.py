@@ -44,7 +44,15 @@ def drive(p: Array, v: float, w: float, friction: float) -> tuple[float, float, 
 
 @compiled
 def response(
-    t_in: Array, u: Array, u_before: float, t_out: Array, p: Array, friction: float, speed_out: float, y: Array, jac: Array
+    t_in: Array,
+    u: Array,
+    u_before: float,
+    t_out: Array,
+    p: Array,
+    friction: float,
+    speed_out: float,
+    y: Array,
+    jac: Array,
 ) -> None:
     """Fill y (M,) and jac (M, 7) with the response at t_out (M,) to inputs u (N,) that hold from t_in (N,).
 
@@ -76,6 +84,9 @@ def response(
             while left > 0.0:
                 sense, end, _ = drive(p, v, w, friction)
                 if friction != 0.0 and sense == 0.0:
+                    # A shaft that sticks forgets how it came to rest.
+                    for c in range(COLUMNS):
+                        s_w[c] = 0.0
                     break
                 h = left
                 stops = friction != 0.0 and w * end < 0.0

@@ -35,7 +35,9 @@ def transition(m: float, d2: float, t: float) -> tuple[float, float]:
 
 
 @compiled
-def slide(c: Array, i: float, w: float, theta: float, v: float, s: float, t: float) -> tuple[float, float, float]:
+def slide(
+    c: Array, i: float, w: float, theta: float, v: float, s: float, t: float
+) -> tuple[float, float, float]:
     """Return the state after sliding for a time t with friction opposing the direction s (±1) and a constant voltage v."""
     r, l, k, j, b = c[R], c[L], c[K], c[J], c[B]
     torque = s * c[TC]
@@ -122,7 +124,9 @@ def breakaway(c: Array, i: float, v: float, t_end: float) -> tuple[float, float]
 
 
 @compiled
-def switched(c: Array, i: float, w: float, theta: float, v: float, t_end: float) -> tuple[float, float, float]:
+def switched(
+    c: Array, i: float, w: float, theta: float, v: float, t_end: float
+) -> tuple[float, float, float]:
     """Return the state after a time t_end with a constant voltage, cut where the shaft stops, turns back or starts."""
     left = t_end
     s = math.copysign(1.0, w)

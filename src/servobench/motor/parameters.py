@@ -35,10 +35,14 @@ class MotorParameters:
     def __post_init__(self) -> None:
         for name in ("resistance", "motor_constant", "inertia"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0):
-                raise UsageError(f"motor: {name} is {getattr(self, name)!r}; expected a finite number above 0")
+                raise UsageError(
+                    f"motor: {name} is {getattr(self, name)!r}; expected a finite number above 0"
+                )
         for name in ("inductance", "viscous_friction", "coulomb_torque"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) >= 0):
-                raise UsageError(f"motor: {name} is {getattr(self, name)!r}; expected a finite number, 0 or above")
+                raise UsageError(
+                    f"motor: {name} is {getattr(self, name)!r}; expected a finite number, 0 or above"
+                )
 
     @property
     def inertia(self) -> float:

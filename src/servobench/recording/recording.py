@@ -93,10 +93,14 @@ class Recording:
         names = [series.channel.name for series in self.series]
         twice = sorted({name for name in names if names.count(name) > 1})
         if twice:
-            raise UsageError(f"recording {self.name!r} has two channels called {', '.join(twice)}: rename one")
+            raise UsageError(
+                f"recording {self.name!r} has two channels called {', '.join(twice)}: rename one"
+            )
         for role, name in (("input", self.input), ("output", self.output)):
             if name is not None and name not in names:
-                raise UsageError(f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}")
+                raise UsageError(
+                    f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}"
+                )
 
     def __getitem__(self, name: str) -> Series:
         """Return the series of that channel; raises `UsageError`, which lists the channels, where there is none."""

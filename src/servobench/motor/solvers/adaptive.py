@@ -44,7 +44,9 @@ class Adaptive:
         current = state.current if p.inductance else (voltage - p.motor_constant * state.speed) / p.resistance
         sliding = direction(p, current, state.speed)
         rates = slopes(p, voltage, sliding)
-        event = _stops(sliding) if sliding else _breaks_away(p)
+        event = None
+        if p.coulomb_torque > 0:
+            event = _stops(sliding) if sliding else _breaks_away(p)
 
         def right_hand_side(_t: float, x: Array) -> Array:
             return np.array([*rates(x[0], x[1]), x[1]])

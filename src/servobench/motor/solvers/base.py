@@ -72,7 +72,12 @@ def slopes(physics: Physics, voltage: float, sliding: float) -> Slope:
 
 
 def in_steps(
-    physics: Physics, state: MotorState, voltage: float, duration: float, step: float, method: Callable[..., MotorState]
+    physics: Physics,
+    state: MotorState,
+    voltage: float,
+    duration: float,
+    step: float,
+    method: Callable[..., MotorState],
 ) -> MotorState:
     """Return the state after a duration [s] in equal steps of a method; friction keeps its direction during a step.
 
@@ -87,8 +92,10 @@ def in_steps(
         sliding = direction(physics, current, state.speed)
         state = method(slopes(physics, voltage, sliding), state._replace(current=current), h)
         if not (math.isfinite(state.current) and math.isfinite(state.speed)):
-            raise SimulationDiverged(f"the solver left the finite numbers with a step of {h * 1e3:.4g} ms: take a shorter one")
-        if stopped(sliding, state.speed):
+            raise SimulationDiverged(
+                f"the solver left the finite numbers with a step of {h * 1e3:.4g} ms: take a shorter one"
+            )
+        if physics.coulomb_torque > 0 and stopped(sliding, state.speed):
             state = state._replace(speed=0.0)
     if physics.inductance == 0:
         state = state._replace(current=(voltage - physics.motor_constant * state.speed) / physics.resistance)

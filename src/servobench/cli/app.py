@@ -1,0 +1,86 @@
+"""The commands, put together: each in the file of its name."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Annotated
+
+import typer
+
+from servobench._version import __version__
+from servobench.cli.convert import convert
+from servobench.cli.devices import devices
+from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
+from servobench.cli.identify import identify
+from servobench.cli.inspect import inspect
+from servobench.cli.recover import recover
+from servobench.cli.run import run
+from servobench.cli.signals import signals
+from servobench.cli.terminal import spell_what_cannot_be_encoded
+
+_DEBUG = "--debug"
+_STATUSES = (
+    "Exit status: 0 a result, trusted or doubtful; 1 a fault of servobench; 2 wrong usage or a file that can't be read; "
+    "3 refused, as the data can't support a model; 4 the device failed; 5 nothing more could be written; 130 interrupted."
+)
+
+app = typer.Typer(
+    name="servobench",
+    rich_markup_mode=None,  # plain text, the same on every terminal and in the stored help
+    pretty_exceptions_enable=False,
+    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"], "terminal_width": 80},
+)
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"servobench {__version__}")
+        raise typer.Exit
+
+
+@app.callback(epilog=_STATUSES)
+def servobench(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+    ] = False,
+    debug: Annotated[
+        bool, typer.Option(_DEBUG, help="Show the traceback of any error; may stand anywhere in the line.")
+    ] = False,
+) -> None:
+    """From a servo motor, simulated or real, or a recording of one, to its transfer function.
+
+    With intervals that cover, and the reasons to trust it or not. `servobench run` alone identifies the simulated motor.
+    """
+
+
+for command in (run, identify, inspect, convert, recover, devices, signals):
+    app.command()(command)
+
+
+def run_app(words: Sequence[str]) -> int:
+    """Run the command that the words of a command line ask for, and return the exit status."""
+    spell_what_cannot_be_encoded()
+    words, debug = _without_debug(words or ["--help"])
+    try:
+        app(words, prog_name="servobench")
+    except SystemExit as end:
+        return flushed(_status(end))
+    except BaseException as error:
+        return flushed(failed(error, debug=debug))
+    return flushed(DONE)
+
+
+def _without_debug(words: Sequence[str]) -> tuple[list[str], bool]:
+    """The words without the wish to see tracebacks, which may stand anywhere, and whether it was there."""
+    # What follows "--" are names of files, whatever they look like.
+    end = words.index("--") if "--" in words else len(words)
+    options = [word for word in words[:end] if word != _DEBUG]
+    return [*options, *words[end:]], len(options) < end
+
+
+def _status(end: SystemExit) -> int:
+    """The exit status that typer ends with; its 1 means that nobody reads the output any more."""
+    if end.code == OUR_FAULT:
+        return CANNOT_WRITE
+    return end.code if isinstance(end.code, int) else DONE

@@ -1,0 +1,96 @@
+"""What can be had: the members of a kind, each with its settings, their units and defaults, as its own model tells them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+from rich.console import Console
+from rich.padding import Padding
+from rich.text import Text
+
+from servobench.cli.answer import columns
+from servobench.errors import UnknownName
+from servobench.settings import In
+
+
+def show_members(
+    console: Console, kind: str, members: Mapping[str, type], settings: Mapping[str, type[BaseModel]], name: str | None
+) -> None:
+    """Print the member of that name, or all members: what it is in a sentence, and its settings.
+
+    `settings` are the models of the members' settings. Raises `UnknownName`.
+    """
+    if name is not None and name not in members:
+        raise UnknownName(kind, name, members)
+    for each in [name] if name is not None else members:
+        console.print(Text.assemble((each, "bold"), f"  {_sentence(members[each])}"))
+        fields = settings[each].model_fields
+        if fields:
+            table = columns("setting", "default", "meaning")
+            for key, field in fields.items():
+                table.add_row(key, default_text(field), meaning(field))
+            console.print(Padding(table, (0, 0, 0, 2)))
+        console.print()
+
+
+def default_text(field: FieldInfo) -> str:
+    """Return a setting's default as a file has it, with its unit."""
+    if field.is_required():
+        return "required"
+    default, unit = field.get_default(call_default_factory=True), _unit_of(field)
+    if default is None:
+        return f"not set [{unit}]" if unit else "not set"
+    return f"{_as_written(default)} {unit}".rstrip()
+
+
+def meaning(field: FieldInfo) -> str:
+    """Return what a setting means, without its unit, and the values to choose from where the sentence doesn't tell them."""
+    sentence = field.description or ""
+    unit_at = sentence.rfind(" [")
+    if unit_at > 0 and sentence.endswith(("].", "]")):
+        sentence = f"{sentence[:unit_at]}."
+    choices = [_as_written(choice) for choice in _choices(field.annotation)]
+    if all(choice in sentence for choice in choices):
+        return sentence
+    return f"{sentence.rstrip('.')}: {', '.join(choices)}."
+
+
+def _sentence(member: type) -> str:
+    """What a member is: the first line of its file, as a file is one of the kind."""
+    said = sys.modules[member.__module__].__doc__ or member.__doc__ or ""
+    return (said.strip().splitlines() or [""])[0]
+
+
+def _unit_of(field: FieldInfo) -> str:
+    """The unit of a setting, empty where it has none."""
+    marks = [mark for mark in field.metadata if isinstance(mark, In)]
+    found = [*marks, *_marks(field.annotation)]
+    return found[0].si if found else ""
+
+
+def _marks(annotation: Any) -> list[In]:
+    """The unit marks in a type, as of the numbers in a tuple."""
+    own = [mark for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, In)]
+    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
+    return own + [mark for each in inner for mark in _marks(each)]
+
+
+def _choices(annotation: Any) -> tuple[object, ...]:
+    """The values that a type allows where it names them one by one."""
+    if get_origin(annotation) is Literal:
+        return get_args(annotation)
+    return tuple(choice for each in get_args(annotation) for choice in _choices(each))
+
+
+def _as_written(value: object) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, float):
+        return f"{value:g}"
+    if isinstance(value, list | tuple):
+        return ", ".join(map(_as_written, value))
+    return str(value)

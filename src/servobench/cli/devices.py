@@ -1,0 +1,22 @@
+"""`servobench devices`: the devices that an experiment can run on."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def devices(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show this one only.")] = None,
+) -> None:
+    """List the devices, each with its settings, units and defaults.
+
+    In an experiment's file: [device] with name = "twin", then [device.settings].
+    """
+    from servobench.cli.catalogue import show_members
+    from servobench.cli.terminal import output
+    from servobench.devices.base import DEVICES
+
+    members = {each: DEVICES[each] for each in DEVICES.names()}
+    show_members(output(), "device", members, {each: found.Settings for each, found in members.items()}, name)

@@ -1,0 +1,115 @@
+"""How a command ends: what went wrong as a sentence, and the exit status that says whose fault it was."""
+
+from __future__ import annotations
+
+import errno
+import os
+import platform
+import sys
+import tempfile
+import traceback
+from contextlib import suppress
+
+from rich.text import Text
+
+from servobench._version import __version__
+from servobench.cli.terminal import OutputGone, messages, printable
+from servobench.errors import MissingInformation, ServobenchError
+
+DONE = 0
+OUR_FAULT = 1
+USER_MISTAKE = 2
+REFUSED = 3
+DEVICE_FAILED = 4
+CANNOT_WRITE = 5
+INTERRUPTED = 130
+
+_NO_PLACE = {
+    getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO") if hasattr(errno, name)
+}
+
+
+def failed(error: BaseException, *, debug: bool = False) -> int:
+    """Say what went wrong on standard error, and return the exit status.
+
+    A mistake of the user, a device or a disk that failed get a sentence. An error of ours gets one as well, and its traceback goes
+    to a file; with `debug` the traceback is shown, whoever's fault it was.
+    """
+    status, sentence = _told(error)
+    with suppress(OSError):  # where nobody reads the messages, the status still says it
+        if debug:
+            messages().out("".join(traceback.format_exception(error)), highlight=False)
+        if status == OUR_FAULT:
+            sentence = f"{sentence}; {_kept(error)}"
+        if sentence:
+            complain(sentence)
+    return status
+
+
+def complain(sentence: str) -> None:
+    """Say on standard error what went wrong."""
+    # Not wrapped: a path or a column's name is to be found again in a log.
+    messages().print(Text.assemble(("error: ", "bold red"), printable(sentence)), soft_wrap=True)
+
+
+def flushed(status: int) -> int:
+    """Return the exit status of a command once all of its output is away, another one where it can't be."""
+    try:
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                stream.flush()
+    except OSError as error:
+        _forget_output()
+        return failed(OutputGone() if isinstance(error, BrokenPipeError) else error)
+    return status
+
+
+def _told(error: BaseException) -> tuple[int, str]:
+    """The exit status of an error, and the sentence to say."""
+    if isinstance(error, OutputGone | BrokenPipeError):
+        return CANNOT_WRITE, ""
+    if isinstance(error, KeyboardInterrupt):
+        return INTERRUPTED, "interrupted"
+    if isinstance(error, MissingInformation):
+        return USER_MISTAKE, _list_of(str(error).splitlines()[0], error.missing)
+    if isinstance(error, ServobenchError) and error.exit_status != OUR_FAULT:
+        return error.exit_status, str(error)
+    if isinstance(error, MemoryError):
+        return USER_MISTAKE, "there is not enough memory for this; take shorter recordings, or fewer at a time"
+    if isinstance(error, OSError) and (error.filename or error.errno in _NO_PLACE):
+        what = f"{error.filename}: " if error.filename else ""
+        status = CANNOT_WRITE if error.errno in _NO_PLACE else USER_MISTAKE
+        return status, f"{what}{error.strerror or error}"
+    return OUR_FAULT, f"a fault of servobench, not yours: {type(error).__name__}: {_first_line(error)}"
+
+
+def _list_of(heading: str, sentences: tuple[str, ...]) -> str:
+    return "\n".join([heading, *(f"  • {sentence}" for sentence in sentences)])
+
+
+def _first_line(error: BaseException) -> str:
+    return (str(error).splitlines() or ["no more is said"])[0]
+
+
+def _kept(error: BaseException) -> str:
+    """Where the traceback of an error of ours is, as the end of a sentence; the traceback itself where it can't be kept."""
+    trace = "".join(traceback.format_exception(error))
+    about = f"servobench {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n\n"
+    try:
+        with tempfile.NamedTemporaryFile(
+            "w", prefix="servobench-", suffix=".txt", encoding="utf-8", errors="backslashreplace", delete=False
+        ) as file:
+            file.write(about + trace)
+    except OSError:
+        return f"please report it with these lines:\n{about}{trace}"
+    return f"please report it with the file {file.name}"
+
+
+def _forget_output() -> None:
+    """Let what is still in the buffers go nowhere; otherwise the interpreter complains about it when it ends."""
+    with suppress(OSError):  # a stream that stands for another one, as in a test, has no number
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        for stream in (sys.stdout, sys.stderr):
+            if stream is not None:
+                os.dup2(nowhere, stream.fileno())
+        os.close(nowhere)

@@ -1,0 +1,108 @@
+"""What a command says while it works: how far it is, and that kernels are compiled."""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from threading import Event, Thread
+from types import TracebackType
+from typing import Any, Self, TextIO
+
+from rich.text import Text
+
+from servobench.cli.terminal import is_terminal, messages
+
+_PATIENCE = 1.0  # s; what takes less needs no word
+_INTERVAL = 0.25  # s
+
+
+class Progress:
+    """One line on standard error that says what is being done and how long it will take, from the second second on.
+
+    A thread of its own writes it: a motor's loop doesn't wait for a terminal. `done` may be set at any time to what is done,
+    from 0 to 1; the time left is told from it, and from the pace so far. Where nobody looks, nothing is written.
+    """
+
+    def __init__(
+        self, what: str, *, stream: TextIO | None = None, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.what = what
+        self.done: float | None = None
+        self._stream = sys.stderr if stream is None else stream
+        self._now = now
+        self._start = now()
+        self._width = 0
+        self._over = Event()
+        self._thread = Thread(target=self._write, name="servobench progress", daemon=True)
+
+    def __enter__(self) -> Self:
+        if is_terminal(self._stream):
+            self._thread.start()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Take the line away."""
+        self._over.set()
+        if self._thread.is_alive():
+            self._thread.join(timeout=1.0)
+
+    def line(self) -> str:
+        """Return what there is to say now."""
+        passed = self._now() - self._start
+        if passed < _PATIENCE:
+            return ""
+        if not self.done:
+            return f"{self.what}, {duration(passed)} so far"
+        left = passed / self.done - passed
+        return f"{self.what}, {100 * min(self.done, 1.0):.0f} %, {duration(max(left, 0.0))} left"
+
+    def _write(self) -> None:
+        try:
+            while not self._over.wait(_INTERVAL):
+                self._put(self.line())
+            self._put("")
+        except (OSError, ValueError):  # the terminal is gone; the work isn't
+            return
+
+    def _put(self, line: str) -> None:
+        """Write a line over the one before; blanks do where a terminal knows no other way."""
+        if line or self._width:
+            self._stream.write(f"\r{line:{self._width}}" if line else f"\r{'':{self._width}}\r")
+            self._stream.flush()
+            self._width = len(line)
+
+
+def duration(seconds: float) -> str:
+    """Return a duration as people say it: `8 s`, `3 min 20 s`, `2 h 5 min`."""
+    whole = round(seconds)
+    if whole < 60:
+        return f"{whole} s"
+    if whole < 3600:
+        return f"{whole // 60} min {whole % 60} s"
+    return f"{whole // 3600} h {whole % 3600 // 60} min"
+
+
+@contextmanager
+def told_when_compiling() -> Iterator[None]:
+    """Say on standard error, once, that kernels are being compiled, when and only when Numba really compiles one."""
+    from numba.core import event
+
+    class Compiling(event.Listener):  # type: ignore[misc]  # Numba has no types
+        """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""
+
+        heard = False
+
+        def on_start(self, event: Any) -> None:
+            if not self.heard:
+                self.heard = True
+                messages().print(Text("compiling the numeric kernels: this is done once and kept", style="dim"))
+
+        def on_end(self, event: Any) -> None:
+            """Say nothing."""
+
+    with event.install_listener("numba:compile", Compiling()):
+        yield

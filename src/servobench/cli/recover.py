@@ -1,0 +1,33 @@
+"""`servobench recover`: what can be read of a recording that was cut short."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def recover(
+    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording (.mcap or .mcap.part).")],
+    to: Annotated[
+        Path | None, typer.Option("--to", metavar="FILE", help="Where to write it; without, beside the original.")
+    ] = None,
+) -> None:
+    """Write what is right in a torn recording to a new file; the original stays as it is."""
+    from servobench.cli.answer import show_findings
+    from servobench.cli.terminal import output
+    from servobench.recording.recover import recover as recovered
+
+    target = to or _beside(file)
+    recordings = recovered(file, target)
+    samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
+    console = output()
+    console.print(f"{target}: {len(recordings)} recording(s), {samples} samples", soft_wrap=True)
+    show_findings(console, (finding for each in recordings for finding in each.findings))
+
+
+def _beside(file: Path) -> Path:
+    """The name of the recovered file: `recording.mcap.part` becomes `recording-recovered.mcap`."""
+    name = file.name.removesuffix(".part").removesuffix(".mcap")
+    return file.with_name(f"{name}-recovered.mcap")

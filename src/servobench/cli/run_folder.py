@@ -1,0 +1,110 @@
+"""The folder of a run: what is in it, and which folder may be used for one."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import Any
+
+from servobench.errors import StorageError, UsageError
+
+_OURS = "# Written by `servobench run`"
+_MAGIC = b"\x89MCAP0\r\n"
+
+
+@dataclass(frozen=True)
+class RunFolder:
+    """The five files of a run: what was asked for, what happened (twice, for programs and for people), the answer and the report."""
+
+    path: Path
+
+    @property
+    def experiment(self) -> Path:
+        """What was asked for, in full."""
+        return self.path / "experiment.toml"
+
+    @property
+    def recording(self) -> Path:
+        """What happened, with nothing left out."""
+        return self.path / "recording.mcap"
+
+    @property
+    def data(self) -> Path:
+        """The same as a text table."""
+        return self.path / "data.csv"
+
+    @property
+    def result(self) -> Path:
+        """The answer as JSON."""
+        return self.path / "result.json"
+
+    @property
+    def report(self) -> Path:
+        """The report, one page that opens without a network."""
+        return self.path / "report.html"
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """All five."""
+        return (self.experiment, self.recording, self.data, self.result, self.report)
+
+    def begin(self, experiment: str) -> None:
+        """Make the folder, remove what an earlier run left in it, and write the experiment's text.
+
+        Files that no run writes stay. Raises `StorageError` where the folder can't be written.
+        """
+        try:
+            self.path.mkdir(parents=True, exist_ok=True)
+            for file in self.files:
+                file.unlink(missing_ok=True)
+            self.experiment.write_text(f"{_OURS}\n{experiment}", encoding="utf-8", newline="\n")
+        except OSError as error:
+            raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
+
+    def write_result(self, result: Mapping[str, Any]) -> None:
+        """Write the answer."""
+        text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
+        self.result.write_text(text + "\n", encoding="utf-8", newline="\n")
+
+
+def run_folder(out: Path | None, now: datetime) -> RunFolder:
+    """Return the folder for a run: `out`, or a new one that is called after the time.
+
+    `out` may be new, empty, or the folder of an earlier run, whose place the new run takes.
+    Raises `UsageError` for a file, a folder that holds something else, and a run whose recording was never finished.
+    """
+    if out is None:
+        return RunFolder(_fresh(now))
+    folder = RunFolder(out)
+    if out.exists() and not out.is_dir():
+        raise UsageError(f"--out {out}: is a file; give a folder")
+    part = folder.recording.with_name(f"{folder.recording.name}.part")
+    if part.exists():
+        raise UsageError(
+            f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
+            f"`servobench recover {part}` and remove {part.name}, or give another folder"
+        )
+    if out.is_dir() and any(out.iterdir()) and not _is_ours(folder):
+        raise UsageError(
+            f"--out {out}: holds files, and isn't the folder of an earlier run; give a new or an empty folder"
+        )
+    return folder
+
+
+def _fresh(now: datetime) -> Path:
+    """A name that nothing has yet."""
+    name = f"run-{now:%Y%m%d-%H%M%S}"
+    candidates = (Path(name), *(Path(f"{name}-{again}") for again in range(2, 1000)))
+    return next(path for path in candidates if not path.exists())
+
+
+def _is_ours(folder: RunFolder) -> bool:
+    try:
+        text = folder.experiment.read_text(encoding="utf-8", errors="replace")
+        with folder.recording.open("rb") as file:
+            return text.startswith(_OURS) and file.read(len(_MAGIC)) == _MAGIC
+    except OSError:
+        return False

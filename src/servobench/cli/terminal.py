@@ -1,0 +1,90 @@
+"""Where the words of a command go: standard output and standard error, as text that any terminal or file can hold."""
+
+from __future__ import annotations
+
+import codecs
+import json
+import sys
+from collections.abc import Mapping
+from typing import Any, TextIO
+
+from rich.console import Console
+
+from servobench.errors import StorageError
+
+_WIDEST = 110  # characters; longer lines are hard to read
+_NARROWEST = 40  # characters; what is narrower breaks figures apart, and wraps in the terminal itself
+
+# How a character is spelled where the output has no place for it, as on a Windows console with its old code page.
+_SPELLED = {
+    "Ω": "ohm", "ω": "omega", "τ": "tau", "µ": "u", "μ": "u", "°": "deg", "²": "^2", "³": "^3", "√": "sqrt ", "·": "*",
+    "±": "+/-", "−": "-", "–": "-", "—": "-", "…": "...", "→": "->", "•": "-", "✗": "x", "×": "x", "≤": "<=", "≥": ">=",
+    "’": "'", "‘": "'", "“": '"', "”": '"', "─": "-", "⁻": "^-",
+}  # fmt: skip
+
+
+class OutputGone(StorageError):
+    """Nobody reads the output any more, as after `| head`; there is nothing to be said, and nobody to say it to."""
+
+
+class _Words(Console):
+    """A console for plain sentences: brackets are no markup, and nothing is coloured by guess."""
+
+    def on_broken_pipe(self) -> None:
+        """Raise `OutputGone`, which ends the command quietly."""
+        raise OutputGone from None
+
+
+def output() -> Console:
+    """Return the console of standard output."""
+    return _console(stderr=False)
+
+
+def messages() -> Console:
+    """Return the console of standard error."""
+    return _console(stderr=True)
+
+
+def words(*, beside_json: bool) -> Console:
+    """Return the console for what people read: standard output, or standard error where that belongs to JSON alone."""
+    return messages() if beside_json else output()
+
+
+def print_json(data: Mapping[str, Any]) -> None:
+    """Print one JSON object on standard output, in ASCII, as no code page can hurt it; raises `OutputGone`."""
+    try:
+        sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
+        sys.stdout.flush()
+    except BrokenPipeError:
+        raise OutputGone from None
+
+
+def printable(text: str) -> str:
+    """Return a text without control characters: names from a foreign file must not steer the terminal."""
+    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+
+
+def spell_what_cannot_be_encoded() -> None:
+    """Make standard output and standard error spell out characters that their encoding lacks: `Ω` becomes `ohm`."""
+    codecs.register_error("servobench.spelled", _spelled)
+    for stream in (sys.stdout, sys.stderr):
+        if hasattr(stream, "reconfigure"):
+            stream.reconfigure(errors="servobench.spelled")
+
+
+def is_terminal(stream: TextIO | None) -> bool:
+    """Return whether somebody looks at the stream while it is written."""
+    return stream is not None and not stream.closed and stream.isatty()
+
+
+def _console(*, stderr: bool) -> Console:
+    console = _Words(stderr=stderr, markup=False, highlight=False, emoji=False, soft_wrap=False)
+    console.width = max(_NARROWEST, min(console.width, _WIDEST))
+    return console
+
+
+def _spelled(error: UnicodeError) -> tuple[str, int]:
+    if not isinstance(error, UnicodeEncodeError):
+        raise error
+    missing = error.object[error.start : error.end]
+    return "".join(_SPELLED.get(c, "?") for c in missing), error.end

@@ -1,0 +1,153 @@
+"""Output error: the model is simulated from the input alone, and what is left of the output is least squares."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.channels import Array
+from servobench.errors import NotIdentifiable
+from servobench.estimators.base import ESTIMATORS, Fit, FittedRecord
+from servobench.estimators.covariance import conservative, plain, sandwich
+from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
+from servobench.finding import Finding, info, warning
+from servobench.measure.dataset import Dataset
+from servobench.models.base import STRUCTURES, Model, Structure
+
+
+class OutputError:
+    """Minimises Σ (y - ŷ(θ))², ŷ simulated from the input alone and carried through the measurement chain.
+
+    Right for white measurement noise, such as an encoder's rounding; its standard deviations are the larger of the plain
+    ones and of those that allow for coloured residuals. Records share the parameters; each has its own start state.
+    """
+
+    def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+        """Return None: any structure that predicts will do."""
+        return None
+
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
+        return fit_at(
+            structure,
+            data,
+            best_minimum(structure, data, structure.guesses(data) if starts is None else starts),
+        )
+
+
+ESTIMATORS.member("output_error")(OutputError())
+
+
+def fit_at(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
+    """Return the fit that a minimum stands for, with its covariance and what has to be said about it."""
+    layout = Layout(structure, tuple(data))
+    places = layout.columns()
+    h, _ = normal_equations(layout, minimum.predictions)
+    used = sum(int(p.valid.sum()) for p in minimum.predictions)
+    freedom = used - len(minimum.theta)
+    if freedom <= 0:
+        raise NotIdentifiable(f"{used} samples for {len(minimum.theta)} unknowns: record for longer")
+    variance = minimum.cost / freedom
+    shared = layout.shared
+    covariance = _covariance(layout, minimum, h, variance)
+    return Fit(
+        model=Model(structure=structure, theta=minimum.theta[:shared], data=data[0]),
+        covariance=covariance[:shared, :shared],
+        estimator="output_error",
+        structure=STRUCTURES.name_of(structure),
+        converged=minimum.converged,
+        status=minimum.status,
+        residual_sd=float(np.sqrt(variance)),
+        records=tuple(
+            FittedRecord(
+                data=record,
+                nuisance=minimum.theta[place[shared:]],
+                prediction=prediction.y,
+                residual=record.y - prediction.y,
+                valid=prediction.valid,
+            )
+            for record, prediction, place in zip(data, minimum.predictions, places, strict=True)
+        ),
+        findings=tuple(_findings(structure, data, minimum)),
+    )
+
+
+def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> Array:
+    """The covariance of the joint vector.
+
+    A parameter at its bound is held there for the others' sake; its own standard deviation is that of a free one. A parameter
+    that the data say nothing about has an infinite one.
+    """
+    lower, upper = layout.bounds()
+    held = (minimum.theta <= lower) | (minimum.theta >= upper)
+    free = h * np.outer(~held, ~held)
+    covariance = conservative(plain(free, variance), sandwich(free, _scores(layout, minimum)))
+    alone = np.diag(plain(h, variance))
+    covariance[held, held] = alone[held]
+    unknown = np.diag(h) == 0
+    covariance[unknown, unknown] = np.inf
+    return covariance
+
+
+def best_minimum(
+    structure: Structure,
+    data: Sequence[Dataset],
+    starts: Sequence[Array],
+    free: NDArray[np.bool_] | None = None,
+) -> Minimum:
+    """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
+    return min((minimise(structure, data, start, free) for start in starts), key=lambda minimum: minimum.cost)
+
+
+def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord:
+    """Return a record simulated with parameters theta (P,) that are held; only its own start state is fitted."""
+    starts = [np.concatenate([theta, guess[len(theta) :]]) for guess in structure.guesses([data])]
+    free = np.arange(len(starts[0])) >= len(theta)
+    minimum = best_minimum(structure, [data], starts, free)
+    prediction = minimum.predictions[0]
+    return FittedRecord(
+        data=data,
+        nuisance=minimum.theta[len(theta) :],
+        prediction=prediction.y,
+        residual=data.y - prediction.y,
+        valid=prediction.valid,
+    )
+
+
+def _scores(layout: Layout, minimum: Minimum) -> list[Array]:
+    """J_k r_k of each record over the joint vector, shape (N, P + ΣQ)."""
+    scores = []
+    for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
+        s = np.zeros((int(prediction.valid.sum()), len(minimum.theta)))
+        s[:, place] = (prediction.jacobian * (record.y - prediction.y)[:, None])[prediction.valid]
+        scores.append(s)
+    return scores
+
+
+def _findings(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
+    """What the search itself has to say."""
+    found = []
+    if not minimum.converged:
+        found.append(
+            warning(
+                "search-not-settled", f"The search for the parameters {minimum.status}; they may be wrong."
+            )
+        )
+    lower, upper = structure.bounds(data)
+    for parameter, value, low, high in zip(structure.parameters, minimum.theta, lower, upper, strict=False):
+        if low < value < high:
+            continue
+        sentence = (
+            f"The {parameter.name.replace('_', ' ')} ended at the edge of what is possible, {value:.3g}: "
+        )
+        if value == 0:
+            sentence += "the data show none of it."
+            found.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
+        else:
+            sentence += "the model doesn't suit these data, or the columns are out of step."
+            found.append(warning("parameter-at-bound", sentence, parameters=(parameter.name,)))
+    return found

@@ -1,0 +1,14 @@
+"""Experiments: what is asked for, as data, in Python and in TOML files."""
+
+from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment, Limits
+from servobench.experiment.reading import explain, load_experiment, read_experiment
+
+__all__ = [
+    "PAPER",
+    "DeviceChoice",
+    "Experiment",
+    "Limits",
+    "explain",
+    "load_experiment",
+    "read_experiment",
+]

@@ -1,0 +1,171 @@
+"""An experiment: what is asked for, before anything has happened."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Annotated, Any, Self, TypeAlias
+
+import numpy as np
+from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+
+from servobench.control.base import CONTROLLERS, Controller
+from servobench.control.open_loop import OpenLoop
+from servobench.finding import Finding, info, warning
+from servobench.settings import MemberOf, PositiveTime, PositiveVoltage, Settings
+from servobench.signals.base import AnySignal
+from servobench.signals.square import Square
+
+AnyController: TypeAlias = Annotated[Controller, MemberOf(CONTROLLERS)]
+_MOST_EVALUATED = 200_000  # ticks of a signal that `findings` looks at; 400 s at 500 Hz
+
+
+def _none_for(word: str) -> BeforeValidator:
+    """Read a word as None: a file has no other way to write that there is no value."""
+    return BeforeValidator(lambda given: None if given == word else given)
+
+
+def _writable(value: Any) -> Any:
+    """Return a copy of a value that a TOML file can hold; raises ValueError for any other."""
+    if isinstance(value, bool | int) or (isinstance(value, float) and not math.isnan(value)):
+        return value
+    if (
+        isinstance(value, str) and value.encode(errors="replace").decode() == value
+    ):  # no half of a surrogate pair
+        return value
+    if isinstance(value, list | tuple):
+        return [_writable(item) for item in value]
+    if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
+        return {key: _writable(item) for key, item in value.items()}
+    raise ValueError(
+        f"{value!r} can't be a setting; expected a text, a number, true or false, or an array or table of these"
+    )
+
+
+Duration: TypeAlias = Annotated[PositiveTime | None, _none_for("endless")]
+Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, _none_for("random")]
+
+
+class DeviceChoice(Settings):
+    """Which device, and its settings as they stand in the file; the device's own settings model checks them."""
+
+    name: Annotated[str, Field(min_length=1)] = "twin"
+    """Name of the device."""
+    settings: Annotated[Mapping[str, Any], AfterValidator(_writable)] = Field(default_factory=dict)
+    """Settings of that device."""
+
+
+class Limits(Settings):
+    """What the device must not be asked for."""
+
+    voltage: PositiveVoltage = 10.0
+    """Largest voltage, in either direction; what is beyond is clipped [V]."""
+
+
+class Experiment(Settings):
+    """What is asked for: a signal, a controller, a device, how long and how often.
+
+    Tick k is at k · sample_time, k from 0 to `samples` - 1. Without any argument it is a square wave of 1 to 3 V and 0.4 Hz for
+    10 s at 500 Hz, in open loop, on the simulated QUBE-Servo.
+    """
+
+    name: str = ""
+    """A short name for people."""
+    notes: str = ""
+    """Anything worth knowing later."""
+    signal: AnySignal = Square(low=1, high=3, frequency=0.4)
+    """The controller's reference; in open loop the voltage [V]."""
+    duration: Duration = 10.0
+    """How long it lasts, or None (in a file "endless"): until it's stopped [s]."""
+    sample_time: PositiveTime = 0.002
+    """Time between two ticks [s]."""
+    controller: AnyController = OpenLoop()
+    """What turns the reference and a sample into a voltage."""
+    device: DeviceChoice = DeviceChoice()
+    """The device to run it on."""
+    limits: Limits = Limits()
+    """What the device must not be asked for."""
+    seed: Seed = 0
+    """Seed of simulated noise; None (in a file "random") takes another one for each run."""
+    chain: str = ""
+    """Measurement chain through which the recording is to be looked at, such as `derivative | lowpass 50 rad/s`."""
+    nominal: str = ""
+    """Name of the data sheet that the result is held against."""
+
+    @model_validator(mode="after")
+    def _has_two_samples(self) -> Self:
+        if self.duration is not None and self.samples is not None and self.samples < 2:
+            raise ValueError(
+                f"a duration of {self.duration:g} s holds less than two samples, {self.sample_time:g} s apart; "
+                "expected a longer duration or a shorter sample time"
+            )
+        return self
+
+    @property
+    def sample_rate(self) -> float:
+        """Ticks in a second [Hz]."""
+        return 1 / self.sample_time
+
+    @property
+    def samples(self) -> int | None:
+        """The number of ticks before the duration is over; None where it is endless."""
+        if self.duration is None:
+            return None
+        ticks = self.duration / self.sample_time
+        # A tick that misses the end by a rounding error falls on it, and belongs to the experiment no more.
+        return math.ceil(ticks - 1e-9 - 4 * np.finfo(float).eps * ticks)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what is worth knowing before the experiment is run; it can be run all the same."""
+        return tuple(finding for finding in (*self._pace_findings(), *self._level_findings()) if finding)
+
+    def to_toml(self) -> str:
+        """Return the experiment as the text of a TOML file, which reads back as an equal experiment."""
+        from servobench.experiment.writing import to_toml
+
+        return to_toml(self)
+
+    def _pace_findings(self) -> tuple[Finding | None, ...]:
+        """What there is to say about the signal's speed and the time that it is given."""
+        shortest, period = self.signal.shortest_change, self.signal.period
+        too_fast = part = None
+        if shortest is not None and shortest < self.sample_time * (1 - 1e-9):
+            too_fast = warning(
+                "signal-too-fast",
+                f"The signal changes within {shortest:g} s, faster than the sample time of {self.sample_time:g} s: "
+                "the device can't be given what it says. Take a shorter sample time or a slower signal.",
+            )
+        if period is not None and self.duration is not None and self.duration < period * (1 - 1e-9):
+            part = info(
+                "part-of-a-period",
+                f"The signal repeats after {period:g} s, but the experiment ends after {self.duration:g} s.",
+            )
+        return too_fast, part
+
+    def _level_findings(self) -> tuple[Finding | None, ...]:
+        """What there is to say about the signal's values, where they are the voltage."""
+        if not isinstance(self.controller, OpenLoop):
+            return ()
+        ticks = np.arange(min(self.samples or _MOST_EVALUATED, _MOST_EVALUATED), dtype=np.float64)
+        t = ticks * self.sample_time
+        u = self.signal(t)
+        largest = int(np.argmax(np.abs(u)))
+        clipped = still = None
+        if abs(u[largest]) > self.limits.voltage:
+            clipped = warning(
+                "signal-above-limit",
+                f"The signal asks for {u[largest]:g} V, at {t[largest]:g} s for instance; "
+                f"the limit is {self.limits.voltage:g} V, and what is beyond is clipped.",
+            )
+        if u[largest] == 0:
+            still = warning(
+                "signal-is-zero", f"The signal is 0 V from the start to {t[-1]:g} s: nothing will move."
+            )
+        return clipped, still
+
+
+PAPER = Experiment(
+    name="paper",
+    notes="A square wave of 1 to 3 V at 0.4 Hz for 10 s, sampled at 500 Hz: the speed exercise with the QUBE-Servo.",
+)
+"""The experiment that is run where none is named."""

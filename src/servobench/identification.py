@@ -1,0 +1,343 @@
+"""The verb identify: from data to a result, with the reasons to trust it or not."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+
+import numpy as np
+
+from servobench._version import __version__
+from servobench.errors import NotIdentifiable, UsageError
+from servobench.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.finding import Finding, info, refusal, warning
+from servobench.measure.dataset import Dataset
+from servobench.models.base import STRUCTURES, Structure
+from servobench.models.nominal import nominal_values
+from servobench.models.search import directions, smoothed_speed
+from servobench.motor.parameters import MotorParameters, data_sheet
+from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
+from servobench.validate import cross_validate, validate, validate_with
+
+
+def identify(
+    data: Dataset | Sequence[Dataset],
+    structure: str = "auto",
+    estimator: str = "auto",
+    nominal: str | MotorParameters | None = None,
+    validate_on: Sequence[Dataset] = (),
+) -> Result:
+    """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
+
+    Several datasets are fitted jointly: they share the parameters, and each has its own start state. `structure` and
+    `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and whether friction is
+    needed. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further
+    datasets to try the model on; without any, part of the data is held out in turn.
+    Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
+    known or data that don't belong together.
+    """
+    records = (data,) if isinstance(data, Dataset) else tuple(data)
+    _check_together(records)
+    findings = [finding for record in records for finding in record.findings]
+    findings += [*_about_input(records), *(finding for record in records for finding in _about_data(record))]
+    method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
+    fit: Fit | None = None
+    validation: Validation | None = None
+    comparisons: tuple[Comparison, ...] = ()
+    refused = any(finding.severity == "refusal" for finding in findings)
+    try:
+        if not refused:
+            chosen = _choose(method, records, structure)
+            fit, validation = chosen.fit, _validation(method, records, chosen.fit, validate_on)
+            findings += [
+                *chosen.findings,
+                *fit.findings,
+                *_about_fit(fit),
+                *validate(fit),
+                *_about_validation(validation),
+            ]
+            comparisons = _compare(fit, nominal)
+    except NotIdentifiable as error:
+        fit = None
+        findings.append(refusal("not-identifiable", f"{error}."))
+    return Result(
+        data=records,
+        fit=fit,
+        findings=tuple(_once(findings)),
+        validation=validation,
+        operating_range=_operating_range(records),
+        nominal=comparisons,
+        provenance=Provenance(
+            version=__version__,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            inputs_sha256=tuple(sorted({record.source.sha256 for record in records if record.source.sha256})),
+        ),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Choice:
+    """The fit of the structure that was chosen, and why it was."""
+
+    fit: Fit
+    findings: tuple[Finding, ...] = ()
+
+
+def _check_together(records: Sequence[Dataset]) -> None:
+    if not records:
+        raise UsageError("nothing to identify: expected at least one dataset")
+    for what in ("input_unit", "output_unit", "kind"):
+        found = sorted({str(getattr(record, what)) for record in records})
+        if len(found) > 1:
+            raise UsageError(
+                f"the records can't be fitted together: their {what.replace('_', ' ')}s are {' and '.join(found)}"
+            )
+
+
+def _about_input(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether the input ever changes: from one record to the next is enough."""
+    levels = np.concatenate([np.append(record.u, record.input_before) for record in records])
+    if np.ptp(levels) > 0:
+        return []
+    return [
+        refusal(
+            "input-constant",
+            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so nothing tells gain and friction apart; "
+            "record steps between at least two levels.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _about_data(data: Dataset) -> list[Finding]:
+    """What can be said before any fit."""
+    found = []
+    if data.kind == "speed" and not data.chain:
+        found.append(
+            warning(
+                "chain-unknown",
+                f"{data.name}: nobody says how this speed was measured. Counts that were differenced lag by half a sample "
+                f"({500 * data.sample_time:.3g} ms), and a filter or an average before the recording adds its own lag to the "
+                "delay and the time constant; say what it is with --chain, or record the position.",
+                parameters=("time_constant", "delay"),
+            )
+        )
+    return found
+
+
+def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choice:
+    """Fit the structure asked for, or the one that the data need."""
+    if structure != "auto":
+        return _Choice(fit=_fitted(method, STRUCTURES[structure], data))
+    if not _turns_both_ways(data):
+        fit = _fitted(method, STRUCTURES["first_order_one_way"], data)
+        return _Choice(fit=fit, findings=tuple(_about_offset(fit)))
+    frictionless = _fitted(method, STRUCTURES["first_order"], data)
+    try:
+        with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return _Choice(fit=frictionless)
+    estimate = with_friction["coulomb_voltage"]
+    needed = estimate.value > 3 * estimate.sd and _better(with_friction, frictionless)
+    if needed:
+        sentence = (
+            f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
+            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless['gain'].value:.4g} instead of "
+            f"{with_friction['gain'].value:.4g}."
+        )
+        return _Choice(
+            fit=with_friction, findings=(info("friction-found", sentence, parameters=("coulomb_voltage",)),)
+        )
+    sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
+    return _Choice(fit=frictionless, findings=(info("friction-not-found", sentence),))
+
+
+def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
+    """The fit, or `NotIdentifiable` with the estimator's reason why it can't be done."""
+    hindrance = method.supports(structure, data)
+    if hindrance is not None:
+        raise NotIdentifiable(hindrance.sentence.rstrip("."))
+    return method.fit(structure, data)
+
+
+def _turns_both_ways(data: Sequence[Dataset]) -> bool:
+    """Whether at least one sample in fifty was taken while the motor turned the other way."""
+    senses = np.concatenate([directions(record) for record in data])
+    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
+
+
+def _better(one: Fit, other: Fit) -> bool:
+    """Whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
+    samples = sum(int(record.valid.sum()) for record in one.records)
+    return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
+
+
+def _about_offset(fit: Fit) -> list[Finding]:
+    estimate = fit["coulomb_voltage"]
+    unit = estimate.unit
+    together = info(
+        "friction-and-offset-together",
+        "The motor turned one way only, so Coulomb friction and an offset can't be told apart: coulomb_voltage is their sum. "
+        "Let it turn both ways to separate them.",
+        parameters=("coulomb_voltage",),
+    )
+    if abs(estimate.value) <= 3 * estimate.sd:
+        return [together]
+    return [
+        together,
+        info(
+            "offset-found",
+            f"{estimate.value:.4g} {unit} of the input are lost before the motor turns; a model without this offset would get "
+            "the gain wrong.",
+            parameters=("coulomb_voltage", "gain"),
+        ),
+    ]
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """What the estimates themselves give to think."""
+    data = fit.records[0].data
+    found = []
+    for name in ("gain", "time_constant"):
+        estimate = fit[name]
+        relative = estimate.sd / abs(estimate.value) if estimate.value else np.inf
+        if not relative < 0.5:
+            found.append(
+                refusal(
+                    "parameter-unknown",
+                    f"The data don't tell the {name.replace('_', ' ')}: {estimate.value:.3g} {estimate.unit} with a standard "
+                    f"deviation of {estimate.sd:.3g}; record steps between several levels, each longer than the motor takes.",
+                    parameters=(name,),
+                )
+            )
+        elif relative > 0.05:
+            found.append(
+                warning(
+                    "parameter-uncertain",
+                    f"The {name.replace('_', ' ')} is known to ±{196 * relative:.0f} % only.",
+                    parameters=(name,),
+                )
+            )
+    tau, delay = fit["time_constant"], fit["delay"]
+    if tau.value < 2 * data.sample_time:
+        found.append(
+            warning(
+                "sampling-too-slow",
+                f"The time constant, {tau.value:.3g} s, is less than two sample times of {data.sample_time:.3g} s: "
+                "sample faster.",
+                parameters=("time_constant",),
+            )
+        )
+    if tau.value > 0.5 * max(record.data.duration for record in fit.records):
+        found.append(
+            warning(
+                "record-too-short",
+                f"The time constant, {tau.value:.3g} s, is longer than half of the longest record: record for longer.",
+                parameters=("time_constant", "gain"),
+            )
+        )
+    if delay.value < -3 * delay.sd and delay.value < -0.6 * data.sample_time:
+        found.append(
+            warning(
+                "delay-negative",
+                f"The output comes {-delay.value:.3g} s before the input that causes it: the two columns are out of step.",
+                parameters=("delay",),
+            )
+        )
+    if fit["gain"].value < 0:
+        found.append(
+            info(
+                "sign-negative",
+                "A positive input turns the motor in the negative direction.",
+                parameters=("gain",),
+            )
+        )
+    if fit.fit_percent < 50:
+        found.append(
+            warning(
+                "fit-poor",
+                f"The simulation explains only {fit.fit_percent:.0f} % of the output: this isn't the right model, or these "
+                "aren't the right columns.",
+            )
+        )
+    return [*found, *_local(fit)]
+
+
+def _local(fit: Fit) -> list[Finding]:
+    """Whether the input stayed near one level, so that the gain belongs to that level only."""
+    inputs = np.concatenate([record.data.u for record in fit.records])
+    low, high = (float(level) for level in np.percentile(inputs, (1, 99)))
+    largest = max(abs(low), abs(high))
+    if high - low >= 0.5 * largest:
+        return []
+    unit = fit.records[0].data.input_unit
+    return [
+        warning(
+            "gain-local",
+            f"The input stayed between {low:.3g} and {high:.3g} {unit}: the gain and the offset belong to this operating point, "
+            "and nothing is known of the motor elsewhere.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _validation(
+    method: Estimator, data: Sequence[Dataset], fit: Fit, others: Sequence[Dataset]
+) -> Validation | None:
+    return validate_with(fit, others) if others else cross_validate(method, data, fit)
+
+
+def _about_validation(validation: Validation | None) -> list[Finding]:
+    if validation is None:
+        return [
+            info(
+                "not-validated",
+                "Nothing could be held out to try the model on: the input doesn't change in the last third of the record.",
+            )
+        ]
+    if validation.fit_percent < 50:
+        return [
+            warning(
+                "validation-poor",
+                f"On data that it wasn't fitted to, the model explains only {validation.fit_percent:.0f} % of the output.",
+            )
+        ]
+    return []
+
+
+def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Comparison, ...]:
+    """The estimates beside the nominal values, for data in volts and radians."""
+    if nominal is None:
+        return ()
+    motor = data_sheet(nominal).motor if isinstance(nominal, str) else nominal
+    data = fit.records[0].data
+    if data.input_unit != "V" or data.position_unit != "rad":
+        raise UsageError(
+            f"nominal values are in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave nominal out"
+        )
+    estimates = fit.estimates
+    return tuple(
+        Comparison(
+            name=name,
+            nominal=value,
+            identified=estimates[name].value,
+            sd=estimates[name].sd,
+            unit=estimates[name].unit,
+        )
+        for name, value in nominal_values(motor).items()
+        if name in estimates
+    )
+
+
+def _operating_range(records: Sequence[Dataset]) -> OperatingRange:
+    inputs = np.concatenate([record.u for record in records])
+    speeds = np.concatenate([smoothed_speed(record) for record in records])
+    return OperatingRange(
+        input=(float(inputs.min()), float(inputs.max())), speed=(float(speeds.min()), float(speeds.max()))
+    )
+
+
+def _once(findings: Sequence[Finding]) -> list[Finding]:
+    """The findings without repetitions, in their order."""
+    return list(dict.fromkeys(findings))

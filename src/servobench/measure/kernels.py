@@ -1,0 +1,79 @@
+"""The loops of the stages, compiled; each stage's file states the law."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.compiled import compiled
+
+
+@compiled
+def first_order_recursion(decay: Array, drive: Array) -> Array:
+    """Return y (N, P) of y[k] = decay[k] y[k-1] + drive[k], from y[-1] = 0; decay is (N,), drive is (N, P)."""
+    samples, signals = drive.shape
+    y = np.empty((samples, signals))
+    for p in range(signals):
+        before = 0.0
+        for k in range(samples):
+            before = decay[k] * before + drive[k, p]
+            y[k, p] = before
+    return y
+
+
+@compiled
+def moving_mean(x: Array, t: Array, window: float) -> Array:
+    """Return the mean (N, P) of the straight lines between samples x (N, P) at t (N,) over the time before each sample.
+
+    The sum over whole intervals is carried along with its rounding error (Neumaier 1974), so that it doesn't drift.
+    """
+    samples, signals = x.shape
+    y = np.empty((samples, signals))
+    for p in range(signals):
+        total, lost, oldest = 0.0, 0.0, 0
+        for k in range(samples):
+            if k == 0:
+                y[k, p] = x[k, p]
+                continue
+            total, lost = _add(total, lost, 0.5 * (x[k, p] + x[k - 1, p]) * (t[k] - t[k - 1]))
+            while oldest < k and t[k] - t[oldest + 1] >= window:
+                total, lost = _add(
+                    total, lost, -0.5 * (x[oldest + 1, p] + x[oldest, p]) * (t[oldest + 1] - t[oldest])
+                )
+                oldest += 1
+            excess, width = _before_window(t, k, oldest, window)
+            slope = (x[oldest + 1, p] - x[oldest, p]) / (t[oldest + 1] - t[oldest])
+            y[k, p] = (total + lost - excess * (x[oldest, p] + 0.5 * slope * excess)) / width
+    return y
+
+
+@compiled
+def mean_slope(x: Array, t: Array, window: float) -> Array:
+    """Return the mean slope (N, P) of the straight lines between samples x (N, P) at t (N,) over the time before each sample."""
+    samples, signals = x.shape
+    y = np.zeros((samples, signals))
+    oldest = 0
+    for k in range(1, samples):
+        while oldest < k and t[k] - t[oldest + 1] >= window:
+            oldest += 1
+        excess, width = _before_window(t, k, oldest, window)
+        part = excess / (t[oldest + 1] - t[oldest])
+        for p in range(signals):
+            y[k, p] = (x[k, p] - x[oldest, p] - part * (x[oldest + 1, p] - x[oldest, p])) / width
+    return y
+
+
+@compiled
+def _before_window(t: Array, k: int, oldest: int, window: float) -> tuple[float, float]:
+    """How much of the oldest interval lies before the window that ends at sample k, and the time from there to sample k."""
+    reach = t[k] - t[oldest]
+    return (reach - window, window) if reach > window else (0.0, reach)
+
+
+@compiled
+def _add(total: float, lost: float, term: float) -> tuple[float, float]:
+    """One more term in a sum, and what rounding has taken from the sum so far."""
+    new = total + term
+    if abs(total) >= abs(term):
+        return new, lost + ((total - new) + term)
+    return new, lost + ((term - new) + total)

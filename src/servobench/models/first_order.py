@@ -1,0 +1,179 @@
+"""The first-order motor with an integrator: gain, time constant and delay, and the voltage that is lost on the way.
+
+    τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
+
+Three members share these equations. They differ in which of the two lost voltages they have: the offset u₀, which doesn't care
+which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way only, nobody can tell the two apart.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.measure.dataset import Dataset
+from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
+from servobench.transfer_function import TransferFunction
+
+GAIN = Parameter(name="gain", meaning="steady speed for each unit of input", unit="{position}/(s·{input})")
+TIME_CONSTANT = Parameter(
+    name="time_constant", meaning="time in which a step covers 63.2 %", unit="s", lower=0.0
+)
+COULOMB = Parameter(
+    name="coulomb_voltage",
+    meaning="input that friction takes, whichever way the motor turns",
+    unit="{input}",
+    lower=0.0,
+)
+ONE_WAY = Parameter(
+    name="coulomb_voltage",
+    meaning="input that friction and offset take while the motor turns this way",
+    unit="{input}",
+)
+OFFSET = Parameter(name="offset_voltage", meaning="input at which the motor gets no torque", unit="{input}")
+DELAY = Parameter(name="delay", meaning="time from a change of the input until it acts", unit="s")
+_START_POSITION = Parameter(name="start_position", meaning="position at the first sample", unit="{position}")
+_START_SPEED = Parameter(name="start_speed", meaning="speed at the first sample", unit="{position}/s")
+
+# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d).
+_COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """A first-order motor with an integrator, and those of its parameters that are to be found."""
+
+    parameters: tuple[Parameter, ...]
+
+    @property
+    def friction(self) -> bool:
+        """Whether Coulomb friction acts, with rest and reversals."""
+        return COULOMB in self.parameters
+
+    @property
+    def columns(self) -> list[int]:
+        """Where the parameters stand in the kernel's vector (K, τ, u₀, u_c, d)."""
+        return [2 if parameter is ONE_WAY else _COLUMN[parameter.name] for parameter in self.parameters]
+
+    def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
+        """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
+        own = (_START_POSITION, _START_SPEED) if data.kind == "position" else (_START_SPEED,)
+        units = {"position": "{position}", "speed": "{position}/s"}
+        filters = tuple(
+            Parameter(name=f"start_state_{n}", meaning=f"state of '{state.stage}' at the first sample", unit=units[state.kind])
+            for n, state in enumerate(data.start_states, start=1)
+        )
+        return own + filters
+
+    def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
+        """Return the bounds of the parameters: the output comes at most two sample times before its cause.
+
+        Two channels that are latched one after the other may be out of step by that much; anything more would be a wrong
+        model, as slow data can't tell a negative delay from a longer time constant. A time constant below a hundredth of a sample time
+        can't be told from none.
+        """
+        lower = np.array([parameter.lower for parameter in self.parameters])
+        upper = np.array([parameter.upper for parameter in self.parameters])
+        step = max(record.sample_time for record in data)
+        lower[self.parameters.index(DELAY)] = -2 * step
+        lower[self.parameters.index(TIME_CONSTANT)] = 0.01 * step
+        return lower, upper
+
+    def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
+        """Return guesses from a search over τ and d, each with friction also as one that starts at rest.
+
+        A shaft that sticks at first has a start speed of exactly zero, where the sum of squares has a kink: a search from
+        beside it would end at the kink's wrong side.
+        """
+        from servobench.models.search import separable_guesses
+
+        guesses = []
+        for moving in separable_guesses(self, data):
+            guesses.append(moving)
+            resting = self._resting(moving, data)
+            if not np.array_equal(moving, resting):
+                guesses.append(resting)
+        return tuple(guesses)
+
+    def _resting(self, theta: Array, data: Sequence[Dataset]) -> Array:
+        """The same guess with a start speed of zero for each record in which a shaft at rest would stay so at first."""
+        resting = theta.copy()
+        at = len(self.parameters)
+        for record in data:
+            own = self.nuisance(record)
+            if self._sticks(theta[: len(self.parameters)], record.input_before):
+                resting[at + own.index(_START_SPEED)] = 0.0
+            at += len(own)
+        return resting
+
+    def _sticks(self, theta: Array, voltage: float) -> bool:
+        """Whether a shaft at rest stays at rest with that input."""
+        value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
+        if not self.friction:
+            return False
+        return bool(abs(voltage - value["offset_voltage"]) <= max(value["coulomb_voltage"], 0.0))
+
+    def predict(self, theta: Array, data: Dataset) -> Prediction:
+        """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
+        y, jacobian = self.response(theta, data)
+        count = len(self.parameters)
+        own = [5, 6] if data.kind == "position" else [6]
+        through = data.chain.linear
+        passed = through(np.column_stack([y, jacobian[:, [*self.columns, *own]]]), data.t_output)
+        filters = data.start_responses
+        return Prediction(
+            y=passed[:, 0] + filters @ theta[count + len(own) :],
+            jacobian=np.hstack([passed[:, 1:], filters]),
+            valid=data.valid,
+        )
+
+    def response(self, theta: Array, data: Dataset) -> tuple[Array, Array]:
+        """Return what goes into the chain, a position or a speed (M,), and its derivatives (M, 7).
+
+        The columns are the derivatives by (K, τ, u₀, u_c, d, θ₀, ω₀).
+        """
+        from servobench.models import kernels
+
+        p = np.zeros(kernels.COLUMNS)
+        count = len(self.parameters)
+        p[self.columns] = theta[:count]
+        p[kernels.DELAY] += data.delay
+        start = theta[count : count + (2 if data.kind == "position" else 1)]
+        p[kernels.COLUMNS - len(start) :] = start
+        y, jacobian = np.empty(len(data.t_output)), np.empty((len(data.t_output), kernels.COLUMNS))
+        speed_out = 1.0 if data.shaft_kind == "speed" else 0.0
+        kernels.response(
+            data.t_input,
+            data.u,
+            data.input_before,
+            data.t_output,
+            p,
+            float(self.friction),
+            speed_out,
+            y,
+            jacobian,
+        )
+        return y, jacobian
+
+    def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
+        """Return K e^(-ds) / (τ s + 1), or that over s for the position."""
+        value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
+        lag = (float(value["time_constant"]), 1.0)
+        speed = output == "speed"
+        return TransferFunction(
+            numerator=(float(value["gain"]),),
+            denominator=lag if speed else (*lag, 0.0),
+            delay=float(value["delay"]),
+            output=output,
+            unit=f"{data.position_unit}/(s·{data.input_unit})"
+            if speed
+            else f"{data.position_unit}/{data.input_unit}",
+        )
+
+
+STRUCTURES.member("first_order")(FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)))
+STRUCTURES.member("first_order_one_way")(FirstOrder((GAIN, TIME_CONSTANT, ONE_WAY, DELAY)))
+STRUCTURES.member("first_order_coulomb")(FirstOrder((GAIN, TIME_CONSTANT, COULOMB, OFFSET, DELAY)))

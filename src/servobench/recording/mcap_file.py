@@ -1,0 +1,164 @@
+"""An MCAP file that grows: whole up to the last chunk at any moment, and with a summary once it is closed."""
+
+from __future__ import annotations
+
+import os
+import time
+import zlib
+from collections.abc import Callable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+from servobench.errors import StorageError, UsageError
+from servobench.recording import mcap
+
+PART = ".part"
+MOST_NUMBERS = 65535  # schemas and channels are numbered in two bytes, from 1
+SYNC_INTERVAL = 1.0  # s; what a power cut may cost
+
+
+class McapFile:
+    """Writes MCAP records to `path` with `.part` behind its name; closing it gives the file its own name.
+
+    Each record belongs to the system once its call returns, and so outlives this process. About once a second, by the
+    clock `now` [s], the file is put on the disk itself, and so outlives a power cut.
+
+    Raises `UsageError` where there is a part already, and `StorageError`, with the part kept, where nothing more can be written.
+    """
+
+    def __init__(
+        self, path: str | os.PathLike[str], *, library: str, now: Callable[[], float] = time.monotonic
+    ) -> None:
+        self.path = Path(path)
+        self.part = self.path.with_name(self.path.name + PART)
+        self._now = now
+        self._synced = now()
+        self._size = 0
+        self._crc = 0
+        self._schemas: dict[str, tuple[int, bytes]] = {}
+        self._channels: dict[int, bytes] = {}
+        self._counts: dict[int, int] = {}
+        self._metadata: list[bytes] = []
+        self._chunks = bytearray()  # index records; a list of them would take several times the memory
+        self._chunk_count = 0
+        self._span: tuple[int, int] | None = None
+        if self.path.is_dir() or not self.path.parent.is_dir():
+            problem = (
+                "is a folder"
+                if self.path.is_dir()
+                else f"can't be written: there is no folder {self.path.parent}"
+            )
+            raise UsageError(f"{self.path} {problem}; give the name of a file in a folder that is there")
+        try:
+            self._file = open(self.part, "xb")  # noqa: SIM115 - close() and abandon() close it
+        except FileExistsError:
+            raise UsageError(
+                f"{self.part} is there already, the unfinished recording of an earlier run: "
+                f"recover what it holds (servobench recover), or remove it"
+            ) from None
+        except OSError as error:
+            raise StorageError(f"{self.part} can't be written: {error.strerror or error}") from error
+        self._put(mcap.MAGIC + mcap.header(library))
+
+    @property
+    def channels(self) -> int:
+        """The number of channels so far; the next one has the next number."""
+        return len(self._channels)
+
+    def add_metadata(self, name: str, entries: Mapping[str, bytes]) -> None:
+        """Write a metadata record; raises `UsageError` where it would be too long to be read again."""
+        record = mcap.metadata(name, entries)
+        if len(record) > mcap.LARGEST_RECORD:
+            raise UsageError(
+                f"{self.path}: the description of a recording takes {len(record)} bytes, more than {mcap.LARGEST_RECORD}; "
+                f"shorten its experiment or its list of channels"
+            )
+        self._metadata.append(mcap.metadata_index(self._size, len(record), name))
+        self._put(record)
+
+    def add_channel(self, topic: str, definition: str) -> int:
+        """Write a channel with messages of that definition, and return its number; raises `UsageError` past the last one."""
+        number = len(self._channels) + 1
+        if number > MOST_NUMBERS:
+            raise UsageError(
+                f"{self.path}: an MCAP file has at most {MOST_NUMBERS} channels; write several files"
+            )
+        self._channels[number] = mcap.channel(number, self._schema(definition), topic)
+        self._counts[number] = 0
+        self._put(self._channels[number])
+        return number
+
+    def count(self, number: int) -> int:
+        """Return the number of messages of a channel so far."""
+        return self._counts[number]
+
+    def add_messages(self, messages: mcap.Messages) -> None:
+        """Write messages, at least one and all of one channel, as one chunk."""
+        chunk = mcap.chunk(messages)
+        index = chunk.index(self._size)
+        self._put(chunk.record + chunk.message_index)
+        self._chunks += index
+        self._chunk_count += 1
+        self._counts[chunk.number] += len(messages)
+        start, end = self._span or (chunk.start, chunk.end)
+        self._span = (min(start, chunk.start), max(end, chunk.end))
+
+    def close(self) -> None:
+        """Write the summary, put everything on the disk and give the file its name, in place of an earlier file of that name."""
+        self._put(mcap.data_end(self._crc))
+        self._put(self._summary())
+        try:
+            os.fsync(self._file.fileno())
+            self._file.close()
+            os.replace(self.part, self.path)
+        except OSError as error:
+            raise self._failed(error) from error
+
+    def abandon(self) -> None:
+        """Close the part as it is: what it holds can be read. Never raises; does nothing after `close`."""
+        with suppress(OSError):  # what the buffer still holds couldn't be written before, either
+            self._file.close()
+
+    def _schema(self, definition: str) -> int:
+        """The number of the schema with that definition, which is written where it's new."""
+        if definition not in self._schemas:
+            number = len(self._schemas) + 1
+            # A name of its own for each definition: viewers look definitions up by name.
+            record = mcap.schema(number, f"servobench/msg/Samples{number}", definition)
+            self._put(record)
+            self._schemas[definition] = (number, record)
+        return self._schemas[definition][0]
+
+    def _summary(self) -> bytes:
+        start, end = self._span or (0, 0)
+        statistics = mcap.statistics(
+            counts=self._counts,
+            schemas=len(self._schemas),
+            metadata=len(self._metadata),
+            chunks=self._chunk_count,
+            start=start,
+            end=end,
+        )
+        schemas = [record for _, record in self._schemas.values()]
+        records = [*schemas, *self._channels.values(), statistics, bytes(self._chunks), *self._metadata]
+        return mcap.summary(self._size, records)
+
+    def _put(self, data: bytes) -> None:
+        try:
+            self._file.write(data)
+            self._file.flush()
+            now = self._now()
+            if now - self._synced >= SYNC_INTERVAL:
+                os.fsync(self._file.fileno())
+                self._synced = now
+        except OSError as error:
+            raise self._failed(error) from error
+        self._crc = zlib.crc32(data, self._crc)
+        self._size += len(data)
+
+    def _failed(self, error: OSError) -> StorageError:
+        self.abandon()
+        return StorageError(
+            f"{self.path} can't be written any further: {error.strerror or error}; "
+            f"what was written before is kept in {self.part} (servobench recover makes a whole file of it)"
+        )

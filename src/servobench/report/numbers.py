@@ -1,0 +1,113 @@
+"""Numbers as people read them: rounded to what is known of them, with a unit of a handy size."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+_LARGEST = 7  # digits before the point, or zeros behind it, that are still read at a glance
+_SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
+# SI prefixes are for units that take one as they stand; a number in any other unit gets a power of ten.
+_PREFIXED = {"s", "V", "A", "N", "m", "rad", "Hz", "rad/s", "m/s"}
+_PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Rounded:
+    """A value and half of its interval, as texts with the same number of decimals.
+
+    `half` is empty where the interval isn't known. `low` and `high` are the ends of the interval.
+    """
+
+    value: str
+    half: str
+    low: str
+    high: str
+    unit: str
+
+    def __str__(self) -> str:
+        plus_minus = f" ± {self.half}" if self.half else ""
+        number = f"({self.value}{plus_minus})" if plus_minus and self.unit.startswith("×") else self.value + plus_minus
+        return f"{number} {self.unit}".rstrip()
+
+
+def plain(value: float, digits: int = 4) -> str:
+    """Return a number with that many significant digits at the most, such as `0.09253`, `−1749` or `1.2×10⁻⁹`."""
+    if not math.isfinite(value):
+        return "unknown" if math.isnan(value) else ("∞" if value > 0 else "−∞")
+    if value == 0:
+        return "0"
+    exponent = _exponent(value, digits)
+    if -5 <= exponent < max(_LARGEST, digits):
+        text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
+        return _minus(text.rstrip("0").rstrip(".") if "." in text else text)
+    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+    mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
+    return f"{_minus(mantissa)}×{power_of_ten(exponent)}"
+
+
+def with_unit(value: float, unit: str, digits: int = 4) -> str:
+    """Return a number with its unit, prefixed where that makes it handier: 0.00014 s are `0.14 ms`."""
+    factor, scaled = handy_unit(unit, abs(value))
+    return f"{plain(value / factor, digits)} {scaled}".rstrip()
+
+
+def rounded(value: float, half: float, unit: str) -> Rounded:
+    """Return a value with half of its interval, both rounded to two significant digits of the latter.
+
+    Without a known interval (zero, infinite or NaN) the value has four significant digits.
+    """
+    factor, scaled = handy_unit(unit, max(abs(value), half if math.isfinite(half) else 0.0))
+    x, h = value / factor, half / factor
+    if not (math.isfinite(h) and h > 0 and math.isfinite(x)):
+        return Rounded(value=plain(x), half="", low="", high="", unit=scaled)
+    decimals = 1 - _exponent(h, 2)
+    texts = [_fixed(number, decimals) for number in (x, h, x - h, x + h)]
+    return Rounded(value=texts[0], half=texts[1], low=texts[2], high=texts[3], unit=scaled)
+
+
+def handy_unit(unit: str, largest: float) -> tuple[float, str]:
+    """Return a factor and a unit, so that a value divided by the factor is in that unit and neither tiny nor huge.
+
+    Values from 0.01 to a million stay as they are.
+    """
+    if not (math.isfinite(largest) and largest > 0) or 0.01 <= largest < 1e6:
+        return 1.0, unit
+    power = 3 * math.floor(math.log10(largest) / 3)
+    if largest < 1 and largest / 10.0**power >= 100:
+        power += 3  # 0.14 ms rather than 144 µs
+    if unit in _PREFIXED and power in _PREFIXES:
+        return 10.0**power, f"{_PREFIXES[power]}{unit}"
+    if power == 0:
+        return 1.0, unit
+    return 10.0**power, f"×{power_of_ten(power)} {unit}".rstrip()
+
+
+def power_of_ten(exponent: int) -> str:
+    """Return `10⁻⁶` for -6."""
+    return f"10{str(exponent).translate(_SUPERSCRIPTS)}"
+
+
+def counted(number: int, singular: str, plural: str = "") -> str:
+    """Return `1 sample`, `5 000 samples`, with thin spaces between thousands."""
+    return f"{grouped(number)} {singular if number == 1 else plural or singular + 's'}"
+
+
+def grouped(number: int) -> str:
+    """Return a whole number with thin spaces between thousands, from five digits on."""
+    return _minus(f"{number:,}".replace(",", "\u202f") if abs(number) >= 10_000 else str(number))
+
+
+def _exponent(value: float, digits: int) -> int:
+    """The power of ten of the first digit, after rounding to that many."""
+    return int(f"{value:.{digits - 1}e}".partition("e")[2])
+
+
+def _fixed(value: float, decimals: int) -> str:
+    text = f"{round(value, decimals):.{max(decimals, 0)}f}"
+    return _minus("0" if text.strip("-0.") == "" and decimals <= 0 else text)
+
+
+def _minus(text: str) -> str:
+    """The same with a real minus sign, and none before a zero."""
+    return text.removeprefix("-") if not text.strip("-0.") else text.replace("-", "−")

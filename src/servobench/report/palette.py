@@ -1,0 +1,150 @@
+"""How figures look: colours by what they mean, sizes in CSS pixels, and axes without ornament."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from servobench.channels import Array
+from servobench.report.numbers import handy_unit
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+FONT = 11.0  # CSS pixels; one unit of the drawing is one pixel
+_POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
+
+
+@dataclass(frozen=True, kw_only=True)
+class Palette:
+    """The colours of a figure, as `#rrggbb`, by what they stand for."""
+
+    ink: str
+    muted: str
+    rule: str
+    paper: str
+    measured: str
+    model: str
+    band: str
+    shade: str
+
+
+# Light colours for figures that stand alone; a report puts its own in their place, for light and for dark.
+LIGHT = Palette(
+    ink="#1b2228",
+    muted="#56616b",
+    rule="#dfe3e6",
+    paper="#ffffff",
+    measured="#7f8f9d",
+    model="#0b5c9c",
+    band="#bcd6ec",
+    shade="#f1f3f5",
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Style:
+    """The width of a figure in CSS pixels, and its colours. A figure narrower than 560 stacks what it would else put side by side."""
+
+    width: float = 720.0
+    palette: Palette = LIGHT
+
+    @property
+    def narrow(self) -> bool:
+        """Whether things stand below each other rather than beside."""
+        return self.width < 560
+
+
+@dataclass(frozen=True, kw_only=True)
+class Box:
+    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame."""
+
+    left: float
+    top: float
+    width: float
+    height: float
+
+
+def sheet(style: Style, height: float) -> Figure:
+    """Return an empty, transparent figure of the style's width and a height in pixels; no global state is touched."""
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(style.width / _POINTS_PER_INCH, height / _POINTS_PER_INCH), dpi=_POINTS_PER_INCH)
+    figure.patch.set_visible(False)
+    return figure
+
+
+def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:
+    """Return axes in a box of a figure: a title flush left above them, faint horizontal rules, no frame."""
+    from matplotlib.ticker import MaxNLocator
+
+    width, height = figure.get_size_inches() * _POINTS_PER_INCH
+    frame = (box.left / width, 1 - (box.top + box.height) / height, box.width / width, box.height / height)
+    ax = figure.add_axes(frame)
+    ax.patch.set_visible(False)
+    for side in ("left", "right", "top"):
+        ax.spines[side].set_visible(False)
+    ax.spines["bottom"].set(color=palette.rule, linewidth=1.0)
+    ax.grid(True, axis="y", color=palette.rule, linewidth=1.0)
+    ax.set_axisbelow(True)
+    ax.tick_params(which="both", length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
+    ax.tick_params(axis="x", which="major", length=4, color=palette.rule)
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(box.height // 34)))))
+    ax.xaxis.set_major_locator(MaxNLocator(nbins=max(3, min(10, int(box.width // 60)))))
+    plain_ticks(ax)
+    ax.text(
+        0.0,
+        1 + 9 / box.height,
+        title,
+        transform=ax.transAxes,
+        fontsize=FONT + 1,
+        color=palette.ink,
+        va="bottom",
+        ha="left",
+    )
+    return ax
+
+
+def plain_ticks(ax: Axes) -> None:
+    """Write ticks as plain numbers, without an offset or a power of ten somewhere else."""
+    from matplotlib.ticker import ScalarFormatter
+
+    for axis in (ax.xaxis, ax.yaxis):
+        formatter = ScalarFormatter(useOffset=False, useMathText=False)
+        formatter.set_scientific(False)
+        axis.set_major_formatter(formatter)
+
+
+def x_label(ax: Axes, text: str, palette: Palette) -> None:
+    """Write what the horizontal axis is, below its right end."""
+    ax.set_xlabel(text, fontsize=FONT, color=palette.muted, loc="right", labelpad=4)
+
+
+def legend(ax: Axes, palette: Palette, box: Box) -> None:
+    """Write what the lines are above the right end of the axes, for those that have a label."""
+    handles, labels = ax.get_legend_handles_labels()
+    if not handles:
+        return
+    ax.legend(
+        handles,
+        labels,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 1 + 3 / box.height),
+        ncols=len(handles),
+        frameon=False,
+        fontsize=FONT,
+        labelcolor=palette.muted,
+        borderaxespad=0.0,
+        borderpad=0.0,
+        handlelength=1.4,
+        handletextpad=0.5,
+        columnspacing=1.2,
+    )
+
+
+def handy(values: Sequence[Array], unit: str) -> tuple[float, str]:
+    """Return the factor and the unit in which the values of a panel are drawn."""
+    largest = max((float(abs(array).max()) for array in values if len(array)), default=0.0)
+    return handy_unit(unit, largest)

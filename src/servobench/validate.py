@@ -1,0 +1,177 @@
+"""Is the model right? Tests on what it leaves over, and on data that it wasn't fitted to."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import NotIdentifiable
+from servobench.estimators.base import Estimator, Fit, FittedRecord, fit_percent
+from servobench.estimators.output_error import simulated
+from servobench.finding import Finding, info, warning
+from servobench.measure.dataset import Dataset
+from servobench.result import RecordFit, Validation
+
+_LAGS = 20
+_FOLDS = 8
+# The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
+# is something else than rounding.
+_ROUNDING = 1.2
+
+
+def validate(fit: Fit) -> tuple[Finding, ...]:
+    """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
+    rounding = is_rounding(fit)
+    found = [_size(fit, rounding)] if rounding is not None else []
+    coloured = max(_whiteness(record.residual[record.valid]) for record in fit.records)
+    # The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters.
+    if coloured > _CHI2_99 and not rounding:
+        found.append(
+            warning(
+                "residual-coloured",
+                "What the model leaves over isn't white noise: something acts on the motor, or lies in the measurement, that the "
+                "model doesn't know. The intervals allow for the colour, but not for a bias.",
+            )
+        )
+    tied = max(_tied_to_input(record) for record in fit.records)
+    if tied > 4.0 and not rounding:
+        found.append(
+            warning(
+                "residual-follows-input",
+                f"What the model leaves over follows the input ({tied:.0f} standard deviations at the worst lag): part of the "
+                "motor's response to the input is missing in this model.",
+            )
+        )
+    return tuple(found)
+
+
+def is_rounding(fit: Fit) -> bool | None:
+    """Return whether the residual is no larger than the encoder's rounding explains; None where no quantum is known."""
+    quanta = {record.data.quantum for record in fit.records}
+    quantum = quanta.pop() if len(quanta) == 1 else None
+    if not quantum or any(record.data.chain for record in fit.records):
+        return None
+    return bool(fit.residual_sd <= _ROUNDING * quantum / np.sqrt(12))
+
+
+def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> Validation | None:
+    """Return how well the model simulates what it wasn't fitted to; None where nothing can be held out.
+
+    Of several records each is left out in turn (8 of them at the most, spread evenly); of one record, the last third. A part
+    in which the input never changes would only try the steady state, and isn't used.
+    """
+    if len(data) == 1:
+        return _last_third(estimator, data[0], fit)
+    chosen = sorted({int(n) for n in np.linspace(0, len(data) - 1, min(_FOLDS, len(data)))})
+    held = []
+    for n in chosen:
+        rest = [record for m, record in enumerate(data) if m != n]
+        start = np.concatenate([fit.model.theta, *(r.nuisance for m, r in enumerate(fit.records) if m != n)])
+        try:
+            model = estimator.fit(fit.model.structure, rest, (start,)).model
+            held.append(simulated(model.structure, model.theta, data[n]))
+        except NotIdentifiable:
+            continue
+    return (
+        _validation(f"each of {len(held)} records simulated by a model fitted to the others", held)
+        if held
+        else None
+    )
+
+
+def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
+    """Return how well the model simulates other records; only their start states are fitted."""
+    held = [simulated(fit.model.structure, fit.model.theta, record) for record in data]
+    return _validation(f"simulated {len(held)} other record(s) that it wasn't fitted to", held)
+
+
+def input_at_output(data: Dataset) -> Array:
+    """Return the input that held just before each sample of the output, shape (M,)."""
+    index = np.searchsorted(data.t_input, data.t_output, side="left") - 1
+    return np.where(index >= 0, data.u[np.maximum(index, 0)], data.input_before)
+
+
+def _last_third(estimator: Estimator, data: Dataset, fit: Fit) -> Validation | None:
+    start, end = float(data.t_output[0]), float(data.t_output[-1])
+    cut = start + 2 / 3 * (end - start)
+    held = data.u[(data.t_input > cut)]
+    if len(held) < 2 or np.ptp(held) == 0:
+        return None
+    first, last = data.part(start, cut), data.part(cut, np.inf)
+    guess = np.concatenate([fit.model.theta, fit.records[0].nuisance])
+    try:
+        model = estimator.fit(fit.model.structure, [first], (guess,)).model
+        record = simulated(model.structure, model.theta, last)
+    except NotIdentifiable:
+        return None
+    return _validation("the last third simulated by a model fitted to the first two thirds", [record])
+
+
+def _validation(how: str, held: Sequence[FittedRecord]) -> Validation:
+    return Validation(
+        how=how,
+        fit_percent=fit_percent(held),
+        records=tuple(
+            RecordFit(
+                name=record.data.name, samples=int(record.valid.sum()), fit_percent=fit_percent([record])
+            )
+            for record in held
+        ),
+    )
+
+
+def _size(fit: Fit, rounding: bool) -> Finding:
+    quantum = fit.records[0].data.quantum or np.nan
+    ratio = fit.residual_sd / (quantum / np.sqrt(12))
+    if rounding:
+        return info(
+            "residual-is-rounding",
+            f"What the model leaves over is the encoder's rounding and nothing else ({ratio:.2f} times a count/√12).",
+        )
+    return info(
+        "residual-above-rounding",
+        f"What the model leaves over is {ratio:.3g} times the encoder's rounding: the limit is the motor or the model, "
+        "not the encoder.",
+    )
+
+
+# The 99 % point of χ² with 20 degrees of freedom.
+_CHI2_99 = 37.566
+
+
+def _whiteness(residual: Array) -> float:
+    """The statistic of Ljung and Box (1978) over 20 lags, which is χ² with 20 degrees of freedom for white noise."""
+    n = len(residual)
+    e = residual - residual.mean()
+    power = float(e @ e)
+    if n <= 2 * _LAGS or power == 0:
+        return 0.0
+    rho = np.array([float(e[lag:] @ e[:-lag]) for lag in range(1, _LAGS + 1)]) / power
+    return float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))
+
+
+def _tied_to_input(record: FittedRecord) -> float:
+    """The largest correlation of the residual with the changes of the past input, in standard deviations (Ljung 1999, 16.6)."""
+    keep = record.valid
+    e = record.residual[keep] - record.residual[keep].mean()
+    u = np.diff(input_at_output(record.data), prepend=record.data.input_before)[keep]
+    u = u - u.mean()
+    n = len(e)
+    norm = float(np.sqrt(np.sum(e**2) * np.sum(u**2)))
+    if n <= 4 * _LAGS or norm == 0:
+        return 0.0
+    spread = float(np.sum(_correlation(e) * _correlation(u)))
+    lags = [float(e[lag:] @ u[: n - lag]) / norm for lag in range(_LAGS + 1)]
+    return float(np.max(np.abs(lags)) * np.sqrt(n / max(spread, 1.0)))
+
+
+def _correlation(x: Array) -> Array:
+    """The two-sided autocorrelation of a series, up to a quarter of its length."""
+    n = len(x)
+    size = 1 << int(np.ceil(np.log2(2 * n)))
+    spectrum = np.fft.rfft(x, size)
+    one_sided = np.fft.irfft(np.abs(spectrum) ** 2, size)[: max(n // 4, 1)]
+    rho = one_sided / one_sided[0]
+    return np.concatenate([rho[:0:-1], rho])

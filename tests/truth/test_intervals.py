@@ -1,0 +1,84 @@
+"""Do the intervals cover? Against a motor marched in steps of 5 µs, which shares no line with the twin or the models.
+
+The truth is that of the linear motor: gain k/(R b + k²), time constant of its slow eigenvalue, the fast one's as delay.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from servobench.identification import identify
+from tests.datasets import dataset
+from tests.motor.reference import Truth
+
+RUNS = 200
+
+
+def drawn(seed: int) -> Truth:
+    """The default motor with inertia and motor constant drawn within ±5 %."""
+    j, k = 1 + 0.05 * (2 * np.random.default_rng([seed, 1]).random(2) - 1)
+    return Truth(inertia=Truth().inertia * j, motor_constant=Truth().motor_constant * k)
+
+
+def answers(truth: Truth) -> dict[str, float]:
+    """What an estimate is held against, from the roots of the characteristic polynomial."""
+    r, l, k, j, b, tc = truth
+    slow, fast = sorted(-1 / np.roots([j * l, j * r + l * b, r * b + k * k]).real, reverse=True)
+    return {"gain": k / (r * b + k * k), "time_constant": slow, "delay": fast, "coulomb_voltage": tc * r / k}
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+def test_the_default_motor_is_hit_within_3_3_standard_deviations(kind: Literal["square", "prbs"]) -> None:
+    fit = identify(dataset(seed=1, kind=kind)).fit
+    assert fit is not None
+    for name, truth in answers(Truth()).items():
+        assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+def test_95_percent_intervals_cover_91_to_99_percent_of_200_runs(kind: Literal["square", "prbs"]) -> None:
+    """A coverage of 95 % in 200 runs has a standard deviation of 1.5 %; 91 and 99 % are 2.6 of them away."""
+    covered = {"gain": 0, "time_constant": 0}
+    for seed in range(RUNS):
+        truth = drawn(seed)
+        fit = identify(dataset(seed=seed, kind=kind, truth=truth)).fit
+        assert fit is not None
+        for name in covered:
+            low, high = fit[name].interval
+            covered[name] += low <= answers(truth)[name] <= high
+    for name, count in covered.items():
+        assert 0.91 * RUNS <= count <= 0.99 * RUNS, (name, count)
+
+
+def test_the_papers_filter_in_the_chain_does_not_bias_the_time_constant() -> None:
+    """The differentiated, low-passed speed: fitted through its chain it hits; as if it were the speed itself, τ is 28 % high."""
+    known = identify(dataset(seed=3, chain="derivative | lowpass 50 rad/s")).fit
+    assert known is not None
+    tau = answers(Truth())["time_constant"]
+    assert abs(known["time_constant"].value - tau) < 4 * known["time_constant"].sd
+    assert known["time_constant"].value == pytest.approx(tau, rel=0.01)
+
+
+def test_two_records_are_fitted_jointly_and_better_than_each_alone() -> None:
+    records = [dataset(seed=seed, kind="prbs", samples=2500) for seed in (1, 2)]
+    joint = identify(records).fit
+    assert joint is not None
+    alone = [identify(record).fit for record in records]
+    for name in ("gain", "time_constant"):
+        assert joint[name].sd < min(fit[name].sd for fit in alone if fit)
+        assert abs(joint[name].value - answers(Truth())[name]) < 3.3 * joint[name].sd
+
+
+def test_an_irregularly_sampled_record_is_hit_too() -> None:
+    """Every third sample left out, at random: the times are what they are, nothing is resampled."""
+    from dataclasses import replace
+
+    data = dataset(seed=5, kind="prbs")
+    keep = np.random.default_rng(5).random(len(data.y)) > 1 / 3
+    fit = identify(replace(data, t_output=data.t_output[keep], y=data.y[keep])).fit
+    assert fit is not None
+    for name, truth in answers(Truth()).items():
+        assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
