@@ -147,7 +147,7 @@ def test_a_cut_file_says_how_much_was_left_out(
     tmp_path: Path, whole: tuple[bytes, tuple[Recording, ...]]
 ) -> None:
     data, _ = whole
-    end_of_second_chunk = [n for n in range(len(data)) if _samples(tmp_path / "a", data[:n]) == 4][0]
+    end_of_second_chunk = next(n for n in range(len(data)) if _samples(tmp_path / "a", data[:n]) == 4)
     path = tmp_path / "a.mcap.part"
     path.write_bytes(data[: end_of_second_chunk + 5])
 

@@ -1,0 +1,58 @@
+"""Covariances: against Monte Carlo and against textbook formulas."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from servobench.estimators.covariance import andrews_lag, conservative, inverse, plain, sandwich
+
+
+def test_the_inverse_does_not_depend_on_the_units_of_the_parameters() -> None:
+    random = np.random.default_rng(1)
+    j = random.normal(size=(50, 3))
+    scale = np.diag([1e-9, 1.0, 1e7])
+    np.testing.assert_allclose(
+        scale @ inverse(scale @ j.T @ j @ scale) @ scale, np.linalg.inv(j.T @ j), rtol=1e-9
+    )
+
+
+def test_a_parameter_without_information_is_left_out_and_the_others_keep_theirs() -> None:
+    h = np.diag([4.0, 0.0, 2.0])
+    np.testing.assert_allclose(inverse(h), np.diag([0.25, 0.0, 0.5]))
+
+
+def test_the_sandwich_covers_where_the_plain_covariance_does_not() -> None:
+    """A mean in AR(1) noise with ρ = 0.9: its variance is (1 + ρ)/(1 - ρ) = 19 times that of white noise."""
+    rho, n, runs = 0.9, 4000, 400
+    random = np.random.default_rng(2)
+    z_plain, z_sandwich = [], []
+    for _ in range(runs):
+        noise = random.normal(size=n + 200)
+        e = np.empty_like(noise)
+        e[0] = noise[0]
+        for k in range(1, len(e)):
+            e[k] = rho * e[k - 1] + noise[k]
+        e = e[200:]
+        mean, h = e.mean(), np.array([[float(n)]])
+        residual = e - mean
+        z_plain.append(mean / np.sqrt(plain(h, residual.var())[0, 0]))
+        z_sandwich.append(mean / np.sqrt(sandwich(h, [residual[:, None]])[0, 0]))
+    # The standard deviation of 400 draws of z has a relative error of 3.5 %; √19 = 4.36.
+    assert np.std(z_plain) == pytest.approx(np.sqrt(19), rel=0.15)
+    assert 0.9 < np.std(z_sandwich) < 1.25  # Bartlett weights leave a known bias of a few per cent
+
+
+def test_white_scores_need_hardly_any_lag_and_slow_ones_many() -> None:
+    random = np.random.default_rng(3)
+    white = random.normal(size=(2000, 2))
+    walk = np.cumsum(white, axis=0)
+    assert andrews_lag(white) <= 5
+    assert andrews_lag(walk) > 50
+
+
+def test_the_conservative_covariance_is_below_neither() -> None:
+    first, second = np.array([[4.0, 0.0], [0.0, 1.0]]), np.array([[1.0, 0.5], [0.5, 2.0]])
+    both = conservative(first, second)
+    np.testing.assert_allclose(np.diag(both), [4.0, 2.0])
+    assert np.all(np.linalg.eigvalsh(both) > 0)

@@ -1,0 +1,155 @@
+"""The verb identify: what it chooses, what it says, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.errors import UnknownName, UsageError
+from servobench.finding import Verdict
+from servobench.identification import identify
+from servobench.measure.dataset import Dataset
+from servobench.models.nominal import nominal_values
+from servobench.motor.parameters import QUBE_SERVO_2
+from servobench.result import Result
+from tests.datasets import QUANTUM, dataset
+from tests.motor.reference import Truth
+
+
+def codes(result: Result) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def test_a_motor_that_turned_one_way_gets_one_voltage_for_friction_and_offset() -> None:
+    result = identify(dataset(seed=1))
+    assert result.verdict == Verdict.TRUSTED
+    assert result.fit is not None
+    assert set(result.fit.estimates) == {"gain", "time_constant", "coulomb_voltage", "delay"}
+    assert {"friction-and-offset-together", "offset-found", "residual-is-rounding"} <= codes(result)
+
+
+def test_friction_is_found_where_there_is_some_and_not_where_there_is_none() -> None:
+    with_friction = identify(dataset(seed=1, kind="prbs"))
+    without = identify(dataset(seed=1, kind="prbs", truth=Truth(coulomb_torque=0.0)))
+    assert "friction-found" in codes(with_friction)
+    assert "friction-not-found" in codes(without)
+    assert without.fit is not None
+    assert "coulomb_voltage" not in without.fit.estimates
+
+
+def test_an_input_that_never_changes_is_refused() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=np.full_like(data.u, 2.0), input_before=2.0))
+    assert result.verdict == Verdict.REFUSED
+    assert result.fit is None
+    assert "input-constant" in codes(result)
+
+
+def test_an_output_that_never_moves_is_refused_with_a_sentence() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, y=np.full_like(data.y, 0.5)))
+    assert result.verdict == Verdict.REFUSED
+    assert any("blocked" in finding.sentence for finding in result.findings)
+
+
+def test_noise_in_place_of_a_motor_is_not_trusted() -> None:
+    data = dataset(seed=1)
+    noise = np.random.default_rng(1).normal(size=len(data.y))
+    assert identify(replace(data, y=noise)).verdict != Verdict.TRUSTED
+
+
+def test_a_torque_disturbance_makes_the_result_doubtful() -> None:
+    """A random walk of the position, as white torque makes it, a hundred times the encoder's rounding."""
+    data = dataset(seed=1)
+    walk = np.cumsum(np.random.default_rng(1).normal(size=len(data.y))) * QUANTUM
+    result = identify(replace(data, y=data.y + walk))
+    assert result.verdict == Verdict.DOUBTFUL
+    assert {"residual-coloured", "residual-above-rounding"} <= codes(result)
+
+
+def test_a_speed_without_its_chain_is_told_what_that_may_cost() -> None:
+    data = dataset(seed=1, chain="derivative")
+    assert "chain-unknown" in codes(identify(replace(data, applied=type(data.applied)())))
+    assert "chain-unknown" not in codes(identify(data))
+
+
+def test_a_missing_pole_shows_in_the_residual() -> None:
+    """The signal is filtered by 50/(s+50) and nobody says so: what is left over follows the input."""
+    data = dataset(seed=1, kind="prbs", chain="derivative | lowpass 50 rad/s")
+    result = identify(replace(data, applied=type(data.applied)()))
+    assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_gain_from_one_operating_point_is_called_local() -> None:
+    data = dataset(seed=1)
+    u = np.where(data.u > 2, 2.2, 2.0)
+    from tests.motor.reference import march
+
+    angle = march(Truth(), u, 0.002)[:, 2]
+    result = identify(replace(data, u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM))
+    assert "gain-local" in codes(result)
+
+
+def test_nominal_values_stand_beside_the_estimates() -> None:
+    result = identify(dataset(seed=1), nominal="qube_servo_2")
+    nominal = {comparison.name: comparison.nominal for comparison in result.nominal}
+    assert nominal == pytest.approx(nominal_values(QUBE_SERVO_2.motor))
+    gain = next(comparison for comparison in result.nominal if comparison.name == "gain")
+    assert gain.z < -100  # the sheet knows no friction: it promises half a per cent more gain
+
+
+def test_held_out_data_are_simulated_and_told() -> None:
+    result = identify(dataset(seed=1))
+    assert result.validation is not None
+    assert result.validation.fit_percent > 99.9
+    other = identify(dataset(seed=1), validate_on=[dataset(seed=2, kind="square")])
+    assert other.validation is not None
+    assert other.validation.records[0].samples == 5000
+
+
+def test_what_cannot_be_fitted_together_is_said() -> None:
+    data = dataset(seed=1, samples=500)
+    with pytest.raises(UsageError, match="input units"):
+        identify([data, replace(data, input_unit="%")])
+    with pytest.raises(UsageError, match="at least one"):
+        identify([])
+
+
+@pytest.mark.parametrize("what", ["structure", "estimator", "nominal"])
+def test_an_unknown_name_is_refused_with_the_known_ones(what: str) -> None:
+    with pytest.raises(UnknownName, match="known"):
+        identify(dataset(seed=1, samples=500), **{what: "nothing"})  # type: ignore[arg-type]
+
+
+def test_a_result_has_no_number_that_json_does_not_know() -> None:
+    import json
+
+    data = dataset(seed=1)
+    for result in (identify(data), identify(replace(data, y=np.full_like(data.y, 0.5)))):
+        json.dumps(result.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("samples", [2, 5, 9, 15, 30])
+def test_a_record_that_is_too_short_is_a_result_and_no_crash(samples: int) -> None:
+    result = identify(dataset(seed=1, samples=samples))
+    assert isinstance(result, Result)
+    assert result.verdict != Verdict.TRUSTED
+
+
+def test_a_negative_gain_is_found_with_its_sign() -> None:
+    data = dataset(seed=1, kind="prbs")
+    result = identify(replace(data, y=-data.y))
+    assert result.fit is not None
+    assert result.fit["gain"].value == pytest.approx(-23.6967, rel=1e-3)
+    assert "sign-negative" in codes(result)
+
+
+def test_counts_and_metres_keep_their_units() -> None:
+    data: Dataset = replace(dataset(seed=1), output_unit="counts", quantum=QUANTUM)
+    result = identify(data)
+    assert result.fit is not None
+    assert result.fit["gain"].unit == "counts/(s·V)"
+    assert result.transfer_function is not None
+    assert result.transfer_function.unit == "counts/(s·V)"
