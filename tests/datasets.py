@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.measure.base import Chain
-from servobench.measure.dataset import Dataset
+from servobench.measurement.base import Chain
+from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Source
 from tests.motor.reference import Truth, march
 

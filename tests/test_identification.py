@@ -10,7 +10,7 @@ import pytest
 from servobench.errors import UnknownName, UsageError
 from servobench.finding import Verdict
 from servobench.identification import identify
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.nominal import nominal_values
 from servobench.motor.parameters import QUBE_SERVO_2
 from servobench.result import Result

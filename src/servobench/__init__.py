@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from servobench.formats.base import load, save
     from servobench.identification import identify
     from servobench.loop.run import run
-    from servobench.measure.measure import measure
+    from servobench.measurement.measure import measure
     from servobench.recording.recording import Recording
     from servobench.report.document import Report
     from servobench.result import Result
@@ -67,7 +67,7 @@ _HOMES = {
     "connect": "servobench.devices.base",
     "identify": "servobench.identification",
     "load": "servobench.formats.base",
-    "measure": "servobench.measure.measure",
+    "measure": "servobench.measurement.measure",
     "run": "servobench.loop.run",
     "save": "servobench.formats.base",
 }

@@ -12,7 +12,7 @@ from servobench._version import __version__
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.finding import Finding, info, refusal, warning
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed

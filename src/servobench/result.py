@@ -8,7 +8,7 @@ from typing import Any
 
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, Verdict, verdict
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.transfer_function import TransferFunction
 
 SCHEMA = "servobench.result/1"

@@ -11,7 +11,7 @@ from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.estimators.output_error import simulated
 from servobench.finding import Finding, info, warning
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.result import RecordFit, Validation
 
 _LAGS = 20

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servobench.errors import UsageError
-from servobench.measure.base import STAGES, Chain, Stage, fold
+from servobench.measurement.base import STAGES, Chain, Stage, fold
 
 EXAMPLES = [(name, text) for name in STAGES.names() for text in STAGES[name].examples]
 LINEAR = [text for name, text in EXAMPLES if STAGES[name].linear]

@@ -10,7 +10,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.finding import Finding
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.base import Model, Structure
 from servobench.registry import Registry
 

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.base import Prediction, Structure
 
 _STEPS = 60

@@ -13,7 +13,7 @@ from servobench.estimators.base import ESTIMATORS, Fit, FittedRecord
 from servobench.estimators.covariance import conservative, plain, sandwich
 from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
 from servobench.finding import Finding, info, warning
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Model, Structure
 
 

@@ -111,14 +111,14 @@ def _finding(code: str, what: str, rows: NDArray[np.int64], preposition: str = "
     return info(code, f"{what}{preposition} {in_words(rows)}.", rows=(int(rows[0]), int(rows[-1])))
 
 
-def in_words(rows: NDArray[np.int64]) -> str:
-    """Return rows in words: `row 7`, `rows 7 to 9` or `12 rows from 7 to 90`."""
+def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
+    """Return rows in words: `row 7`, `rows 7 to 9` or `12 rows from 7 to 90`; or samples, or what the noun says."""
     first, last = int(rows[0]), int(rows[-1])
     if len(rows) == 1:
-        return f"row {first}"
+        return f"{noun} {first}"
     if last - first == len(rows) - 1:
-        return f"rows {first} to {last}"
-    return f"{len(rows)} rows from {first} to {last}"
+        return f"{noun}s {first} to {last}"
+    return f"{len(rows)} {noun}s from {first} to {last}"
 
 
 def increasing(t: Array) -> NDArray[np.bool_]:

@@ -9,7 +9,7 @@ from typing import Literal, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 
 from servobench.channels import Array
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.registry import Registry
 from servobench.transfer_function import TransferFunction
 

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.transfer_function import TransferFunction
 

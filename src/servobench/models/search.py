@@ -15,7 +15,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 
 if TYPE_CHECKING:
     from servobench.models.first_order import FirstOrder

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.channels import Array
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 
 _STEPS = 50.0  # the encoder's step in the speed shall be this much smaller than the typical speed
 _LONGEST = 20  # and the window no longer than this part of the record

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from servobench.channels import Array
 from servobench.settings import PositiveTime, Settings, Time
@@ -26,7 +26,18 @@ class Segment(Settings):
 class Sequence(Settings):
     """Its segments in their order, the first from `start` on; 0 before the first and after the last."""
 
-    segments: Annotated[tuple[Segment, ...], AfterValidator(at_least_one)]
+    segments: Annotated[
+        tuple[Segment, ...],
+        AfterValidator(at_least_one),
+        Field(
+            examples=[
+                [
+                    {"duration": "2.5 s", "signal": {"type": "step"}},
+                    {"duration": "1 s", "signal": {"type": "prbs"}},
+                ]
+            ]
+        ),
+    ]
     """The segments in their order."""
     start: Time = 0.0
     """Time at which the first segment begins [s]."""

@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Annotated
 
 import numpy as np
-from pydantic import AfterValidator
+from pydantic import AfterValidator, Field
 
 from servobench.channels import Array
 from servobench.settings import Settings
@@ -21,7 +21,11 @@ _MOST_PERIODS = 1000
 class Sum(Settings):
     """The sum of its parts at each time, each with its own start."""
 
-    parts: Annotated[tuple[AnySignal, ...], AfterValidator(at_least_one)]
+    parts: Annotated[
+        tuple[AnySignal, ...],
+        AfterValidator(at_least_one),
+        Field(examples=[[{"type": "square"}, {"type": "sine", "frequency": "1 Hz"}]]),
+    ]
     """The signals that are added."""
 
     def __call__(self, t: Array) -> Array:

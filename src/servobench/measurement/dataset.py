@@ -9,7 +9,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.finding import Finding
-from servobench.measure.base import Chain, Kind, Mask, StartState
+from servobench.measurement.base import Chain, Kind, Mask, StartState
 from servobench.recording.recording import Source
 
 

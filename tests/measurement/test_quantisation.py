@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servobench.measure.base import Chain
+from servobench.measurement.base import Chain
 
 STEP = 2.0 * np.pi / 2048  # rad
 SAMPLES = 200_000

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from servobench.errors import UnknownName, UsageError
-from servobench.measure.base import Chain, fold
-from servobench.measure.derivative import Derivative
-from servobench.measure.lowpass import Lowpass
+from servobench.measurement.base import Chain, fold
+from servobench.measurement.derivative import Derivative
+from servobench.measurement.lowpass import Lowpass
 
 
 def test_a_chain_is_read_from_its_text_and_written_as_it_was() -> None:

@@ -10,8 +10,8 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.measure.base import STAGES, Kind
-from servobench.measure.words import check_positive, number_text, quantity_in
+from servobench.measurement.base import STAGES, Kind
+from servobench.measurement.words import check_positive, number_text, quantity_in
 
 Discretisation: TypeAlias = Literal["euler", "zoh", "tustin"]
 
@@ -90,7 +90,7 @@ class Lowpass:
 
     def __call__(self, x: Array, t: Array) -> Array:
         """The recursion over a whole record; raises `UsageError` where forward Euler diverges."""
-        from servobench.measure.kernels import first_order_recursion
+        from servobench.measurement.kernels import first_order_recursion
 
         decay, new, old = self._coefficients(np.diff(t, prepend=t[:1]))
         signals = x.reshape(len(x), -1) if x.size else x.reshape(len(x), 0)

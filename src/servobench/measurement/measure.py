@@ -12,15 +12,15 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.finding import Finding, info
-from servobench.measure.base import Chain, Kind, Stage
-from servobench.measure.column import Column, counter_column, finite_column, input_and_output, si_factor
-from servobench.measure.dataset import Dataset
-from servobench.measure.grid import grid_step
-from servobench.measure.scale import Scale
-from servobench.measure.tachometer import Tachometer
-from servobench.measure.unwrap import Unwrap
-from servobench.measure.words import check_positive
-from servobench.measure.wraps import suspected_wraps, without_wraps
+from servobench.measurement.base import Chain, Kind, Stage
+from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
+from servobench.measurement.dataset import Dataset
+from servobench.measurement.grid import grid_step
+from servobench.measurement.scale import Scale
+from servobench.measurement.tachometer import Tachometer
+from servobench.measurement.unwrap import Unwrap
+from servobench.measurement.words import check_positive
+from servobench.measurement.wraps import suspected_wraps, without_wraps
 from servobench.recording.recording import Recording
 from servobench.units import unit as unit_named
 

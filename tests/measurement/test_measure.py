@@ -9,9 +9,9 @@ import pytest
 from servobench.channels import Channel, DeviceInfo
 from servobench.errors import MissingInformation, NotIdentifiable, UsageError
 from servobench.finding import Severity, warning
-from servobench.measure.base import Chain
-from servobench.measure.dataset import Dataset
-from servobench.measure.measure import measure
+from servobench.measurement.base import Chain
+from servobench.measurement.dataset import Dataset
+from servobench.measurement.measure import measure
 from servobench.recording.recording import Recording, Series, Source
 
 QUANTUM = 2.0 * np.pi / 2048

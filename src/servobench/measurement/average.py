@@ -10,9 +10,9 @@ from typing import ClassVar, Self
 import numpy as np
 
 from servobench.channels import Array
-from servobench.measure.base import STAGES, Kind
-from servobench.measure.window import Samples, edge, first_filled, slide
-from servobench.measure.words import check_positive, number_text, quantity_in
+from servobench.measurement.base import STAGES, Kind
+from servobench.measurement.window import Samples, edge, first_filled, slide
+from servobench.measurement.words import check_positive, number_text, quantity_in
 
 
 @STAGES.member("average")
@@ -67,7 +67,7 @@ class Average:
 
     def __call__(self, x: Array, t: Array) -> Array:
         """All means in one pass."""
-        from servobench.measure.kernels import moving_mean
+        from servobench.measurement.kernels import moving_mean
 
         signals = x.reshape(len(x), -1) if x.size else x.reshape(len(x), 0)
         return moving_mean(np.ascontiguousarray(signals), t, self.window).reshape(x.shape)

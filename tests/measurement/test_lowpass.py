@@ -5,8 +5,8 @@ import pytest
 from scipy.signal import cont2discrete, lfilter
 
 from servobench.errors import UsageError
-from servobench.measure.base import Chain
-from servobench.measure.lowpass import Lowpass
+from servobench.measurement.base import Chain
+from servobench.measurement.lowpass import Lowpass
 
 T = 0.002
 t = T * np.arange(2000)

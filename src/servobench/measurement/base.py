@@ -68,7 +68,7 @@ class Stage(Protocol):
         ...
 
 
-STAGES: Registry[type[Stage]] = Registry("stage", "servobench.measure")
+STAGES: Registry[type[Stage]] = Registry("stage", "servobench.measurement")
 
 
 @dataclass(frozen=True)

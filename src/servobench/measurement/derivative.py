@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.measure.base import STAGES, Kind
+from servobench.measurement.base import STAGES, Kind
 
 
 @STAGES.member("derivative")

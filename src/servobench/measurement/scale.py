@@ -8,8 +8,8 @@ from typing import ClassVar, Self
 
 from servobench.channels import Array
 from servobench.errors import UnitError, UsageError
-from servobench.measure.base import STAGES, Kind
-from servobench.measure.words import number_and_unit, number_text
+from servobench.measurement.base import STAGES, Kind
+from servobench.measurement.words import number_and_unit, number_text
 from servobench.units import unit as unit_named
 
 

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import UnitError, UsageError
-from servobench.measure.base import STAGES, Kind, Mask
-from servobench.measure.words import check_positive, number_and_unit, number_text, written_as
+from servobench.measurement.base import STAGES, Kind, Mask
+from servobench.measurement.words import check_positive, number_and_unit, number_text, written_as
 from servobench.units import unit as unit_named
 
 _LARGEST_BITS = 53  # a float holds whole numbers up to 2^53

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.finding import Finding, warning
-from servobench.measure.column import Column
-from servobench.measure.unwrap import Unwrap, Unwrapped, unwrapped
+from servobench.measurement.column import Column
+from servobench.measurement.unwrap import Unwrap, Unwrapped, unwrapped
 from servobench.units import unit as unit_named
 
 # Widths at which absolute encoders (12, 14) and counters wrap.

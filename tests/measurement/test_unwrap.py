@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servobench.errors import UsageError
-from servobench.measure.unwrap import Unwrap, unwrapped
+from servobench.measurement.unwrap import Unwrap, unwrapped
 
 
 def shown(counts: np.ndarray, bits: int) -> np.ndarray:

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from servobench.errors import UsageError
-from servobench.measure.average import Average
-from servobench.measure.base import Chain
-from servobench.measure.derivative import Derivative
-from servobench.measure.tachometer import Tachometer
+from servobench.measurement.average import Average
+from servobench.measurement.base import Chain
+from servobench.measurement.derivative import Derivative
+from servobench.measurement.tachometer import Tachometer
 
 REGULAR = 0.002 * np.arange(400)
 IRREGULAR = np.cumsum(np.random.default_rng(8).uniform(0.0005, 0.009, 400))

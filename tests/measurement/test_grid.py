@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from servobench.measure.grid import grid_step
+from servobench.measurement.grid import grid_step
 
 t = 0.002 * np.arange(3000)
 MOVING = 40.0 * t - 4.0 * (1.0 - np.exp(-t / 0.1)) + np.sin(3.0 * t)

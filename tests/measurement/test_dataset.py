@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from servobench.errors import UsageError
-from servobench.measure.base import Chain
-from servobench.measure.dataset import Dataset
+from servobench.measurement.base import Chain
+from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Source
 
 T = 0.002 * np.arange(1000)

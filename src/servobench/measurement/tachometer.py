@@ -9,9 +9,9 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.measure.base import STAGES, Kind
-from servobench.measure.window import Samples, edge, first_filled, slide
-from servobench.measure.words import check_positive, number_text, quantity_in
+from servobench.measurement.base import STAGES, Kind
+from servobench.measurement.window import Samples, edge, first_filled, slide
+from servobench.measurement.words import check_positive, number_text, quantity_in
 
 
 @STAGES.member("tachometer")
@@ -66,7 +66,7 @@ class Tachometer:
 
     def __call__(self, x: Array, t: Array) -> Array:
         """All mean speeds in one pass."""
-        from servobench.measure.kernels import mean_slope
+        from servobench.measurement.kernels import mean_slope
 
         signals = x.reshape(len(x), -1) if x.size else x.reshape(len(x), 0)
         return mean_slope(np.ascontiguousarray(signals), t, self.window).reshape(x.shape)

@@ -1,0 +1,80 @@
+"""From recordings to the answer: what `run` and `identify` do in the same way."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING
+
+from servobench.cli.failures import DONE, REFUSED
+from servobench.cli.progress import Progress, told_when_compiling
+from servobench.finding import Verdict
+
+if TYPE_CHECKING:
+    from servobench.errors import NotIdentifiable
+    from servobench.measurement.dataset import Dataset
+    from servobench.recording.recording import Recording
+    from servobench.result import Result
+
+
+def concluded(
+    recordings: Sequence[Recording],
+    measured: Callable[[Recording], Dataset],
+    *,
+    structure: str = "auto",
+    nominal: str | None = None,
+    others: Sequence[Recording] = (),
+) -> Result:
+    """Return what recordings say about the motor; `measured` makes data of each, `others` are for trying the model on.
+
+    Recordings that are too short for any data give a refused result, as all data do that can't support a model.
+    """
+    from servobench.errors import NotIdentifiable
+    from servobench.identification import identify
+
+    with Progress("identifying"), told_when_compiling():
+        try:
+            data = [measured(recording) for recording in recordings]
+            others_data = [measured(recording) for recording in others]
+        except NotIdentifiable as error:
+            return _without_data(recordings, error)
+        return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
+
+
+def status_of(result: Result) -> int:
+    """Return the exit status that a result ends a command with."""
+    return REFUSED if result.verdict is Verdict.REFUSED else DONE
+
+
+def check_names(structure: str, nominal: str | None) -> None:
+    """Raise `UnknownName` for a structure or a data sheet that there isn't, before any work is done."""
+    from servobench.models.base import STRUCTURES
+    from servobench.motor.parameters import data_sheet
+
+    if structure != "auto":
+        STRUCTURES[structure]
+    if nominal is not None:
+        data_sheet(nominal)
+
+
+def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
+    from servobench._version import __version__
+    from servobench.finding import refusal
+    from servobench.result import OperatingRange, Provenance, Result
+
+    told = [finding for recording in recordings for finding in recording.findings]
+    nowhere = (math.nan, math.nan)
+    return Result(
+        data=(),
+        fit=None,
+        findings=(*told, refusal("not-identifiable", f"{error}.")),
+        validation=None,
+        operating_range=OperatingRange(input=nowhere, speed=nowhere),
+        nominal=(),
+        provenance=Provenance(
+            version=__version__,
+            created=datetime.now(UTC).isoformat(timespec="seconds"),
+            inputs_sha256=tuple(sorted({r.source.sha256 for r in recordings if r.source.sha256})),
+        ),
+    )

@@ -1,0 +1,350 @@
+"""The figures of a report: what each shows, in a picture, in a caption, and in words for who can't see it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.estimators.base import Fit, FittedRecord
+from servobench.measurement.dataset import Dataset
+from servobench.report import figures
+from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
+from servobench.report.decimation import held
+from servobench.report.figures import Course, Curve, Difference, Panel
+from servobench.report.numbers import counted, handy_unit, plain, rounded, with_unit
+from servobench.report.palette import Style
+from servobench.report.speed import eye_speed, eye_window
+from servobench.result import Comparison, Result
+from servobench.stability import stability
+from servobench.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+MOST_RECORDS = 6  # side by side; of further ones the caption says how many there are
+_LAGS = 30
+_BINS = 41
+_POINTS = 400  # of a curve over frequency or time
+_LINE_WIDTH = 1.8 / 150  # of a curve, as a part of its panel's height
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Illustration:
+    """One figure: an id, a title, a caption, its content in words, and how to draw it in a style."""
+
+    name: str
+    title: str
+    caption: str
+    description: str
+    draw: Callable[[Style], Figure]
+
+
+def data_and_model(result: Result) -> Illustration:
+    """Return input and output over time, and the model's output where there is a model."""
+    shown = result.data[:MOST_RECORDS]
+    fitted = result.fit.records[:MOST_RECORDS] if result.fit else (None,) * len(shown)
+    several = len(result.data) > 1
+    courses = tuple(_course(data, record, several) for data, record in zip(shown, fitted, strict=True))
+    return Illustration(
+        name="course",
+        title="Input, output and model over time" if result.fit else "Input and output over time",
+        caption=_course_caption(result, shown),
+        description=" ".join([*map(_course_words, shown), *_model_words(result)]),
+        draw=partial(figures.time_courses, courses),
+    )
+
+
+def residuals(fit: Fit) -> tuple[tuple[Illustration, ...], ...]:
+    """Return the residual over time, and below it its autocorrelation and its distribution."""
+    shown = fit.records[:MOST_RECORDS]
+    courses = tuple(_residual_course(record, len(fit.records) > 1) for record in shown)
+    size = _residual_size(fit)
+    quantum = fit.records[0].data.quantum
+    half_count = " The grey band is half a count on either side of zero." if quantum else ""
+    over_time = Illustration(
+        name="residual",
+        title="Residual over time",
+        caption=f"Measured minus simulated output. {size}{half_count}{_more(len(fit.records))}",
+        description=f"The residual over time. {size}",
+        draw=partial(figures.time_courses, courses),
+    )
+    pair = tuple(figure for figure in (_correlation(fit), _distribution(fit)) if figure is not None)
+    return ((over_time,), pair) if pair else ((over_time,),)
+
+
+def frequency_response(fit: Fit) -> Illustration:
+    """Return magnitude and phase over frequency, with their bands and the range that the data can tell of."""
+    system = fit.model.transfer_function("speed")
+    seen = _seen(fit)
+    sizes = [abs(pole) for pole in system.poles if pole != 0]
+    low, high = min([seen[0], *(size / 10 for size in sizes)]), max([seen[1], *(size * 10 for size in sizes)])
+    band = frequency_band(fit, np.geomspace(low, high, _POINTS))
+    corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
+    told = _band_words(band, seen)
+    knee = f" The corner is at {with_unit(corner, 'rad/s', 4)}." if corner is not None else ""
+    return Illustration(
+        name="bode",
+        title="Frequency response from the input to the speed",
+        caption=(
+            f"{told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above half the "
+            f"sample rate ({with_unit(seen[0], 'rad/s', 3)} to {with_unit(seen[1], 'rad/s', 3)} is within)."
+        ),
+        description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
+        draw=partial(figures.bode, band, system.unit, seen, corner),
+    )
+
+
+def step_response(fit: Fit) -> Illustration:
+    """Return the speed after a step of one unit of input."""
+    system = fit.model.transfer_function("speed")
+    slowest = max((1 / abs(pole.real) for pole in system.poles if pole.real != 0), default=1.0)
+    t = np.linspace(0.0, max(system.delay, 0.0) + 5 * slowest, _POINTS)
+    band = step_band(fit, t)
+    unit = fit.model.data.output_unit.removesuffix("/s") + "/s"
+    input_unit = fit.model.data.input_unit
+    mark = None
+    if len(system.poles) == 1 and system.poles[0].real < 0:
+        after = system.delay + slowest
+        mark = (float(after), float(np.interp(after, t, band.y)))
+    final = f"{plain(band.y[-1])} {unit} after {with_unit(float(t[-1]), 's', 2)}"
+    widest = 2 * float(np.max(band.half))
+    width = _band_width(widest, float(np.ptp(band.y)), f"{plain(widest / 2, 2)} {unit}")
+    return Illustration(
+        name="step",
+        title=f"Response to a step of 1 {input_unit}",
+        caption=f"Of the linear part, from rest; friction and offset are left out. {width}",
+        description=f"The speed rises to {final}. {width}",
+        draw=partial(figures.step, band, unit, mark),
+    )
+
+
+def poles(fit: Fit) -> Illustration:
+    """Return the poles in the complex plane and what they mean for stability."""
+    bands = pole_bands(fit)
+    judged = stability(fit.model.transfer_function("speed"))
+    reasons = " ".join(judged.reasons)
+    return Illustration(
+        name="poles",
+        title="Poles",
+        caption=(
+            f"From the input to the speed the motor is {judged.verdict}. {reasons} "
+            "The circle is the integrator from speed to position, which nobody estimated."
+        ),
+        description=f"Pole map. {' '.join(map(_pole_words, bands))}",
+        draw=partial(figures.pole_map, bands, 0j),
+    )
+
+
+def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
+    """Return how far the estimates are from their nominal values, in per cent; None where no nominal value has a size."""
+    rows = tuple(
+        Difference(
+            name=comparison.name.replace("_", " "),
+            percent=100 * (comparison.identified / comparison.nominal - 1),
+            half=100 * 1.959964 * comparison.sd / abs(comparison.nominal),
+        )
+        for comparison in comparisons
+        if comparison.nominal
+    )
+    if not rows:
+        return None
+    told = "; ".join(f"{row.name} {plain(row.percent, 3)} % ± {plain(row.half, 2)} %" for row in rows)
+    return Illustration(
+        name="nominal",
+        title="Identified against nominal",
+        caption="A dot is the identified value, the bar behind it its 95 % interval; where none shows, it's narrower than the dot.",
+        description=f"Differences from the nominal values: {told}.",
+        draw=partial(figures.differences, rows, "the nominal value"),
+    )
+
+
+def _course(data: Dataset, fitted: FittedRecord | None, several: bool) -> Course:
+    """Input, speed and, where it was measured, position; time counts from the record's first sample."""
+    t = data.t_output - data.t_output[0]
+    t_input, u = held(data.t_input - data.t_output[0], data.u, data.input_before, float(t[-1]))
+    panels = [Panel(title="Input", unit=data.input_unit, curves=(Curve(t=t_input, y=u, look="input"),), height=90.0)]
+    if data.kind == "position":
+        window = eye_window(data)
+        lines = _lines(data, fitted, lambda y: eye_speed(t, y, window))
+        panels.append(Panel(title="Speed, for the eye only", unit=f"{data.output_unit}/s", curves=_named(lines)))
+        panels.append(Panel(title="Position", unit=data.output_unit, curves=_lines(data, fitted, lambda y: (t, y))))
+    else:
+        curves = _named(_lines(data, fitted, lambda y: (t, y)))
+        panels.append(Panel(title="Speed", unit=data.output_unit, curves=curves, height=190.0))
+    return Course(panels=tuple(panels), title=_short(data.name) if several else "")
+
+
+def _lines(
+    data: Dataset, fitted: FittedRecord | None, through: Callable[[Array], tuple[Array, Array]]
+) -> tuple[Curve, ...]:
+    t, y = through(data.y)
+    measured = Curve(t=t, y=y, look="measured")
+    if fitted is None or not np.isfinite(fitted.prediction).all():
+        return (measured,)
+    t, y = through(fitted.prediction)
+    return (measured, Curve(t=t, y=y, look="model"))
+
+
+def _named(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
+    """The same curves, named for the legend."""
+    return tuple(Curve(t=curve.t, y=curve.y, look=curve.look, label=curve.look) for curve in curves)
+
+
+def _course_caption(result: Result, shown: Sequence[Dataset]) -> str:
+    parts = []
+    if result.fit:
+        parts.append("Wide and grey: measured. Thin and blue: the model, simulated from the input alone.")
+    positions = [data for data in shown if data.kind == "position"]
+    if positions:
+        windows = sorted({with_unit(eye_window(data) * data.sample_time, "s", 2) for data in positions})
+        both = ", taken from both alike," if result.fit else ""
+        parts.append(f"The speed is for the eye only: differences of the position{both} over {' or '.join(windows)}.")
+    elif shown and shown[0].chain:
+        parts.append(f"What is shown lies behind the measurement chain `{shown[0].chain}`; the model's output went through it too.")
+    return " ".join(parts) + _more(len(result.data))
+
+
+def _course_words(data: Dataset) -> str:
+    levels = np.append(data.u, data.input_before)
+    low, high = (with_unit(float(level), data.input_unit, 3) for level in (levels.min(), levels.max()))
+    y_low, y_high = (with_unit(float(y), data.output_unit, 3) for y in (data.y.min(), data.y.max()))
+    return (
+        f"{data.name}: over {with_unit(data.duration, 's', 3)} the input is between {low} and {high}, "
+        f"the {data.kind} between {y_low} and {y_high}."
+    )
+
+
+def _model_words(result: Result) -> list[str]:
+    if result.fit is None or not np.isfinite(result.fit.fit_percent):
+        return []
+    return [f"The model's line explains {result.fit.fit_percent:.4g} % of the measured one."]
+
+
+def _residual_course(record: FittedRecord, several: bool) -> Course:
+    data, keep = record.data, record.valid
+    curve = Curve(t=data.t_output[keep] - data.t_output[0], y=record.residual[keep], look="residual")
+    panel = Panel(title="Residual", unit=data.output_unit, curves=(curve,), quantum=data.quantum, height=130.0)
+    return Course(panels=(panel,), title=_short(data.name) if several else "")
+
+
+def _residual_size(fit: Fit) -> str:
+    data = fit.records[0].data
+    size = f"Its standard deviation is {with_unit(fit.residual_sd, data.output_unit, 3)}"
+    if not data.quantum:
+        return f"{size}."
+    return f"{size}, which is {plain(fit.residual_sd / data.quantum, 3)} counts (rounding alone: {plain(1 / np.sqrt(12), 3)})."
+
+
+def _correlation(fit: Fit) -> Illustration | None:
+    """The autocorrelation over all records; None for records too short for it."""
+    leftovers = [record.residual[record.valid] for record in fit.records]
+    longest = min(_LAGS, min(len(e) for e in leftovers) // 4)
+    centred = [e - e.mean() for e in leftovers]
+    power = sum(float(e @ e) for e in centred)
+    if longest < 2 or not power > 0:
+        return None
+    lags = np.arange(1, longest + 1)
+    rho = np.array([sum(float(e[lag:] @ e[:-lag]) for e in centred) for lag in lags]) / power
+    bound = 1.959964 / np.sqrt(sum(map(len, centred)))
+    outside = int(np.count_nonzero(np.abs(rho) > bound))
+    largest = int(np.argmax(np.abs(rho)))
+    return Illustration(
+        name="correlation",
+        title="Autocorrelation of the residual",
+        caption=(
+            f"White noise keeps within the grey band (±{plain(bound, 2)}) at 95 of 100 lags; here {counted(outside, 'lag')} of "
+            f"{longest} {'leaves' if outside == 1 else 'leave'} it."
+        ),
+        description=f"The largest correlation is {plain(rho[largest], 2)}, at a lag of {counted(largest + 1, 'sample')}.",
+        draw=partial(figures.correlation, lags.astype(np.float64), rho, float(bound)),
+    )
+
+
+def _distribution(fit: Fit) -> Illustration | None:
+    """The histogram over all records beside what rounding alone, or else normal noise of that size, would give."""
+    data = fit.records[0].data
+    e = np.concatenate([record.residual[record.valid] for record in fit.records])
+    sd, quantum = float(e.std()), data.quantum
+    if not sd > 0:
+        return None
+    limit = max(min(float(np.abs(e).max()), 5 * sd), 0.75 * (quantum or 0.0))
+    factor, unit = handy_unit(data.output_unit, limit)
+    edges = np.linspace(-limit, limit, _BINS + 1) / factor
+    counts, _ = np.histogram(e / factor, edges)
+    density = counts / (len(e) * (edges[1] - edges[0]))
+    if quantum:
+        half = 0.5 * quantum / factor
+        x = np.array([edges[0], -half, -half, half, half, edges[-1]])
+        expected = Curve(t=x, y=np.array([0, 0, 1, 1, 0, 0]) / (2 * half), look="model", label="rounding")
+        beside = "even between plus and minus half a count, as rounding alone would give it"
+    else:
+        x = np.linspace(edges[0], edges[-1], 121)
+        s = sd / factor
+        expected = Curve(t=x, y=np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)), look="model", label="normal")
+        beside = "a normal distribution of the same standard deviation"
+    beyond = int(np.count_nonzero(np.abs(e) > limit))
+    out = f" {counted(beyond, 'sample')} beyond the axis." if beyond else ""
+    return Illustration(
+        name="distribution",
+        title="Distribution of the residual",
+        caption=f"The blue line is {beside}.{out}",
+        description=f"Histogram with a standard deviation of {with_unit(sd, data.output_unit, 3)}; the line beside it is {beside}.",
+        draw=partial(figures.distribution, edges, density, expected, unit),
+    )
+
+
+def _seen(fit: Fit) -> tuple[float, float]:
+    """The range of angular frequencies [rad/s] from one cycle in the longest record to half the fastest sample rate."""
+    records = [record.data for record in fit.records]
+    longest = max(record.duration for record in records)
+    return 2 * np.pi / longest, np.pi / min(record.sample_time for record in records)
+
+
+def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
+    within = (band.omega >= seen[0]) & (band.omega <= seen[1])
+    within = within if within.any() else np.ones_like(within)
+    db = float(20 / np.log(10) * band.magnitude_half[within].max())
+    degrees = float(np.degrees(band.phase_half[within].max()))
+    if not np.isfinite(db + degrees):
+        return "The 95 % band isn't known, as the data don't determine all parameters."
+    span = float(np.ptp(20 * np.log10(band.magnitude)))
+    turn = float(np.ptp(np.degrees(band.phase)))
+    hidden = 2 * db < _LINE_WIDTH * span and 2 * degrees < _LINE_WIDTH * turn
+    size = f"at most ±{plain(db, 2)} dB and ±{plain(degrees, 2)}°"
+    return f"The 95 % band is thinner than the line: {size}." if hidden else f"The 95 % band is light blue: {size}."
+
+
+def _band_width(width: float, span: float, half: str) -> str:
+    if not np.isfinite(width):
+        return "The 95 % band isn't known, as the data don't determine all parameters."
+    hidden = width < _LINE_WIDTH * span
+    return f"The 95 % band is {'thinner than the line' if hidden else 'light blue'}: at most ±{half}."
+
+
+def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
+    first, last = (20 * np.log10(band.magnitude[n]) for n in (0, -1))
+    return (
+        f"{plain(first, 3)} dB at {with_unit(band.omega[0], 'rad/s', 2)} and {plain(last, 3)} dB at "
+        f"{with_unit(band.omega[-1], 'rad/s', 2)}, with 0 dB at 1 {system.unit}"
+    )
+
+
+def _pole_words(band: PoleBand) -> str:
+    real = rounded(band.pole.real, band.half.real, "1/s")
+    if band.pole.imag == 0:
+        return f"A pole at {real}."
+    return f"A pole with the real part {real} and the imaginary part {rounded(band.pole.imag, band.half.imag, '1/s')}."
+
+
+def _short(name: str, longest: int = 40) -> str:
+    return name if len(name) <= longest else f"{name[: longest - 1]}…"
+
+
+def _more(records: int) -> str:
+    """What to say where not all records are shown."""
+    return f" {MOST_RECORDS} of {records} records are shown." if records > MOST_RECORDS else ""

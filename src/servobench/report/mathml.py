@@ -1,0 +1,111 @@
+"""A transfer function as a reader of textbooks writes it, in MathML, which every browser sets without help."""
+
+from __future__ import annotations
+
+from html import escape
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.estimators.base import Fit
+from servobench.report.bands import coefficient_halves
+from servobench.report.numbers import plain
+from servobench.transfer_function import TransferFunction
+
+SYMBOLS = {"gain": "K", "time_constant": "τ", "delay": "d", "coulomb_voltage": "u_c", "offset_voltage": "u_0"}
+_MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
+
+
+def transfer_function_math(fit: Fit) -> str:
+    """Return G(s) of the fit, from the input to the speed, as a `<math>` element: in symbols where they are known, and in numbers."""
+    system = fit.model.transfer_function("speed")
+    sides = [_row(_name("G"), _brackets(_name("s")))]
+    if _is_first_order(fit, system):
+        lag = _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
+        sides.append(_row(_fraction(_name("K"), lag), _delayed(_row(_sign("−"), _name("d"), _name("s")))))
+    sides.append(_in_numbers(system, coefficient_halves(fit)))
+    unit = f'<mspace width="0.6em"></mspace><mtext>{escape(system.unit)}</mtext>'
+    return f'<math display="block">{_sign("=").join(sides)}{unit}</math>'
+
+
+def symbol(name: str) -> str:
+    """Return the symbol of a parameter as HTML; empty for one that has none."""
+    base, _, index = SYMBOLS.get(name, "").partition("_")
+    return f"<i>{base}</i>{f'<sub>{index}</sub>' if index else ''}" if base else ""
+
+
+def _is_first_order(fit: Fit, system: TransferFunction) -> bool:
+    names = set(fit.model.names)
+    return {"gain", "time_constant", "delay"} <= names and len(system.denominator) == 2 and len(system.numerator) == 1
+
+
+def _in_numbers(system: TransferFunction, halves: Array) -> str:
+    upper, lower = len(system.numerator), len(system.denominator)
+    numerator = _polynomial(system.numerator, halves[:upper])
+    denominator = _polynomial(system.denominator, halves[upper : upper + lower])
+    fraction = _fraction(numerator, denominator)
+    if system.delay == 0:
+        return fraction
+    text = _coefficient(abs(system.delay), halves[-1])
+    exponent = _row(_sign("−" if system.delay > 0 else "+"), _number(text), _thin_space(), _name("s"))
+    return _row(fraction, _delayed(exponent))
+
+
+def _polynomial(coefficients: tuple[float, ...], halves: Array) -> str:
+    order = len(coefficients) - 1
+    parts = []
+    for power, value, half in zip(range(order, -1, -1), coefficients, halves, strict=True):
+        if value == 0 and order > 0:
+            continue
+        if parts or value < 0:
+            parts.append(_sign("−" if value < 0 else "+"))
+        text = _coefficient(abs(value), half)
+        if text != "1" or power == 0:
+            parts.append(_number(text))
+            if power:
+                parts.append(_thin_space())
+        if power == 1:
+            parts.append(_name("s"))
+        elif power > 1:
+            parts.append(f"<msup>{_name('s')}{_number(str(power))}</msup>")
+    return _row(*(parts or [_number("0")]))
+
+
+def _coefficient(value: float, half: float) -> str:
+    """A coefficient with as many digits as are known of it, two at the least."""
+    if not (np.isfinite(half) and half > 0 and value > 0):
+        return plain(value, _MOST_DIGITS)
+    known = int(np.floor(np.log10(value))) - int(np.floor(np.log10(half))) + 2
+    return plain(value, min(max(known, 2), _MOST_DIGITS))
+
+
+def _row(*parts: str) -> str:
+    return f"<mrow>{''.join(parts)}</mrow>"
+
+
+def _name(text: str) -> str:
+    return f"<mi>{escape(text)}</mi>"
+
+
+def _number(text: str) -> str:
+    return f"<mn>{escape(text)}</mn>"
+
+
+def _sign(text: str) -> str:
+    return f"<mo>{escape(text)}</mo>"
+
+
+def _thin_space() -> str:
+    return '<mspace width="0.17em"></mspace>'
+
+
+def _brackets(inner: str) -> str:
+    return f"{_sign('(')}{inner}{_sign(')')}"
+
+
+def _fraction(above: str, below: str) -> str:
+    return f"<mfrac>{above}{below}</mfrac>"
+
+
+def _delayed(exponent: str) -> str:
+    return f"{_thin_space()}<msup>{_name('e')}{exponent}</msup>"

@@ -1,0 +1,304 @@
+"""The tables of a report: plain texts, ready to be set."""
+
+from __future__ import annotations
+
+import shlex
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from servobench.channels import Channel
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, Severity
+from servobench.measure.dataset import Dataset
+from servobench.recording.recording import Recording, Series
+from servobench.report.mathml import symbol
+from servobench.report.numbers import Rounded, counted, grouped, plain, rounded, with_unit
+from servobench.result import Comparison, OperatingRange, Result
+
+_LEVEL = 1.959964
+_RPM = 30 / np.pi  # in 1 rad/s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Fact:
+    """One thing that is known, under a heading."""
+
+    heading: str
+    text: str
+    code: bool = False
+    """Whether the text is for a machine, such as a check sum or a command."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterRow:
+    """One parameter as a row: `symbol` is HTML, `known` says whether the data determine it."""
+
+    name: str
+    symbol: str
+    meaning: str
+    estimate: Rounded
+
+    @property
+    def known(self) -> bool:
+        """Whether there is an interval."""
+        return bool(self.estimate.half)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ComparisonRow:
+    """One parameter beside its nominal value, as texts."""
+
+    name: str
+    nominal: str
+    identified: str
+    percent: str
+    deviations: str
+    judgement: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Happened:
+    """One recording: its name, why it ended (with the reason's word), and what else is known of the way it went."""
+
+    name: str
+    reason: str
+    facts: tuple[Fact, ...]
+    channels: tuple[tuple[str, ...], ...]
+
+
+def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
+    """Return the parameters of a fit, rounded to what is known of them."""
+    return tuple(
+        ParameterRow(
+            name=parameter.name.replace("_", " "),
+            symbol=symbol(parameter.name),
+            meaning=parameter.meaning,
+            estimate=rounded(estimate.value, _LEVEL * estimate.sd, estimate.unit),
+        )
+        for parameter, estimate in zip(fit.model.structure.parameters, fit.estimates.values(), strict=True)
+    )
+
+
+def sorted_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
+    """Return the findings, refusals first, then warnings, then the rest, each in their order."""
+    order = (Severity.REFUSAL, Severity.WARNING, Severity.INFO)
+    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+
+
+def comparison_rows(comparisons: Sequence[Comparison]) -> tuple[ComparisonRow, ...]:
+    """Return the estimates beside their nominal values."""
+    return tuple(_comparison_row(comparison) for comparison in comparisons)
+
+
+def operating_range(limits: OperatingRange, data: Dataset) -> tuple[Fact, ...]:
+    """Return the smallest and largest input and speed."""
+    speed_unit = f"{data.position_unit}/s"
+    low, high = limits.speed
+    speed = f"{_span(low, high)} {speed_unit}"
+    if speed_unit == "rad/s":
+        speed += f" ({_span(low * _RPM, high * _RPM)} rpm)"
+    return (
+        Fact(heading="Input", text=f"{_span(*limits.input)} {data.input_unit}"),
+        Fact(heading="Speed", text=f"{speed}, from smoothed differences"[: None if data.kind == "position" else len(speed)]),
+    )
+
+
+def asked(recording: Recording) -> tuple[Fact, ...]:
+    """Return what an experiment asked for, from its TOML text; nothing where there is none or it can't be read."""
+    try:
+        table = tomllib.loads(recording.experiment)
+    except tomllib.TOMLDecodeError:
+        return ()
+    return tuple(Fact(heading=_words(key), text=told(value)) for key, value in table.items() if value not in ("", {}, []))
+
+
+def told(value: Any) -> str:
+    """Return a value out of a TOML file as a person says it: a table as its type and then its settings."""
+    if isinstance(value, Mapping):
+        head = value.get("type", value.get("name", ""))
+        skipped = "type" if "type" in value else "name"
+        parts = [_setting(key, item) for key, item in value.items() if key != skipped and item not in ("", {}, [])]
+        return ": ".join(part for part in (_words(str(head)), ", ".join(parts)) if part)
+    if isinstance(value, list):
+        return ", ".join(map(told, value))
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    return plain(value, 12) if isinstance(value, float) else str(value)
+
+
+def happened(recording: Recording) -> Happened:
+    """Return how a recording went: why it ended, how many samples, when, and how late."""
+    times = recording[recording.output] if recording.output else max(recording.series, key=lambda s: len(s.values), default=None)
+    facts = [Fact(heading="Ended", text=recording.stopped.sentence)]
+    if times is not None:
+        facts += _pace(times)
+    facts += _lateness(recording) + _limits(recording)
+    for heading, name in (("Input", recording.input), ("Output", recording.output)):
+        if name is not None:
+            facts.append(Fact(heading=heading, text=_channel(recording[name].channel)))
+    if recording.chain:
+        facts.append(Fact(heading="Came through", text=recording.chain, code=True))
+    return Happened(
+        name=recording.name,
+        reason=recording.stopped.reason.replace("_", " "),
+        facts=tuple(facts),
+        channels=tuple(_channel_row(series) for series in recording.series),
+    )
+
+
+def happened_in(data: Dataset) -> Happened:
+    """Return what a dataset alone says of the way it was recorded."""
+    steps = Fact(heading="Samples", text=f"{counted(len(data.y), 'sample')} in {with_unit(data.duration, 's')}")
+    pace = Fact(heading="Sample time", text=f"{with_unit(data.sample_time, 's')} (median)")
+    return Happened(name=data.name, reason="", facts=(steps, pace), channels=())
+
+
+def made_with(result: Result) -> tuple[Fact, ...]:
+    """Return what a result was made with and from."""
+    fit = result.fit
+    facts = [
+        Fact(heading="Software", text=f"servobench {result.provenance.version}"),
+        Fact(heading="Identified", text=result.provenance.created.replace("T", " ").replace("+00:00", " UTC")),
+    ]
+    if fit is not None:
+        facts.append(Fact(heading="Model structure", text=fit.structure, code=True))
+        facts.append(Fact(heading="Estimator", text=fit.estimator, code=True))
+        facts.append(Fact(heading="Search", text=fit.status))
+    chains = sorted({str(data.chain) for data in result.data if data.chain})
+    facts += [Fact(heading="Measurement chain", text=chain, code=True) for chain in chains]
+    facts += [Fact(heading="SHA-256 of the data", text=digest, code=True) for digest in result.provenance.inputs_sha256]
+    return tuple(facts)
+
+
+def made_on(recordings: Sequence[Recording]) -> tuple[Fact, ...]:
+    """Return where recordings come from, each thing once: files, devices with their settings, versions."""
+    facts: list[Fact] = []
+    for recording in recordings:
+        source, device = recording.source, recording.info
+        if source.format != "run":
+            facts.append(Fact(heading="File", text=f"{source.name} ({source.format})"))
+        if device is not None:
+            serial = f", serial number {device.serial}" if device.serial else ""
+            delay = f", delay {with_unit(device.delay, 's')}" if device.delay else ""
+            facts.append(Fact(heading="Device", text=f"{device.name}{serial}, {device.timing} time{delay}"))
+            if device.settings:
+                settings = ", ".join(f"{_words(key)} {value}" for key, value in device.settings)
+                facts.append(Fact(heading="Device settings", text=settings))
+        if recording.versions:
+            versions = ", ".join(f"{name} {version}" for name, version in recording.versions.items())
+            facts.append(Fact(heading="Recorded with", text=versions))
+    return tuple(dict.fromkeys(facts))
+
+
+def command(recordings: Sequence[Recording]) -> str:
+    """Return a command that identifies the same recordings again, as far as they say where they come from."""
+    files = [recording for recording in recordings if recording.source.format != "run"]
+    if not files:
+        return "servobench identify recording.mcap" if recordings else ""
+    words = ["servobench", "identify", *dict.fromkeys(recording.source.name for recording in files)]
+    first = files[0]
+    if first.source.format != "native":
+        for option, name in (("--input", first.input), ("--output", first.output)):
+            if name is not None:
+                unit = first[name].channel.unit
+                words += [option, f"{name}:{unit}" if unit else name]
+        if first.chain:
+            words += ["--chain", first.chain]
+    return shlex.join(words)
+
+
+def _comparison_row(comparison: Comparison) -> ComparisonRow:
+    half = _LEVEL * comparison.sd
+    known = np.isfinite(half) and half > 0
+    difference = comparison.identified - comparison.nominal
+    percent = f"{_signed(100 * difference / comparison.nominal)} %" if comparison.nominal else "–"
+    inside = abs(difference) <= half
+    return ComparisonRow(
+        name=comparison.name.replace("_", " "),
+        nominal=with_unit(comparison.nominal, comparison.unit),
+        identified=str(rounded(comparison.identified, half, comparison.unit)),
+        percent=percent,
+        deviations=_signed(comparison.z) if known else "–",
+        judgement=("within the interval" if inside else "outside the interval") if known else "not determined",
+    )
+
+
+def _signed(value: float) -> str:
+    text = plain(value, 3)
+    return f"+{text}" if value > 0 else text
+
+
+def _pace(series: Series) -> list[Fact]:
+    count = counted(len(series.values), "sample")
+    t = series.t
+    if t is None:
+        return [Fact(heading="Samples", text=f"{count}; the file has no times")]
+    if len(t) < 2:
+        return [Fact(heading="Samples", text=count)]
+    steps = np.diff(t)
+    median, low, high = (with_unit(float(x), "s") for x in (np.median(steps), steps.min(), steps.max()))
+    even = low == high
+    pace = median if even else f"{median} (median; {low} to {high})"
+    return [
+        Fact(heading="Samples", text=f"{count} in {with_unit(float(t[-1] - t[0]), 's')}"),
+        Fact(heading="Sample time", text=pace),
+    ]
+
+
+def _lateness(recording: Recording) -> list[Fact]:
+    """How late samples were, for a run of ours."""
+    if "late" not in recording or "scheduled" not in recording:
+        return []
+    late, scheduled = recording["late"].values, recording["scheduled"]
+    number = int(np.count_nonzero(late))
+    if scheduled.t is None or not len(late):
+        return []
+    worst = float(np.max(scheduled.t - scheduled.values))
+    text = f"{grouped(number)} of {grouped(len(late))} samples" if number else "none"
+    return [Fact(heading="Late", text=f"{text}; the latest by {with_unit(worst, 's', 3)}" if worst > 0 else text)]
+
+
+def _limits(recording: Recording) -> list[Fact]:
+    """How often the device put out something else than it was told."""
+    if "commanded" not in recording or "applied" not in recording:
+        return []
+    commanded, applied = recording["commanded"].values, recording["applied"].values
+    if commanded.shape != applied.shape:
+        return []
+    number = int(np.count_nonzero(commanded != applied))
+    text = f"at {counted(number, 'sample')} of {grouped(len(applied))}" if number else "never"
+    return [Fact(heading="Limited by the device", text=text)]
+
+
+def _channel(channel: Channel) -> str:
+    unit = channel.unit or "no unit given"
+    details = [unit]
+    if channel.counts_per_rev:
+        details.append(f"{plain(channel.counts_per_rev, 12)} counts a turn")
+    if channel.counter_bits:
+        details.append(f"{channel.counter_bits}-bit counter")
+    return f"{channel.name} ({', '.join(details)})"
+
+
+def _channel_row(series: Series) -> tuple[str, ...]:
+    """Name, unit, samples, smallest and largest value."""
+    values = series.values[np.isfinite(series.values)]
+    ends = (plain(float(values.min()), 6), plain(float(values.max()), 6)) if len(values) else ("–", "–")
+    return (series.channel.name, series.channel.unit or "–", grouped(len(series.values)), *ends)
+
+
+def _setting(key: str, value: Any) -> str:
+    inner = told(value)
+    return f"{_words(key)} ({inner})" if isinstance(value, Mapping) else f"{_words(key)} {inner}"
+
+
+def _words(key: str) -> str:
+    return key.replace("_", " ")
+
+
+def _span(low: float, high: float) -> str:
+    return f"{plain(low, 3)} to {plain(high, 3)}"

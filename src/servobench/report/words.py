@@ -1,0 +1,76 @@
+"""The sentences at the head of a report: what it is about, the answer, and how far to trust it."""
+
+from __future__ import annotations
+
+import tomllib
+from collections.abc import Sequence
+
+from servobench.estimators.base import Estimate, Fit
+from servobench.finding import Severity, Verdict
+from servobench.recording.recording import Recording
+from servobench.report.numbers import Rounded, counted, rounded
+from servobench.result import Result
+
+_LEVEL = 1.959964
+
+
+def title(result: Result, recordings: Sequence[Recording]) -> str:
+    """Return what the report is about: the experiment and its device, or the names of the data."""
+    asked = [_experiment_name(recording) for recording in recordings]
+    if len(recordings) == 1 and recordings[0].info is not None and recordings[0].source.format == "run":
+        name = f"Experiment ‘{asked[0]}’" if asked[0] else "Experiment"
+        return f"{name} on {recordings[0].info.name}"
+    names = list(dict.fromkeys(data.name for data in result.data))
+    if len(names) < 3:
+        return " and ".join(names)
+    return f"{names[0]} and {len(names) - 1} more records"
+
+
+def answer(result: Result) -> str:
+    """Return the answer in one sentence: the two most important parameters, or why there is no model."""
+    if result.verdict is Verdict.REFUSED or result.fit is None:
+        refusals = [finding for finding in result.findings if finding.severity is Severity.REFUSAL]
+        return f"These data can't support a model. {refusals[0].sentence}" if refusals else "No model was found."
+    return _model_sentence(result.fit)
+
+
+def reason(result: Result) -> str:
+    """Return why the verdict is what it is."""
+    warnings = sum(finding.severity is Severity.WARNING for finding in result.findings)
+    refusals = sum(finding.severity is Severity.REFUSAL for finding in result.findings)
+    if refusals:
+        return f"{counted(refusals, 'finding')} {'speaks' if refusals == 1 else 'speak'} against any model."
+    if warnings:
+        return f"{counted(warnings, 'warning')}: read {'it' if warnings == 1 else 'them'} before you use the numbers."
+    return "Nothing that was looked for speaks against it."
+
+
+def sentence(text: str) -> str:
+    """Return a text with a full stop at its end."""
+    stripped = text.rstrip()
+    return stripped if stripped.endswith((".", "!", "?", ":", "…")) else f"{stripped}."
+
+
+def _model_sentence(fit: Fit) -> str:
+    estimates = fit.estimates
+    data = fit.model.data
+    if not {"gain", "time_constant"} <= set(estimates):
+        named = [f"{name.replace('_', ' ')} {_interval(estimate)}" for name, estimate in list(estimates.items())[:2]]
+        return f"The model {fit.structure} was found: {', '.join(named)}."
+    gain = _interval(estimates["gain"], f"{data.position_unit}/s")
+    unit = {"V": "volt", "%": "per cent", "A": "ampere"}.get(data.input_unit, data.input_unit)
+    return (
+        f"For each {unit} of input the motor settles at {gain}, and it covers 63.2 % of a step in "
+        f"{_interval(estimates['time_constant'])}."
+    )
+
+
+def _interval(estimate: Estimate, unit: str = "") -> Rounded:
+    return rounded(estimate.value, _LEVEL * estimate.sd, unit or estimate.unit)
+
+
+def _experiment_name(recording: Recording) -> str:
+    try:
+        return str(tomllib.loads(recording.experiment).get("name", ""))
+    except tomllib.TOMLDecodeError:
+        return ""
