@@ -12,10 +12,11 @@ from servobench.errors import DeviceError
 class FakeTime:
     """A host's time that moves on by what is slept, by a microsecond at each look, and by what a test adds."""
 
-    def __init__(self, oversleeps: float = 0.0) -> None:
+    def __init__(self, oversleeps: float = 0.0, sleeps: float = 1.0) -> None:
         self.seconds = 1000.0
         self.slept: list[float] = []
         self.oversleeps = oversleeps
+        self.sleeps = sleeps
 
     def now(self) -> float:
         self.seconds += 1e-6
@@ -23,7 +24,7 @@ class FakeTime:
 
     def sleep(self, duration: float) -> None:
         self.slept.append(duration)
-        self.seconds += duration + self.oversleeps
+        self.seconds += self.sleeps * duration + self.oversleeps
 
 
 class Counter:
@@ -93,12 +94,9 @@ def test_the_spin_is_no_longer_than_a_fifth_of_the_sample_time_and_150_microseco
     clock = HostClock(now=time.now, sleep=time.sleep)
     clock.start(sample_time)
     ticks(clock, 10, lambda index: None)
-    began = time.seconds
 
-    ticks_slept = sum(time.slept[1:])
-
-    assert ticks_slept >= 9 * (sample_time - longest) - 10e-6
-    assert began > 1000.0
+    # After the first, each of the nine ticks sleeps but for the spin and a few looks at the clock, of a microsecond each.
+    assert sum(time.slept[1:]) >= 9 * (sample_time - longest - 5e-6)
 
 
 def test_a_tick_that_is_late_by_less_than_a_tick_is_done_at_once_and_the_next_is_on_time() -> None:
@@ -132,7 +130,6 @@ def test_ticks_that_have_gone_by_are_skipped_and_never_made_up_for_in_a_burst() 
     assert [tick.index for tick in found] == [0, 1, 2, 3, 8, 9, 10]
     assert [tick.scheduled for tick in found] == [tick.index * 0.002 for tick in found]
     assert [tick.late for tick in found] == [False, False, False, False, True, False, False]
-    assert all(later.index > earlier.index for earlier, later in zip(found, found[1:], strict=False))
 
 
 def test_a_tick_is_late_from_a_tenth_of_the_sample_time_on() -> None:
@@ -151,7 +148,7 @@ def _pass(time: FakeTime, seconds: float) -> None:
 
 
 def test_a_sleep_that_ends_early_brings_no_tick_forward() -> None:
-    time = FakeTime(oversleeps=-0.0003)
+    time = FakeTime(sleeps=0.5)
     clock = HostClock(now=time.now, sleep=time.sleep)
     clock.start(0.002)
 

@@ -66,12 +66,15 @@ class TransferFunction:
 
 def _polynomial(coefficients: tuple[float, ...]) -> str:
     """A polynomial in s as a person writes it: `0.0998 s + 1`."""
-    order = len(coefficients) - 1
-    terms = []
-    for power, value in zip(range(order, -1, -1), coefficients, strict=True):
-        if value == 0 and order > 0:
+    written = ""
+    for power, value in zip(range(len(coefficients) - 1, -1, -1), coefficients, strict=True):
+        if value == 0:
             continue
-        factor = "" if value == 1 and power > 0 else f"{value:.6g}"
+        factor = "" if abs(value) == 1 and power > 0 else f"{abs(value):.6g}"
         symbol = {0: "", 1: "s"}.get(power, f"s^{power}")
-        terms.append(" ".join(part for part in (factor, symbol) if part))
-    return " + ".join(terms) or "0"
+        if written:
+            written += " - " if value < 0 else " + "
+        elif value < 0:
+            written = "-"
+        written += " ".join(filter(None, (factor, symbol)))
+    return written or "0"

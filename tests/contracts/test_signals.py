@@ -1,6 +1,5 @@
 """What holds for every signal, those of later files and of plug-ins included."""
 
-import copyreg
 import math
 import pickle  # noqa: TID251 - a process that runs the loop gets its experiment this way
 from typing import Any, get_args
@@ -20,7 +19,9 @@ def example(name: str, **changes: object) -> Any:
     """Return the member of that name with its defaults, and an example for each field that has none."""
     member = SIGNALS[name]
     fields: dict[str, FieldInfo] = member.model_fields  # type: ignore[attr-defined]
-    given = {key: field.examples[0] for key, field in fields.items() if field.is_required() and field.examples}
+    given = {
+        key: field.examples[0] for key, field in fields.items() if field.is_required() and field.examples
+    }
     return member(**(given | changes))
 
 
@@ -29,7 +30,12 @@ def times(low: float, high: float, count: int = 500) -> np.ndarray:
     return np.random.default_rng(1).uniform(low, high, count)
 
 
-@pytest.fixture(params=SIGNALS.names())
+NAMES = SIGNALS.names()
+PERIODIC = [name for name in NAMES if example(name).period is not None]
+STARTING = [name for name in NAMES if "start" in SIGNALS[name].model_fields]  # type: ignore[attr-defined]
+
+
+@pytest.fixture(params=NAMES)
 def name(request: pytest.FixtureRequest) -> str:
     return request.param
 
@@ -80,20 +86,18 @@ def test_a_record_is_what_its_times_give_one_by_one(name: str) -> None:
 
 
 @pytest.mark.parametrize("periods", [1, 7, 1000])
+@pytest.mark.parametrize("name", PERIODIC)
 def test_it_repeats_after_its_period(name: str, periods: int) -> None:
     signal = example(name)
-    if signal.period is None:
-        return
     t = times(0, 3 * signal.period)
 
     # The time is off by up to eps · (1000 · 10 s), the steepest signal turns by 2π · 10 Hz · 3 V: 1e-9 V, tenfold.
     np.testing.assert_allclose(signal(t + periods * signal.period), signal(t), rtol=0, atol=1e-8)
 
 
+@pytest.mark.parametrize("name", PERIODIC)
 def test_it_repeats_after_nothing_less_than_its_period(name: str) -> None:
     signal = example(name)
-    if signal.period is None:
-        return
     t = times(0, 3 * signal.period)
 
     for part in (2, 3, 5, 7):
@@ -106,9 +110,8 @@ def test_its_shortest_change_is_a_time(name: str) -> None:
     assert shortest is None or 0 < shortest < math.inf
 
 
+@pytest.mark.parametrize("name", STARTING)
 def test_before_its_start_it_rests_and_from_then_on_it_is_shifted(name: str) -> None:
-    if "start" not in SIGNALS[name].model_fields:  # type: ignore[attr-defined]
-        return
     now, later = example(name, start=0.0), example(name, start="1.5 s")
     t = times(0, 40)
 
@@ -120,7 +123,6 @@ def test_it_can_be_sent_to_another_process(name: str) -> None:
     signal = example(name)
 
     assert pickle.loads(pickle.dumps(signal)) == signal
-    assert type(signal) not in copyreg.dispatch_table
 
 
 def test_it_reads_back_from_what_it_is_written_as(name: str) -> None:
@@ -148,6 +150,6 @@ def units_of(field: FieldInfo) -> set[str]:
 
 
 def test_an_unknown_setting_is_refused_and_the_known_ones_are_named(name: str) -> None:
-    with pytest.raises(ValidationError, match="strat: not known here|not known here") as caught:
+    with pytest.raises(ValidationError, match="not known here") as caught:
         ANY_SIGNAL.validate_python({"type": name, "strat": 1})
     assert all(key in str(caught.value) for key in SIGNALS[name].model_fields)  # type: ignore[attr-defined]

@@ -82,3 +82,20 @@ def test_an_irregularly_sampled_record_is_hit_too() -> None:
     assert fit is not None
     for name, truth in answers(Truth()).items():
         assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
+
+
+def test_reversals_right_after_a_switch_are_allowed_for() -> None:
+    """With a bit of 40 ms, 4 out of 5 runs have a reversal within the winding's transient, which the model can't resolve.
+
+    Without the allowance for it the intervals cover 85 % and miss by up to 15 standard deviations. The allowance bounds an
+    error, so the intervals may cover more than 95 %, but none may be far off.
+    """
+    runs, covered, worst = 100, 0, 0.0
+    for seed in range(runs):
+        truth = drawn(seed)
+        fit = identify(dataset(seed=seed, kind="prbs", truth=truth, hold=20)).fit
+        assert fit is not None
+        covered += fit["gain"].interval[0] <= answers(truth)["gain"] <= fit["gain"].interval[1]
+        worst = max(worst, abs(fit["gain"].value - answers(truth)["gain"]) / fit["gain"].sd)
+    assert covered >= 91
+    assert worst < 4.5  # 1 run in 150,000 of a normal distribution

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -17,42 +18,44 @@ if TYPE_CHECKING:
     from servobench.estimators.base import Estimate
     from servobench.result import Comparison, Result
 
-_SYMBOLS = {Severity.REFUSAL: ("✗", "bold red"), Severity.WARNING: ("!", "bold yellow"), Severity.INFO: ("•", "dim")}
+_MARKS = {Severity.REFUSAL: ("✗", "bold red"), Severity.WARNING: ("!", "bold yellow"), Severity.INFO: ("•", "dim")}
 _VERDICTS = {
     Verdict.TRUSTED: ("bold green", "nothing in the data speaks against this model"),
     Verdict.DOUBTFUL: ("bold yellow", "something speaks against relying on this model; see the lines marked with !"),
     Verdict.REFUSED: ("bold red", "these data can't support a model; the lines marked with ✗ say why"),
 }
-_INDENT = (0, 0, 0, 2)
+_MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 
 
 def show_result(console: Console, result: Result) -> None:
     """Print the parameters with their intervals, the transfer function, how well it fits, the verdict and the findings."""
     if result.fit is not None:
-        console.print(Padding(_parameters(result.fit.estimates), _INDENT))
+        _show_table(console, _parameters(result.fit.estimates))
+        for line in _model(result):
+            _show_wrapped(console, Text("  "), line)
         console.print()
-        console.print(Padding(_model(result), _INDENT))
     if result.nominal:
-        console.print()
-        console.print(Padding(_comparisons(result.nominal), _INDENT))
-    console.print()
+        _show_table(console, _comparisons(result.nominal))
     style, sentence = _VERDICTS[result.verdict]
-    console.print(Text.assemble((str(result.verdict), style), f": {sentence}"))
+    _show_wrapped(console, Text(f"{result.verdict}: ", style=style), sentence)
     if result.findings:
         console.print()
         show_findings(console, result.findings)
 
 
 def show_findings(console: Console, findings: Iterable[Finding]) -> None:
-    """Print findings, the weightiest first, each behind its mark."""
-    order = list(_SYMBOLS)
-    table = Table.grid(padding=(0, 1))
-    table.add_column(no_wrap=True)
-    table.add_column()
-    for finding in sorted(findings, key=lambda each: order.index(each.severity)):
-        symbol, style = _SYMBOLS[finding.severity]
-        table.add_row(Text(symbol, style=style), Text(printable(finding.sentence) + _rows(finding)))
-    console.print(Padding(table, _INDENT))
+    """Print findings, the weightiest first, each behind its mark; of many of one kind the first few and their number."""
+    alike: dict[tuple[Severity, str], list[Finding]] = {}
+    for finding in findings:
+        alike.setdefault((finding.severity, finding.code), []).append(finding)
+    order = list(_MARKS)
+    for severity, code in sorted(alike, key=lambda kind: order.index(kind[0])):
+        sentences = [finding.sentence + _rows(finding) for finding in alike[severity, code]]
+        for sentence in sentences[:_MOST_ALIKE]:
+            symbol, style = _MARKS[severity]
+            _show_wrapped(console, Text.assemble("  ", (symbol, style), " "), sentence)
+        if len(sentences) > _MOST_ALIKE:
+            _show_wrapped(console, Text("    "), f"and {len(sentences) - _MOST_ALIKE} more of this kind")
 
 
 def columns(*headings: str, right: Iterable[str] = ()) -> Table:
@@ -84,31 +87,47 @@ def _parameters(estimates: dict[str, Estimate]) -> Table:
     return table
 
 
-def _model(result: Result) -> Text:
-    """The transfer function, and how much of the output it explains."""
+def _model(result: Result) -> list[str]:
+    """The transfer function, and how much of the output it explains, in lines."""
     lines = []
     if result.transfer_function is not None:
         lines.append(f"G(s) = {result.transfer_function}, in {result.transfer_function.unit}")
     if result.fit is not None:
-        lines.append(f"simulates {result.fit.fit_percent:.1f} % of the output")
+        lines.append(f"simulates {result.fit.fit_percent:.2f} % of the output")
     if result.validation is not None:
-        lines.append(f"validation: {result.validation.fit_percent:.1f} %, {result.validation.how}")
-    return Text("\n".join(lines))
+        lines.append(f"validation: {result.validation.fit_percent:.2f} %, {result.validation.how}")
+    return lines
 
 
 def _comparisons(nominal: Iterable[Comparison]) -> Table:
-    from servobench.report.numbers import plain
+    from servobench.report.numbers import handy_unit, plain
 
-    table = columns("held against", "nominal", "identified", "difference", "unit", right=("nominal", "identified", "difference"))
+    table = columns("data sheet", "nominal", "identified", "difference", "unit", right=("nominal", "identified", "difference"))
     for each in nominal:
+        factor, unit = handy_unit(each.unit, max(abs(each.nominal), abs(each.identified)))
+        values = (_ascii_minus(plain(value / factor)) for value in (each.nominal, each.identified))
         relative = f"{100 * (each.identified / each.nominal - 1):+.1f} %" if each.nominal else ""
-        values = (_ascii_minus(plain(value)) for value in (each.nominal, each.identified))
-        table.add_row(in_words(each.name), *values, relative, each.unit)
+        table.add_row(in_words(each.name), *values, relative, unit)
     return table
 
 
+def _show_table(console: Console, table: Table) -> None:
+    console.print(Padding(table, (0, 0, 1, 2), expand=False))
+
+
+def _show_wrapped(console: Console, head: Text, sentence: str) -> None:
+    """Print a sentence behind a head, its further lines as far to the right."""
+    indent = " " * head.cell_len if not head.plain.strip()[1:] else ""
+    width = console.width - head.cell_len
+    first, *rest = wrap(printable(sentence), width, break_long_words=False, break_on_hyphens=False) or [""]
+    console.print(Text.assemble(head, first), soft_wrap=True)
+    for line in rest:
+        console.print(Text(indent + line), soft_wrap=True)
+
+
 def _rows(finding: Finding) -> str:
-    if finding.rows is None:
+    """The rows concerned, where the sentence doesn't tell them itself."""
+    if finding.rows is None or "row" in finding.sentence.lower() or "sample" in finding.sentence.lower():
         return ""
     first, last = finding.rows
     return f" (row {first})" if first == last else f" (rows {first} to {last})"

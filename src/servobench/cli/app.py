@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from collections.abc import Sequence
 from typing import Annotated
 
@@ -63,7 +64,8 @@ def run_app(words: Sequence[str]) -> int:
     spell_what_cannot_be_encoded()
     words, debug = _without_debug(words or ["--help"])
     try:
-        app(words, prog_name="servobench")
+        # The object that typer hands to commands is the line as it was typed, for reports.
+        app(words, prog_name="servobench", obj=shlex.join(["servobench", *words]))
     except SystemExit as end:
         return flushed(_status(end))
     except BaseException as error:

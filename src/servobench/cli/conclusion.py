@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
@@ -13,32 +14,39 @@ from servobench.finding import Verdict
 
 if TYPE_CHECKING:
     from servobench.errors import NotIdentifiable
-    from servobench.measurement.dataset import Dataset
     from servobench.recording.recording import Recording
     from servobench.result import Result
 
 
+@dataclass(frozen=True)
+class Evidence:
+    """A recording with its roles and units known, and the text of the chain through which its output is still to go."""
+
+    recording: Recording
+    chain: str = ""
+
+
 def concluded(
-    recordings: Sequence[Recording],
-    measured: Callable[[Recording], Dataset],
+    evidence: Sequence[Evidence],
     *,
     structure: str = "auto",
     nominal: str | None = None,
-    others: Sequence[Recording] = (),
+    others: Sequence[Evidence] = (),
 ) -> Result:
-    """Return what recordings say about the motor; `measured` makes data of each, `others` are for trying the model on.
+    """Return what recordings say about the motor; `others` are those to try the model on.
 
-    Recordings that are too short for any data give a refused result, as all data do that can't support a model.
+    Recordings that are too short for any data give a refused result, as all do that can't support a model.
     """
     from servobench.errors import NotIdentifiable
     from servobench.identification import identify
+    from servobench.measurement.measure import measure
 
     with Progress("identifying"), told_when_compiling():
         try:
-            data = [measured(recording) for recording in recordings]
-            others_data = [measured(recording) for recording in others]
+            data = [measure(each.recording, each.chain) for each in evidence]
+            others_data = [measure(each.recording, each.chain) for each in others]
         except NotIdentifiable as error:
-            return _without_data(recordings, error)
+            return _without_data([each.recording for each in evidence], error)
         return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
 
 

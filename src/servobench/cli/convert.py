@@ -9,24 +9,27 @@ import typer
 
 
 def convert(
-    source: Annotated[Path, typer.Argument(metavar="IN", help="A recording, in any known format.")],
-    target: Annotated[
-        Path, typer.Argument(metavar="OUT", help="The file to write; its ending says the format.")
-    ],
+    source: Annotated[Path, typer.Argument(metavar="IN", hidden=True)],
+    target: Annotated[Path, typer.Argument(metavar="OUT", hidden=True)],
+    recording: Annotated[
+        list[str] | None,
+        typer.Option(metavar="NAME", help="Take the recording of that name only, of several; may be repeated."),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT if it is there.")] = False,
 ) -> None:
-    """Write a recording in another format; what can't be kept is told.
+    """Write the recordings in a file in another format.
 
-    What is written is what the file says: no column is renamed, scaled or resampled.
+    The ending of OUT says which. What is written is what IN says: nothing is renamed, scaled or resampled.
     """
     from servobench.cli.answer import show_findings
+    from servobench.cli.recordings import chosen, loaded
     from servobench.cli.terminal import output
     from servobench.errors import UsageError
-    from servobench.formats.base import load, save
+    from servobench.formats.base import save
 
     if target.exists() and not overwrite:
         raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
-    recordings = load(source)
+    recordings = chosen(loaded([source]), recording or ())
     save(recordings, target)
     console = output()
     console.print(f"{target}: {len(recordings)} recording(s) from {source}", soft_wrap=True)

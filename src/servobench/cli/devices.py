@@ -8,11 +8,11 @@ import typer
 
 
 def devices(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show this one only.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
 ) -> None:
-    """List the devices, each with its settings, units and defaults.
+    """List the devices, with their settings, units and defaults.
 
-    In an experiment's file: [device] with name = "twin", then [device.settings].
+    With NAME that one only. In an experiment's file: [device] with name = "twin", then [device.settings].
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

@@ -49,7 +49,7 @@ def failed(error: BaseException, *, debug: bool = False) -> int:
 def complain(sentence: str) -> None:
     """Say on standard error what went wrong."""
     # Not wrapped: a path or a column's name is to be found again in a log.
-    messages().print(Text.assemble(("error: ", "bold red"), printable(sentence)), soft_wrap=True)
+    messages().print(Text.assemble(("Error: ", "bold red"), printable(sentence)), soft_wrap=True)
 
 
 def flushed(status: int) -> int:
@@ -69,7 +69,7 @@ def _told(error: BaseException) -> tuple[int, str]:
     if isinstance(error, OutputGone | BrokenPipeError):
         return CANNOT_WRITE, ""
     if isinstance(error, KeyboardInterrupt):
-        return INTERRUPTED, "interrupted"
+        return INTERRUPTED, ""
     if isinstance(error, MissingInformation):
         return USER_MISTAKE, _list_of(str(error).splitlines()[0], error.missing)
     if isinstance(error, ServobenchError) and error.exit_status != OUR_FAULT:

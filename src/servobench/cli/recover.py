@@ -9,12 +9,15 @@ import typer
 
 
 def recover(
-    file: Annotated[Path, typer.Argument(metavar="FILE", help="The recording (.mcap or .mcap.part).")],
+    file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)],
     to: Annotated[
-        Path | None, typer.Option("--to", metavar="FILE", help="Where to write it; without, beside the original.")
+        Path | None, typer.Option("--to", metavar="FILE", help="The new file; without, one beside FILE.")
     ] = None,
 ) -> None:
-    """Write what is right in a torn recording to a new file; the original stays as it is."""
+    """Save what is right in a recording that was cut short.
+
+    FILE is a torn recording (.mcap or .mcap.part); it stays as it is.
+    """
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import output
     from servobench.recording.recover import recover as recovered

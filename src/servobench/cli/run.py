@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import hashlib
 import signal
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from types import FrameType
@@ -26,12 +27,10 @@ if TYPE_CHECKING:
 
 
 def run(
+    context: typer.Context,
     experiment: Annotated[
         Path | None,
-        typer.Argument(
-            metavar="[EXPERIMENT.toml]",
-            help="What to do; without a file a square wave of 1 to 3 V at 0.4 Hz for 10 s, sampled at 500 Hz.",
-        ),
+        typer.Argument(metavar="EXPERIMENT.toml", hidden=True),
     ] = None,
     device: Annotated[
         str | None, typer.Option(metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`.")
@@ -52,25 +51,161 @@ def run(
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")] = False,
 ) -> None:
-    """Run an experiment, record it, identify the motor, validate, and report.
+    """Run an experiment: record, identify, validate, report.
 
-    Without a file it is the paper's experiment on the simulated motor. Ctrl-C stops the motor; what was recorded until
-    then is kept and identified.
+    Without a file it is a square wave of 1 to 3 V at 0.4 Hz for 10 s, sampled at 500 Hz, on the simulated motor.
+    Ctrl-C stops the motor; what was recorded until then is kept and identified.
+
+    The folder of a run holds experiment.toml, recording.mcap, data.csv, result.json and report.html.
     """
     from servobench.cli.conclusion import check_names
     from servobench.cli.run_folder import run_folder
     from servobench.cli.terminal import print_json, words
+    from servobench.report.document import Report
 
     asked = _experiment(experiment, device, seed)
     held_against = nominal or asked.nominal or None
     check_names(structure, held_against)
     console = words(beside_json=as_json)
     folder = run_folder(out, datetime.now())
-    happened = _carried_out(asked, _device(asked, experiment), folder, console)
-    result = _identified(happened, asked, structure, held_against or happened.motor)
+    recording = _carried_out(asked, _device(asked, experiment), folder, console)
+    result = _identified(recording, asked, structure, held_against or _own_data_sheet(recording))
     if result is not None:
-        _keep(folder, happened, result)
-        _show(console, folder, result)
+        folder.write_result(result.to_dict())
+        _show(console, recording, result)
         if as_json:
             print_json(result.to_dict())
-    raise typer.Exit(_status(happened, result))
+        Report(recording, result, command=context.obj or "").write(folder.report)
+        console.print(f"report: {folder.report}", soft_wrap=True)
+    raise typer.Exit(_status(recording, result))
+
+
+def _experiment(file: Path | None, device: str | None, seed: int | None) -> Experiment:
+    """What is asked for, with what the command line says in place of what the file says."""
+    from servobench.experiment import PAPER, DeviceChoice, load_experiment
+    from servobench.measurement.base import Chain
+
+    asked = PAPER if file is None else load_experiment(file)
+    if device is not None and device != asked.device.name:
+        # The settings in the file are another device's.
+        asked = asked.model_copy(update={"device": DeviceChoice(name=device)})
+    if seed is not None:
+        asked = asked.model_copy(update={"seed": seed})
+    Chain.parse(asked.chain)  # a mistake in it should show before the motor turns
+    return asked
+
+
+def _device(asked: Experiment, file: Path | None) -> Device:
+    """The device that is asked for, not yet connected; mistakes in its settings are told with their lines in the file."""
+    from pydantic import ValidationError
+
+    from servobench.devices.base import DEVICES
+    from servobench.errors import UsageError
+    from servobench.experiment import explain
+
+    kind = DEVICES[asked.device.name]
+    try:
+        return kind(kind.Settings(**asked.device.settings))
+    except (ValidationError, UsageError) as error:
+        text = file.read_text(encoding="utf-8-sig") if file else ""
+        raise explain(error, text, str(file or asked.device.name), ("device", "settings")) from None
+
+
+def _carried_out(asked: Experiment, device: Device, folder: RunFolder, console: Console) -> Recording:
+    """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
+    from servobench.cli.answer import show_findings
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.errors import DeviceLost
+    from servobench.formats.base import save
+    from servobench.loop.run import Progress as Place
+    from servobench.loop.run import run as carry_out
+
+    what = "running" if asked.duration else "running until Ctrl-C"
+    with _ended_like_ctrl_c(), device:
+        folder.begin(asked.to_toml())
+        console.print(_asked_in_words(asked), soft_wrap=True)
+        show_findings(console, asked.findings())
+        with Progress(what) as progress, told_when_compiling():
+
+            def watch(place: Place) -> None:
+                progress.done = place.tick / place.ticks if place.ticks else None
+
+            try:
+                recording = carry_out(asked, device, to=folder.recording, watch=watch)
+            except DeviceLost as error:
+                complain(str(error))
+                recording = error.recording
+    save(recording, folder.data)
+    with folder.recording.open("rb") as file:
+        checksum = hashlib.file_digest(file, "sha256").hexdigest()
+    return replace(recording, source=replace(recording.source, sha256=checksum))
+
+
+@contextmanager
+def _ended_like_ctrl_c() -> Iterator[None]:
+    """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    requests = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    # A request that is ignored, as by nohup, stays so.
+    ours = [request for request in requests if signal.getsignal(request) is signal.SIG_DFL]
+    for request in ours:
+        signal.signal(request, interrupt)
+    try:
+        yield
+    finally:
+        for request in ours:
+            signal.signal(request, signal.SIG_DFL)
+
+
+def _identified(recording: Recording, asked: Experiment, structure: str, nominal: str | None) -> Result | None:
+    """The result; None where a run that was cut short left nothing that can be looked at."""
+    from servobench.cli.conclusion import Evidence, concluded
+    from servobench.errors import UsageError
+
+    try:
+        return concluded([Evidence(recording, asked.chain)], structure=structure, nominal=nominal)
+    except UsageError as error:
+        if recording.stopped.reason == "finished":
+            raise
+        complain(f"not identified: {error}")
+        return None
+
+
+def _own_data_sheet(recording: Recording) -> str | None:
+    """The data sheet that the device itself names."""
+    settings = dict(recording.info.settings) if recording.info else {}
+    return settings.get("motor")
+
+
+def _asked_in_words(asked: Experiment) -> str:
+    from servobench.signals.base import SIGNALS
+
+    length = "endless" if asked.duration is None else f"{asked.duration:g} s"
+    name = f"{asked.name}: " if asked.name else ""
+    return (
+        f"{name}{SIGNALS.name_of(asked.signal)}, {length} at {asked.sample_rate:g} Hz, on {asked.device.name}"
+    )
+
+
+def _show(console: Console, recording: Recording, result: Result) -> None:
+    from servobench.cli.answer import show_result
+
+    samples = len(recording["counts"].values)
+    console.print(f"{samples} samples; {recording.stopped.sentence}", soft_wrap=True)
+    console.print()
+    show_result(console, result)
+    console.print()
+
+
+def _status(recording: Recording, result: Result | None) -> int:
+    """The exit status: how the run ended comes before what its data say."""
+    from servobench.cli.conclusion import status_of
+
+    if recording.stopped.reason == "interrupted":
+        return INTERRUPTED
+    if recording.stopped.reason in {"fault", "device_lost"}:
+        return DEVICE_FAILED
+    return DONE if result is None else status_of(result)

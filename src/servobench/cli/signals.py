@@ -8,11 +8,11 @@ import typer
 
 
 def signals(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Show this one only.")] = None,
+    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
 ) -> None:
-    """List the signals, each with its settings, units and defaults.
+    """List the signals, with their settings, units and defaults.
 
-    In an experiment's file: [signal], then type = "square", low = "1 V" and so on.
+    With NAME that one only. In an experiment's file: [signal], then type = "square", low = "1 V" and so on.
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

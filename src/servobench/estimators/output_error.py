@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Fit, FittedRecord
-from servobench.estimators.covariance import conservative, plain, sandwich
+from servobench.estimators.covariance import conservative, inverse, plain, sandwich
 from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
 from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
@@ -86,6 +86,8 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
     held = (minimum.theta <= lower) | (minimum.theta >= upper)
     free = h * np.outer(~held, ~held)
     covariance = conservative(plain(free, variance), sandwich(free, _scores(layout, minimum)))
+    shift = inverse(free) @ _unmodelled(layout, minimum)
+    covariance += shift @ shift.T
     alone = np.diag(plain(h, variance))
     covariance[held, held] = alone[held]
     unknown = np.diag(h) == 0
@@ -116,6 +118,17 @@ def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord
         residual=data.y - prediction.y,
         valid=prediction.valid,
     )
+
+
+def _unmodelled(layout: Layout, minimum: Minimum) -> Array:
+    """J' E over the joint vector (P + ΣQ, all errors), E what the structure knows that its prediction may be wrong by."""
+    columns = []
+    for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
+        errors = layout.structure.unmodelled(minimum.theta[place], record)
+        block = np.zeros((len(minimum.theta), errors.shape[1]))
+        block[place] = prediction.jacobian[prediction.valid].T @ errors[prediction.valid]
+        columns.append(block)
+    return np.hstack(columns)
 
 
 def _scores(layout: Layout, minimum: Minimum) -> list[Array]:

@@ -29,19 +29,24 @@ def _writable(value: Any) -> Any:
     """Return a copy of a value that a TOML file can hold; raises ValueError for any other."""
     if isinstance(value, bool | int) or (isinstance(value, float) and not math.isnan(value)):
         return value
-    if (
-        isinstance(value, str) and value.encode(errors="replace").decode() == value
-    ):  # no half of a surrogate pair
+    if isinstance(value, str):
+        try:
+            value.encode()
+        except UnicodeEncodeError as error:
+            raise ValueError(
+                f"character {error.start + 1} is half a surrogate pair, which no file can hold"
+            ) from None
         return value
     if isinstance(value, list | tuple):
         return [_writable(item) for item in value]
     if isinstance(value, Mapping) and all(isinstance(key, str) for key in value):
-        return {key: _writable(item) for key, item in value.items()}
+        return {_writable(key): _writable(item) for key, item in value.items()}
     raise ValueError(
         f"{value!r} can't be a setting; expected a text, a number, true or false, or an array or table of these"
     )
 
 
+Text: TypeAlias = Annotated[str, AfterValidator(_writable)]
 Duration: TypeAlias = Annotated[PositiveTime | None, _none_for("endless")]
 Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, _none_for("random")]
 
@@ -49,7 +54,7 @@ Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, _no
 class DeviceChoice(Settings):
     """Which device, and its settings as they stand in the file; the device's own settings model checks them."""
 
-    name: Annotated[str, Field(min_length=1)] = "twin"
+    name: Annotated[str, Field(min_length=1), AfterValidator(_writable)] = "twin"
     """Name of the device."""
     settings: Annotated[Mapping[str, Any], AfterValidator(_writable)] = Field(default_factory=dict)
     """Settings of that device."""
@@ -69,9 +74,9 @@ class Experiment(Settings):
     10 s at 500 Hz, in open loop, on the simulated QUBE-Servo.
     """
 
-    name: str = ""
+    name: Text = ""
     """A short name for people."""
-    notes: str = ""
+    notes: Text = ""
     """Anything worth knowing later."""
     signal: AnySignal = Square(low=1, high=3, frequency=0.4)
     """The controller's reference; in open loop the voltage [V]."""
@@ -87,9 +92,9 @@ class Experiment(Settings):
     """What the device must not be asked for."""
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
-    chain: str = ""
+    chain: Text = ""
     """Measurement chain through which the recording is to be looked at, such as `derivative | lowpass 50 rad/s`."""
-    nominal: str = ""
+    nominal: Text = ""
     """Name of the data sheet that the result is held against."""
 
     @model_validator(mode="after")

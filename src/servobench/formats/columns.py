@@ -70,7 +70,7 @@ def heading(text: str) -> Heading:
 
     What stands in brackets and is no unit stays a part of the name.
     """
-    text = " ".join(text.split())
+    text = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
     bracket = _bracket(text)
     if bracket is not None:
         name, inside = bracket
@@ -206,7 +206,7 @@ def time_unit(heading: Heading) -> str | None:
     if not _is_named_time(heading):
         return None
     if heading.unit is not None:
-        return heading.unit if unit(heading.unit).quantity == "time" else None
+        return heading.unit if is_unit(heading.unit) and unit(heading.unit).quantity == "time" else None
     last = heading.name[len(_folder(heading.name)) :].lower()
     return "s" if last in SECONDS_BY_CONVENTION else None
 
@@ -214,32 +214,29 @@ def time_unit(heading: Heading) -> str | None:
 def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Times], list[Finding]]:
     """The columns that are times beyond doubt, and what is to be known of them."""
     candidates: dict[tuple[str, int], list[Column]] = {}
+    recognised: list[_Times] = []
+    findings: list[Finding] = []
     for column in columns:
-        if time_unit(column.heading) is not None and _mostly_increases(column.values):
+        if time_unit(column.heading) is None:
+            continue
+        if _mostly_increases(column.values):
             key = (_folder(column.heading.name), len(column.values))
             candidates.setdefault(key, []).append(column)
-    recognised, findings = [], []
+        else:
+            sentence = f"`{column.heading.name}` isn't taken as the time, as its name would say: it doesn't increase."
+            findings.append(info("time-not-recognised", sentence))
     for (folder, _), alike in candidates.items():
         names = [column.heading.name for column in alike]
         if len(alike) > 1:
-            findings.append(
-                info(
-                    "time-ambiguous",
-                    f"Each of {quoted(names)} may be the time; say which with --time COL:UNIT.",
-                )
-            )
+            sentence = f"Each of {quoted(names)} may be the time; say which with --time COL:UNIT."
+            findings.append(info("time-ambiguous", sentence))
             continue
         symbol = time_unit(alike[0].heading) or "s"
         factor = unit(symbol).factor
         with np.errstate(over="ignore"):
             t = alike[0].values if factor == 1.0 else alike[0].values * factor
         recognised.append(_Times(folder=folder, t=t))
-        said = (
-            ""
-            if alike[0].heading.unit
-            else f" by convention; say --time {names[0]}:ms or the like if it isn't"
-        )
-        findings.append(info("time-recognised", f"`{names[0]}` is taken as the time, in {symbol}{said}."))
+        findings.append(_told_time(alike[0].heading, symbol, t))
         findings.extend(time_findings(t, rows))
     return recognised, findings
 
@@ -253,10 +250,10 @@ def _told_time(heading: Heading, symbol: str, t: Array) -> Finding:
 
 
 def _mostly_increases(values: Array) -> bool:
-    """Whether a column can be times at all: nine of ten steps go forward."""
+    """Whether a column can be times at all, slips and several runs included: most steps go forward."""
     with np.errstate(over="ignore"):
         steps = np.diff(values[np.isfinite(values)])
-    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.9
+    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.6
 
 
 def _times_for(column: Column, times: Sequence[_Times]) -> Array | None:

@@ -22,6 +22,7 @@ from servobench.channels import Array, Channel
 from servobench.errors import FormatError, UsageError
 from servobench.finding import Finding, info, warning
 from servobench.formats.base import FORMATS
+from servobench.formats.stale import stale
 from servobench.formats.times import in_words, time_findings
 from servobench.recording.recording import Recording, Series, Source
 
@@ -45,7 +46,6 @@ MECHANISM = (
     Channel(name="velocity", unit="rev/s"),
 )
 
-_STALE = 0.5  # of the rows during a motion: from here on the position is said to be stale
 _TINY = float(
     np.finfo(np.float64).tiny
 )  # below it a float is denormal: memory that nobody has set, not a measurement
@@ -180,7 +180,7 @@ def _first_is_of_another_test(voltages: Array) -> bool:
 def _told_first_row(voltages: Array) -> Finding:
     said = " and ".join(f"{voltage:g} V" for voltage in voltages)
     sentence = f"Row 1 carries {said}, which is no part of this test but what the one before ended with; it is left out."
-    return warning("first-row-other-test", sentence, rows=(1, 1))
+    return info("first-row-other-test", sentence, rows=(1, 1))
 
 
 def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
@@ -200,31 +200,7 @@ def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
                 f"`{channel.name}` is next to 0 but not 0 ({column[unset[0] - 1]:.4g}) in {len(unset)} rows"
             )
             sentence += ": memory that nobody has set, no measurement."
-            findings.append(warning("velocity-unset", sentence, rows=(int(unset[0]), int(unset[-1]))))
-        if channel.unit == "rev" and (stale := _stale(column)) is not None:
-            hold, share = stale
-            step = float(np.median(np.diff(values[:, 0])))
-            sentence = f"`{channel.name}` changes in {100 * (1 - share):.0f} % of the rows only, every {hold:g} rows or so "
-            sentence += (
-                f"({1000 * hold * step:.0f} ms): it is older than the time of its row by up to that much."
-            )
-            findings.append(warning("position-stale", sentence))
+            findings.append(info("velocity-unset", sentence, rows=(int(unset[0]), int(unset[-1]))))
+        if channel.unit == "rev" and (refreshed := stale(column)) is not None:
+            findings.append(info("position-stale", refreshed.sentence(channel.name, values[:, 0])))
     return findings
-
-
-def _stale(position: Array) -> tuple[float, float] | None:
-    """The usual number of rows between changes of a position, and the share of rows without one, while it moves.
-
-    None where it changes in most rows, or mostly by the very same step: that is one count of an encoder, and there was no more to see.
-    The first tenth of the changes, at the slow beginning of a ramp, doesn't count.
-    """
-    changes = np.flatnonzero(np.diff(position))
-    changes = changes[len(changes) // 10 :]
-    if len(changes) < 10:
-        return None
-    steps = np.abs(np.diff(position)[changes])
-    share = 1.0 - (len(changes) - 1) / (changes[-1] - changes[0])
-    alike = np.isclose(steps, np.median(steps), rtol=1e-6, atol=0.0).mean()
-    if share <= _STALE or alike > 0.7:
-        return None
-    return float(np.median(np.diff(changes))), float(share)

@@ -280,7 +280,9 @@ def _headings(
         for r, line in zip(lines.rows[:start], lines.content, strict=False)
     ]
     comments = [
-        _Names(row=r, cells=_names_in(text, layout)) for r, text in lines.comments.items() if r < begin
+        _Names(row=r, cells=_names_in_comment(text, layout))
+        for r, text in lines.comments.items()
+        if r < begin
     ]
     header = _header(above, layout)
     findings: list[Finding] = []
@@ -297,6 +299,12 @@ def _headings(
         return tuple(Heading(name=name) for name in names), findings, used
     units = header[1].cells if len(header) > 1 else []
     return _with_units(header[0].cells, units), findings, used
+
+
+def _names_in_comment(text: str, layout: Layout) -> list[str]:
+    """The cells of a comment, which may name the columns between blanks where the numbers stand between tabs or commas."""
+    cells = _names_in(text, layout)
+    return cells if _are_names(cells, layout) else _names_in(text, replace(layout, separator=" "))
 
 
 def _header(above: Sequence[_Names], layout: Layout) -> Sequence[_Names]:
@@ -336,10 +344,9 @@ def _about_unused(unused: Sequence[_Names], layout: Layout, has_header: bool) ->
     findings = []
     if unused and not has_header and len(unused[-1].cells) > 1:
         *unused, last = unused
-        sentence = (
-            f"Row {last.row} has {len(last.cells)} cells ({quoted(last.cells)}) and the rows of numbers have {layout.columns}; "
-            "its names aren't used."
-        )
+        cells = f"{len(last.cells)} cells, the rows of numbers {layout.columns}"
+        why = f"has {cells}" if len(last.cells) != layout.columns else "is neither names nor numbers"
+        sentence = f"Row {last.row} ({quoted(last.cells)}) {why}: it isn't used."
         findings.append(warning("header-mismatch", sentence, rows=(last.row, last.row)))
     if unused:
         rows = np.array([each.row for each in unused])
@@ -461,5 +468,5 @@ def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: 
         findings.append(_finding(info, code, sentences[code], where, f", in column {columns}"))
     spelled = nan - sum(len(found) for by in faults.cells.values() for found in by.values())
     if spelled:
-        findings.append(info("cell-nan", f"{spelled} cells say NaN."))
+        findings.append(info("cell-nan", f"Cells that say NaN: {spelled}."))
     return findings

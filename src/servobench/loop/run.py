@@ -7,7 +7,7 @@ import os
 import platform
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
@@ -16,13 +16,11 @@ from servobench.channels import Array, Channel, DeviceInfo, Sample
 from servobench.clock import Clock, Tick, clock_for
 from servobench.devices.base import Device, RunEnded
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
+from servobench.experiment import Experiment
 from servobench.finding import Finding, info, warning
 from servobench.loop.recorder import InMemory, Recorder, ToFile
 from servobench.recording.recording import Recording, Series, Source, Stopped
 from servobench.signals.base import Signal
-
-if TYPE_CHECKING:
-    from servobench.experiment import Experiment
 
 BLOCK_TIME = 0.5  # s; what a crash of the process may cost
 BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
@@ -133,7 +131,7 @@ def _carry_out(
     watch: Watch | None,
 ) -> Stopped:
     """Let the ticks pass, one after the other, to the end of the experiment or to a fault; the device is started."""
-    ticks = _ticks(experiment)
+    ticks = experiment.samples
     limit = experiment.limits.voltage
     controller = experiment.controller
     state = controller.start(experiment.sample_time)
@@ -276,14 +274,6 @@ class _Log:
         return tuple(findings)
 
 
-def _ticks(experiment: Experiment) -> int | None:
-    """The number of ticks, which are those scheduled before the duration is over; None for an endless experiment."""
-    if experiment.duration is None:
-        return None
-    # A last bit makes no tick: 1.1 s / 0.1 s is 11.000000000000002.
-    return math.ceil(round(experiment.duration / experiment.sample_time, 6))
-
-
 def _recorder(opening: Recording, to: str | os.PathLike[str] | None, clock: Clock) -> Recorder:
     """Where the rows go. A loop that keeps up with a turning motor doesn't wait for a disk, one in virtual time may."""
     if to is None:
@@ -321,7 +311,7 @@ def _opening(experiment: Experiment, device: DeviceInfo) -> Recording:
     ]
     nothing = np.empty(0)
     return Recording(
-        name="run",
+        name=experiment.name or "run",
         series=tuple(Series(channel=channel, values=nothing, t=nothing) for channel in channels),
         source=Source(name=device.name),
         input="applied",

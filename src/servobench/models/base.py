@@ -78,6 +78,13 @@ class Structure(Protocol):
         """Return the prediction for the parameter vector theta (P + Q,), with its exact Jacobian."""
         ...
 
+    def unmodelled(self, theta: Array, data: Dataset) -> Array:
+        """Return what the prediction may be wrong by for reasons the structure knows of but can't resolve, as columns (M, E).
+
+        Each column is an error of its own, of unit variance, in the dataset's output unit; theta as for `predict`.
+        """
+        ...
+
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return the linear part for the parameters theta (P,) as a transfer function, in the units of the data."""
         ...

@@ -130,11 +130,8 @@ class FirstOrder:
             valid=data.valid,
         )
 
-    def response(self, theta: Array, data: Dataset) -> tuple[Array, Array]:
-        """Return what goes into the chain, a position or a speed (M,), and its derivatives (M, 7).
-
-        The columns are the derivatives by (K, τ, u₀, u_c, d, θ₀, ω₀).
-        """
+    def vector(self, theta: Array, data: Dataset) -> Array:
+        """Return the kernel's vector (K, τ, u₀, u_c, d, θ₀, ω₀) for theta (P + Q,), the device's own delay included in d."""
         from servobench.models import kernels
 
         p = np.zeros(kernels.COLUMNS)
@@ -143,6 +140,16 @@ class FirstOrder:
         p[kernels.DELAY] += data.delay
         start = theta[count : count + (2 if data.kind == "position" else 1)]
         p[kernels.COLUMNS - len(start) :] = start
+        return p
+
+    def response(self, theta: Array, data: Dataset) -> tuple[Array, Array]:
+        """Return what goes into the chain, a position or a speed (M,), and its derivatives (M, 7).
+
+        The columns are the derivatives by (K, τ, u₀, u_c, d, θ₀, ω₀).
+        """
+        from servobench.models import kernels
+
+        p = self.vector(theta, data)
         y, jacobian = np.empty(len(data.t_output)), np.empty((len(data.t_output), kernels.COLUMNS))
         speed_out = 1.0 if data.shaft_kind == "speed" else 0.0
         kernels.response(
@@ -157,6 +164,12 @@ class FirstOrder:
             jacobian,
         )
         return y, jacobian
+
+    def unmodelled(self, theta: Array, data: Dataset) -> Array:
+        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
+        from servobench.models.reversals import unresolved
+
+        return unresolved(self, theta, data) if self.friction else np.empty((len(data.y), 0))
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s for the position."""

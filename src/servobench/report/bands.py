@@ -89,7 +89,8 @@ def pole_bands(fit: Fit, output: Output = "speed") -> tuple[PoleBand, ...]:
     real = TWO_SIDED * _sd(gradient.real, fit.covariance)
     imaginary = TWO_SIDED * _sd(gradient.imag, fit.covariance)
     return tuple(
-        PoleBand(pole=complex(pole), half=complex(a, b)) for pole, a, b in zip(poles, real, imaginary, strict=True)
+        PoleBand(pole=complex(pole), half=complex(a, b))
+        for pole, a, b in zip(poles, real, imaginary, strict=True)
     )
 
 

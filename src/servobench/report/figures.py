@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
@@ -15,7 +15,18 @@ from servobench.channels import Array
 from servobench.report.bands import FrequencyBand, PoleBand, StepBand
 from servobench.report.decimation import decimated
 from servobench.report.numbers import plain, with_unit
-from servobench.report.palette import FONT, Box, Palette, Style, axes, handy, legend, sheet, x_label
+from servobench.report.palette import (
+    FONT,
+    Box,
+    Palette,
+    Style,
+    axes,
+    handy,
+    legend,
+    second_scale,
+    sheet,
+    x_label,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -23,7 +34,7 @@ if TYPE_CHECKING:
 
 Look: TypeAlias = Literal["input", "measured", "model", "residual"]
 
-_LEFT, _RIGHT, _TITLE, _BOTTOM = 50.0, 14.0, 30.0, 40.0  # margins [px]
+_LEFT, _RIGHT, _TITLE, _BOTTOM = 42.0, 6.0, 30.0, 40.0  # margins [px]
 _SECOND_AXIS = 44.0  # more on the right, for a second scale
 _GUTTER = 28.0
 _DB = 20 / np.log(10)  # dB for one neper
@@ -63,7 +74,7 @@ class Course:
     @property
     def height(self) -> float:
         """The height with all titles and the time axis [px]."""
-        return sum(panel.height + _TITLE for panel in self.panels) + _BOTTOM + (_TITLE if self.title else 4.0)
+        return sum(panel.height + _TITLE for panel in self.panels) + _BOTTOM + (_TITLE + 14.0 if self.title else 4.0)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -91,7 +102,7 @@ def time_courses(courses: Sequence[Course], style: Style) -> Figure:
 
 
 def correlation(lags: Array, values: Array, bound: float, style: Style) -> Figure:
-    """Return the autocorrelation (L,) of a residual at `lags` [samples], with the bound that white noise keeps 95 times in 100."""
+    """Return the autocorrelation (L,) of a residual at `lags` [samples], with the bound of 95 % for white noise."""
     palette = style.palette
     figure = sheet(style, 210)
     ax = axes(figure, _whole(style, 210), palette, "Autocorrelation")
@@ -99,7 +110,10 @@ def correlation(lags: Array, values: Array, bound: float, style: Style) -> Figur
     ax.axhline(0, color=palette.muted, linewidth=1)
     ax.vlines(lags, 0, values, colors=palette.model, linewidth=2)
     largest = max(float(np.abs(values).max()), bound, 0.1)
-    ax.set(xlim=(lags[0] - 0.5, lags[-1] + 0.5), ylim=(min(float(values.min()), -bound) - 0.1 * largest, 1.2 * largest))
+    ax.set(
+        xlim=(lags[0] - 0.5, lags[-1] + 0.5),
+        ylim=(min(float(values.min()), -bound) - 0.1 * largest, 1.2 * largest),
+    )
     x_label(ax, "lag (samples)", palette)
     return figure
 
@@ -120,7 +134,9 @@ def distribution(edges: Array, density: Array, expected: Curve | None, unit: str
     return figure
 
 
-def bode(band: FrequencyBand, unit: str, seen: tuple[float, float], corner: float | None, style: Style) -> Figure:
+def bode(
+    band: FrequencyBand, unit: str, seen: tuple[float, float], corner: float | None, style: Style
+) -> Figure:
     """Return magnitude and phase with their 95 % bands.
 
     `unit` is the magnitude's; `seen` [rad/s] is the range of frequencies that the data can tell of, what lies outside is shaded;
@@ -130,16 +146,20 @@ def bode(band: FrequencyBand, unit: str, seen: tuple[float, float], corner: floa
     height = 2 * (150 + _TITLE) + _BOTTOM + 4
     figure = sheet(style, height)
     width = style.width - _LEFT - _SECOND_AXIS - 4
-    boxes = [Box(left=_LEFT, top=4 + _TITLE + n * (150 + _TITLE), width=width, height=150) for n in range(2)]
+    tops = (4 + _TITLE, 4 + 2 * _TITLE + 150)
+    boxes = [Box(left=_LEFT, top=top, width=width, height=150, indent=_LEFT) for top in tops]
     db, degrees = 20 * np.log10(band.magnitude), np.degrees(band.phase)
-    magnitude = axes(figure, boxes[0], palette, f"Magnitude (dB; right: {unit})")
+    magnitude = axes(figure, boxes[0], palette, "Magnitude (dB)")
     phase = axes(figure, boxes[1], palette, "Phase (°)")
-    for ax, y, half in ((magnitude, db, _DB * band.magnitude_half), (phase, degrees, np.degrees(band.phase_half))):
+    for ax, y, half in (
+        (magnitude, db, _DB * band.magnitude_half),
+        (phase, degrees, np.degrees(band.phase_half)),
+    ):
         _frequencies(ax, band.omega, seen, corner, palette)
         ax.fill_between(band.omega, y - half, y + half, color=palette.band, linewidth=0)
         ax.plot(band.omega, y, color=palette.model, linewidth=1.8)
     magnitude.tick_params(axis="x", labelbottom=False)
-    _absolute_scale(magnitude, db, palette)
+    _decibels(magnitude, db, unit, palette)
     _degree_ticks(phase, degrees)
     if corner is not None:
         _note(magnitude, corner, f" 1/τ = {plain(corner, 3)} rad/s", palette)
@@ -156,7 +176,13 @@ def step(band: StepBand, unit: str, mark: tuple[float, float] | None, style: Sty
     ax.plot(band.t, band.y, color=palette.model, linewidth=1.8)
     if mark is not None:
         t, y = mark
-        ax.plot([t, t, 0], [min(0.0, float(band.y.min())), y, y], color=palette.muted, linewidth=1, linestyle=(0, (2, 3)))
+        ax.plot(
+            [t, t, 0],
+            [min(0.0, float(band.y.min())), y, y],
+            color=palette.muted,
+            linewidth=1,
+            linestyle=(0, (2, 3)),
+        )
         ax.plot([t], [y], marker="o", markersize=6, color=palette.model, linestyle="none")
         below = -14 if band.y[-1] >= 0 else 14
         ax.annotate(
@@ -186,14 +212,20 @@ def pole_map(poles: Sequence[PoleBand], integrator: complex | None, style: Style
     ax.axhline(0, color=palette.muted, linewidth=1)
     for band in poles:
         x, y = band.pole.real, band.pole.imag
-        ax.plot([x - band.half.real, x + band.half.real], [y, y], color=palette.band, linewidth=8, solid_capstyle="butt")
+        ax.plot(
+            [x - band.half.real, x + band.half.real],
+            [y, y],
+            color=palette.band,
+            linewidth=8,
+            solid_capstyle="butt",
+        )
         ax.plot([x], [y], marker="x", markersize=9, markeredgewidth=2, color=palette.model, linestyle="none")
         ax.annotate(_complex_text(band.pole), (x, y), xytext=(0, 12), textcoords="offset points", ha="center", fontsize=FONT,
                     color=palette.muted)  # fmt: skip
     if integrator is not None:
         ax.plot([integrator.real], [integrator.imag], marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
                 markeredgecolor=palette.model, linestyle="none")  # fmt: skip
-    ax.text(right, up, "unstable ", fontsize=FONT, color=palette.muted, ha="right", va="top")
+    ax.text(right, 0.94 * up, "unstable ", fontsize=FONT, color=palette.muted, ha="right", va="top")
     ax.set(xlim=(left, right), ylim=(-up, up))
     if all(band.pole.imag == 0 for band in poles):
         ax.set_yticks([0])
@@ -207,17 +239,32 @@ def differences(rows: Sequence[Difference], reference: str, style: Style) -> Fig
     height = 34.0 * len(rows) + _TITLE + _BOTTOM + 4
     figure = sheet(style, height)
     left = 116.0
-    box = Box(left=left, top=4 + _TITLE, width=style.width - left - _RIGHT, height=34.0 * len(rows))
+    box = Box(
+        left=left, top=4 + _TITLE, width=style.width - left - _RIGHT, height=34.0 * len(rows), indent=left
+    )
     ax = axes(figure, box, palette, "Identified, as a difference from nominal (%)")
     ax.grid(False, axis="y")
     ax.grid(True, axis="x", color=palette.rule, linewidth=1.0)
     ax.axvline(0, color=palette.muted, linewidth=1.5)
     for n, row in enumerate(rows):
         if np.isfinite(row.half):
-            ax.plot([row.percent - row.half, row.percent + row.half], [n, n], color=palette.band, linewidth=8, solid_capstyle="butt")
+            ax.plot(
+                [row.percent - row.half, row.percent + row.half],
+                [n, n],
+                color=palette.band,
+                linewidth=8,
+                solid_capstyle="butt",
+            )
         ax.plot([row.percent], [n], marker="o", markersize=8, color=palette.model, linestyle="none")
     ax.set_yticks(range(len(rows)), [row.name for row in rows])
-    ends = [0.0, *(row.percent + side * (row.half if np.isfinite(row.half) else 0) for row in rows for side in (-1, 1))]
+    ends = [
+        0.0,
+        *(
+            row.percent + side * (row.half if np.isfinite(row.half) else 0)
+            for row in rows
+            for side in (-1, 1)
+        ),
+    ]
     room = 0.08 * (max(ends) - min(ends) or 1.0)
     ax.set(ylim=(len(rows) - 0.5, -0.5), xlim=(min(ends) - room, max(ends) + room))
     x_label(ax, f"0 is {reference}", palette)
@@ -226,7 +273,8 @@ def differences(rows: Sequence[Difference], reference: str, style: Style) -> Fig
 
 def _whole(style: Style, height: float) -> Box:
     """The box of the only axes of a figure."""
-    return Box(left=_LEFT, top=4 + _TITLE, width=style.width - _LEFT - _RIGHT, height=height - _TITLE - _BOTTOM - 4)
+    inner = style.width - _LEFT - _RIGHT
+    return Box(left=_LEFT, top=4 + _TITLE, width=inner, height=height - _TITLE - _BOTTOM - 4, indent=_LEFT)
 
 
 def _course(figure: Figure, course: Course, left: float, top: float, width: float, palette: Palette) -> None:
@@ -235,12 +283,20 @@ def _course(figure: Figure, course: Course, left: float, top: float, width: floa
     y = top + 4.0
     if course.title:
         total = figure.get_size_inches() * 72
-        figure.text(left / total[0], 1 - (y + 14) / total[1], course.title, fontsize=FONT + 1, fontweight="bold", color=palette.ink)
+        figure.text(
+            left / total[0],
+            1 - (y + 14) / total[1],
+            course.title,
+            fontsize=FONT + 1,
+            fontweight="bold",
+            color=palette.ink,
+            parse_math=False,
+        )
         y += _TITLE - 4
     ends = _time_span(course)
     for n, panel in enumerate(course.panels):
         y += _TITLE
-        box = Box(left=left + _LEFT, top=y, width=inner, height=panel.height)
+        box = Box(left=left + _LEFT, top=y, width=inner, height=panel.height, indent=_LEFT)
         ax = _panel(figure, panel, box, palette)
         ax.set_xlim(*ends)
         if n < len(course.panels) - 1:
@@ -253,29 +309,35 @@ def _course(figure: Figure, course: Course, left: float, top: float, width: floa
 def _panel(figure: Figure, panel: Panel, box: Box, palette: Palette) -> Axes:
     factor, unit = handy([curve.y for curve in panel.curves], panel.unit)
     ax = axes(figure, box, palette, f"{panel.title} ({unit})")
-    if panel.quantum:
-        half = 0.5 * panel.quantum / factor
-        ax.axhspan(-half, half, color=palette.shade, linewidth=0)
-        scale = ax.secondary_yaxis("right", functions=(lambda y: y / (2 * half), lambda c: c * 2 * half))
-        scale.spines["right"].set_visible(False)
-        scale.tick_params(length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
-        ax.annotate("counts", (1, 1), xytext=(box.left * 0 + 34, 9), xycoords="axes fraction", textcoords="offset points",
-                    fontsize=FONT, color=palette.muted, ha="right")  # fmt: skip
     for curve in panel.curves:
         t, y = decimated(curve.t, curve.y / factor, int(box.width))
         ax.plot(t, y, label=curve.label or "_", **_line(curve.look, palette))
     legend(ax, palette, box)
     ax.margins(y=0.08)
+    if panel.quantum:
+        _counts(ax, panel.quantum / factor, palette)
     return ax
 
 
-def _line(look: Look, palette: Palette) -> dict[str, object]:
+def _counts(ax: Axes, quantum: float, palette: Palette) -> None:
+    """A second scale in counts, with half a count on either side of zero shaded."""
+    from matplotlib.ticker import MaxNLocator
+
+    ax.axhspan(-0.5 * quantum, 0.5 * quantum, color=palette.shade, linewidth=0)
+    low, high = (end / quantum for end in ax.get_ylim())
+    counts = [float(count) for count in MaxNLocator(nbins=4).tick_values(low, high) if low <= count <= high]
+    second_scale(
+        ax, [count * quantum for count in counts], [plain(count) for count in counts], "counts", palette
+    )
+
+
+def _line(look: Look, palette: Palette) -> dict[str, Any]:
     """How a line is drawn. The model's is thin and lies on the measured one, which is wide, so that both are seen."""
     lines: dict[Look, tuple[str, float]] = {
         "input": (palette.ink, 1.3),
-        "measured": (palette.measured, 3.2),
+        "measured": (palette.measured, 2.6),
         "model": (palette.model, 1.3),
-        "residual": (palette.measured, 1.0),
+        "residual": (palette.measured, 0.8),
     }
     colour, width = lines[look]
     return {"color": colour, "linewidth": width, "solid_joinstyle": "round", "solid_capstyle": "butt"}
@@ -287,7 +349,9 @@ def _time_span(course: Course) -> tuple[float, float]:
     return (start, end) if end > start else (start - 0.5, start + 0.5)
 
 
-def _frequencies(ax: Axes, omega: Array, seen: tuple[float, float], corner: float | None, palette: Palette) -> None:
+def _frequencies(
+    ax: Axes, omega: Array, seen: tuple[float, float], corner: float | None, palette: Palette
+) -> None:
     """A logarithmic axis of frequencies, with what the data can't tell shaded."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
@@ -304,17 +368,22 @@ def _frequencies(ax: Axes, omega: Array, seen: tuple[float, float], corner: floa
         ax.axvline(corner, color=palette.muted, linewidth=1, linestyle=(0, (2, 3)))
 
 
-def _absolute_scale(ax: Axes, db: Array, palette: Palette) -> None:
-    """A second scale for a magnitude in dB: what it is a factor of, at round numbers."""
-    low, high = ax.get_ylim()
+def _decibels(ax: Axes, db: Array, unit: str, palette: Palette) -> None:
+    """Ticks at tens of dB, and what the magnitude is in its unit on the right, at round numbers."""
+    from matplotlib.ticker import MultipleLocator
+
+    low, high = float(db.min()) - 3, float(db.max()) + 3
+    ax.set_ylim(low, high)
+    ax.yaxis.set_major_locator(
+        MultipleLocator(next((step for step in (10.0, 20.0, 40.0) if high - low < 6 * step), 80.0))
+    )
     decades = range(int(np.floor(low / 20)) - 1, int(np.ceil(high / 20)) + 1)
     firsts = (1.0, 2.0, 5.0) if high - low < 50 else (1.0,)
     values = [first * 10.0**decade for decade in decades for first in firsts]
     inside = [value for value in values if low <= 20 * np.log10(value) <= high]
-    scale = ax.secondary_yaxis("right")
-    scale.spines["right"].set_visible(False)
-    scale.set_yticks([20 * np.log10(value) for value in inside], [plain(value) for value in inside])
-    scale.tick_params(length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
+    second_scale(
+        ax, [20 * np.log10(value) for value in inside], [plain(value) for value in inside], unit, palette
+    )
 
 
 def _degree_ticks(ax: Axes, degrees: Array) -> None:

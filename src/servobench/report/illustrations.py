@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -16,7 +17,7 @@ from servobench.report import figures
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Difference, Panel
-from servobench.report.numbers import counted, handy_unit, plain, rounded, with_unit
+from servobench.report.numbers import counted, handy_unit, percent, plain, rounded, with_unit
 from servobench.report.palette import Style
 from servobench.report.speed import eye_speed, eye_window
 from servobench.result import Comparison, Result
@@ -127,7 +128,7 @@ def poles(fit: Fit) -> Illustration:
     """Return the poles in the complex plane and what they mean for stability."""
     bands = pole_bands(fit)
     judged = stability(fit.model.transfer_function("speed"))
-    reasons = " ".join(judged.reasons)
+    reasons = re.sub(r"(?<=[ (±])-(?=\d)", "−", " ".join(judged.reasons))
     return Illustration(
         name="poles",
         title="Poles",
@@ -157,7 +158,7 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
     return Illustration(
         name="nominal",
         title="Identified against nominal",
-        caption="A dot is the identified value, the bar behind it its 95 % interval; where none shows, it's narrower than the dot.",
+        caption="A dot is the identified value, the bar its 95 % interval; where there is none, it's narrower than the dot.",
         description=f"Differences from the nominal values: {told}.",
         draw=partial(figures.differences, rows, "the nominal value"),
     )
@@ -167,12 +168,18 @@ def _course(data: Dataset, fitted: FittedRecord | None, several: bool) -> Course
     """Input, speed and, where it was measured, position; time counts from the record's first sample."""
     t = data.t_output - data.t_output[0]
     t_input, u = held(data.t_input - data.t_output[0], data.u, data.input_before, float(t[-1]))
-    panels = [Panel(title="Input", unit=data.input_unit, curves=(Curve(t=t_input, y=u, look="input"),), height=90.0)]
+    panels = [
+        Panel(title="Input", unit=data.input_unit, curves=(Curve(t=t_input, y=u, look="input"),), height=90.0)
+    ]
     if data.kind == "position":
         window = eye_window(data)
         lines = _lines(data, fitted, lambda y: eye_speed(t, y, window))
-        panels.append(Panel(title="Speed, for the eye only", unit=f"{data.output_unit}/s", curves=_named(lines)))
-        panels.append(Panel(title="Position", unit=data.output_unit, curves=_lines(data, fitted, lambda y: (t, y))))
+        panels.append(
+            Panel(title="Speed, for the eye only", unit=f"{data.output_unit}/s", curves=_named(lines))
+        )
+        panels.append(
+            Panel(title="Position", unit=data.output_unit, curves=_lines(data, fitted, lambda y: (t, y)))
+        )
     else:
         curves = _named(_lines(data, fitted, lambda y: (t, y)))
         panels.append(Panel(title="Speed", unit=data.output_unit, curves=curves, height=190.0))
@@ -203,9 +210,13 @@ def _course_caption(result: Result, shown: Sequence[Dataset]) -> str:
     if positions:
         windows = sorted({with_unit(eye_window(data) * data.sample_time, "s", 2) for data in positions})
         both = ", taken from both alike," if result.fit else ""
-        parts.append(f"The speed is for the eye only: differences of the position{both} over {' or '.join(windows)}.")
+        parts.append(
+            f"The speed is for the eye only: differences of the position{both} over {' or '.join(windows)}."
+        )
     elif shown and shown[0].chain:
-        parts.append(f"What is shown lies behind the measurement chain `{shown[0].chain}`; the model's output went through it too.")
+        parts.append(
+            f"What is shown lies behind the measurement chain ‘{shown[0].chain}’; the model's output went through it too."
+        )
     return " ".join(parts) + _more(len(result.data))
 
 
@@ -222,13 +233,15 @@ def _course_words(data: Dataset) -> str:
 def _model_words(result: Result) -> list[str]:
     if result.fit is None or not np.isfinite(result.fit.fit_percent):
         return []
-    return [f"The model's line explains {result.fit.fit_percent:.4g} % of the measured one."]
+    return [f"The model's line explains {percent(result.fit.fit_percent)} % of the measured one."]
 
 
 def _residual_course(record: FittedRecord, several: bool) -> Course:
     data, keep = record.data, record.valid
     curve = Curve(t=data.t_output[keep] - data.t_output[0], y=record.residual[keep], look="residual")
-    panel = Panel(title="Residual", unit=data.output_unit, curves=(curve,), quantum=data.quantum, height=130.0)
+    panel = Panel(
+        title="Residual", unit=data.output_unit, curves=(curve,), quantum=data.quantum, height=130.0
+    )
     return Course(panels=(panel,), title=_short(data.name) if several else "")
 
 
@@ -285,7 +298,9 @@ def _distribution(fit: Fit) -> Illustration | None:
     else:
         x = np.linspace(edges[0], edges[-1], 121)
         s = sd / factor
-        expected = Curve(t=x, y=np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)), look="model", label="normal")
+        expected = Curve(
+            t=x, y=np.exp(-0.5 * (x / s) ** 2) / (s * np.sqrt(2 * np.pi)), look="model", label="normal"
+        )
         beside = "a normal distribution of the same standard deviation"
     beyond = int(np.count_nonzero(np.abs(e) > limit))
     out = f" {counted(beyond, 'sample')} beyond the axis." if beyond else ""
@@ -293,7 +308,7 @@ def _distribution(fit: Fit) -> Illustration | None:
         name="distribution",
         title="Distribution of the residual",
         caption=f"The blue line is {beside}.{out}",
-        description=f"Histogram with a standard deviation of {with_unit(sd, data.output_unit, 3)}; the line beside it is {beside}.",
+        description=f"Histogram with a standard deviation of {with_unit(sd, data.output_unit, 3)}; the line is {beside}.",
         draw=partial(figures.distribution, edges, density, expected, unit),
     )
 
@@ -312,18 +327,25 @@ def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
     degrees = float(np.degrees(band.phase_half[within].max()))
     if not np.isfinite(db + degrees):
         return "The 95 % band isn't known, as the data don't determine all parameters."
-    span = float(np.ptp(20 * np.log10(band.magnitude)))
-    turn = float(np.ptp(np.degrees(band.phase)))
-    hidden = 2 * db < _LINE_WIDTH * span and 2 * degrees < _LINE_WIDTH * turn
-    size = f"at most ±{plain(db, 2)} dB and ±{plain(degrees, 2)}°"
-    return f"The 95 % band is thinner than the line: {size}." if hidden else f"The 95 % band is light blue: {size}."
+    magnitude = _seen_as(2 * db, float(np.ptp(20 * np.log10(band.magnitude))))
+    phase = _seen_as(2 * degrees, float(np.ptp(np.degrees(band.phase))))
+    if magnitude == phase:
+        return f"The 95 % band is {phase}: at most ±{plain(db, 2)} dB and ±{plain(degrees, 2)}°."
+    return (
+        f"The 95 % band of the magnitude is {magnitude}, at most ±{plain(db, 2)} dB; that of the phase is {phase}, at most "
+        f"±{plain(degrees, 2)}°."
+    )
+
+
+def _seen_as(width: float, span: float) -> str:
+    """What of a band can be seen where a curve over that span fills its panel."""
+    return "thinner than the line" if width < _LINE_WIDTH * span else "light blue"
 
 
 def _band_width(width: float, span: float, half: str) -> str:
     if not np.isfinite(width):
         return "The 95 % band isn't known, as the data don't determine all parameters."
-    hidden = width < _LINE_WIDTH * span
-    return f"The 95 % band is {'thinner than the line' if hidden else 'light blue'}: at most ±{half}."
+    return f"The 95 % band is {_seen_as(width, span)}: at most ±{half}."
 
 
 def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
@@ -342,6 +364,7 @@ def _pole_words(band: PoleBand) -> str:
 
 
 def _short(name: str, longest: int = 40) -> str:
+    name = " ".join(name.split())
     return name if len(name) <= longest else f"{name[: longest - 1]}…"
 
 

@@ -17,7 +17,7 @@ _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 
 def transfer_function_math(fit: Fit) -> str:
-    """Return G(s) of the fit, from the input to the speed, as a `<math>` element: in symbols where they are known, and in numbers."""
+    """Return G(s) of the fit, from input to speed, as a `<math>` element: in symbols where they are known, and in numbers."""
     system = fit.model.transfer_function("speed")
     sides = [_row(_name("G"), _brackets(_name("s")))]
     if _is_first_order(fit, system):
@@ -36,7 +36,11 @@ def symbol(name: str) -> str:
 
 def _is_first_order(fit: Fit, system: TransferFunction) -> bool:
     names = set(fit.model.names)
-    return {"gain", "time_constant", "delay"} <= names and len(system.denominator) == 2 and len(system.numerator) == 1
+    return (
+        {"gain", "time_constant", "delay"} <= names
+        and len(system.denominator) == 2
+        and len(system.numerator) == 1
+    )
 
 
 def _in_numbers(system: TransferFunction, halves: Array) -> str:
@@ -47,13 +51,14 @@ def _in_numbers(system: TransferFunction, halves: Array) -> str:
     if system.delay == 0:
         return fraction
     text = _coefficient(abs(system.delay), halves[-1])
-    exponent = _row(_sign("−" if system.delay > 0 else "+"), _number(text), _thin_space(), _name("s"))
+    minus = (_sign("−"),) if system.delay > 0 else ()
+    exponent = _row(*minus, _number(text), _thin_space(), _name("s"))
     return _row(fraction, _delayed(exponent))
 
 
 def _polynomial(coefficients: tuple[float, ...], halves: Array) -> str:
     order = len(coefficients) - 1
-    parts = []
+    parts: list[str] = []
     for power, value, half in zip(range(order, -1, -1), coefficients, halves, strict=True):
         if value == 0 and order > 0:
             continue

@@ -27,7 +27,11 @@ class Rounded:
 
     def __str__(self) -> str:
         plus_minus = f" ± {self.half}" if self.half else ""
-        number = f"({self.value}{plus_minus})" if plus_minus and self.unit.startswith("×") else self.value + plus_minus
+        number = (
+            f"({self.value}{plus_minus})"
+            if plus_minus and self.unit.startswith("×")
+            else self.value + plus_minus
+        )
         return f"{number} {self.unit}".rstrip()
 
 
@@ -69,9 +73,10 @@ def rounded(value: float, half: float, unit: str) -> Rounded:
 def handy_unit(unit: str, largest: float) -> tuple[float, str]:
     """Return a factor and a unit, so that a value divided by the factor is in that unit and neither tiny nor huge.
 
-    Values from 0.01 to a million stay as they are.
+    Values from 0.1 to a million stay as they are, and from 0.01 where the unit takes no prefix.
     """
-    if not (math.isfinite(largest) and largest > 0) or 0.01 <= largest < 1e6:
+    smallest = 0.1 if unit in _PREFIXED else 0.01
+    if not (math.isfinite(largest) and largest > 0) or smallest <= largest < 1e6:
         return 1.0, unit
     power = 3 * math.floor(math.log10(largest) / 3)
     if largest < 1 and largest / 10.0**power >= 100:
@@ -81,6 +86,14 @@ def handy_unit(unit: str, largest: float) -> tuple[float, str]:
     if power == 0:
         return 1.0, unit
     return 10.0**power, f"×{power_of_ten(power)} {unit}".rstrip()
+
+
+def percent(value: float) -> str:
+    """Return a percentage with two significant digits of what is missing to 100, so that 99.998 doesn't become 100."""
+    missing = 100 - value
+    if not math.isfinite(value) or missing <= 0:
+        return plain(value)
+    return _fixed(value, min(max(1 - _exponent(missing, 2), 0), 9))
 
 
 def power_of_ten(exponent: int) -> str:

@@ -46,7 +46,7 @@ LIGHT = Palette(
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """The width of a figure in CSS pixels, and its colours. A figure narrower than 560 stacks what it would else put side by side."""
+    """The width of a figure in CSS pixels, and its colours. A narrow one stacks what it would else put side by side."""
 
     width: float = 720.0
     palette: Palette = LIGHT
@@ -59,12 +59,16 @@ class Style:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame."""
+    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame.
+
+    Their title begins `indent` pixels to the left of the frame, above the labels of the ticks.
+    """
 
     left: float
     top: float
     width: float
     height: float
+    indent: float
 
 
 def sheet(style: Style, height: float) -> Figure:
@@ -91,18 +95,17 @@ def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:
     ax.set_axisbelow(True)
     ax.tick_params(which="both", length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
     ax.tick_params(axis="x", which="major", length=4, color=palette.rule)
-    ax.yaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(box.height // 34)))))
+    ax.yaxis.set_major_locator(MaxNLocator(nbins=max(2, min(5, int(box.height // 28)))))
     ax.xaxis.set_major_locator(MaxNLocator(nbins=max(3, min(10, int(box.width // 60)))))
     plain_ticks(ax)
     ax.text(
-        0.0,
+        -box.indent / box.width,
         1 + 9 / box.height,
         title,
         transform=ax.transAxes,
         fontsize=FONT + 1,
         color=palette.ink,
-        va="bottom",
-        ha="left",
+        parse_math=False,
     )
     return ax
 
@@ -119,7 +122,28 @@ def plain_ticks(ax: Axes) -> None:
 
 def x_label(ax: Axes, text: str, palette: Palette) -> None:
     """Write what the horizontal axis is, below its right end."""
-    ax.set_xlabel(text, fontsize=FONT, color=palette.muted, loc="right", labelpad=4)
+    ax.set_xlabel(text, fontsize=FONT, color=palette.muted, loc="right", labelpad=4, parse_math=False)
+
+
+def second_scale(
+    ax: Axes, ticks: Sequence[float], labels: Sequence[str], unit: str, palette: Palette
+) -> None:
+    """Write another unit's numbers on the right, at `ticks` of the axes, and the unit above them."""
+    scale = ax.secondary_yaxis("right")
+    scale.patch.set_visible(False)
+    scale.spines["right"].set_visible(False)
+    scale.tick_params(length=0, labelsize=FONT, labelcolor=palette.muted, pad=5)
+    scale.set_yticks(ticks, labels)
+    ax.annotate(
+        unit,
+        (1, 1),
+        xytext=(5, 9),
+        xycoords="axes fraction",
+        textcoords="offset points",
+        fontsize=FONT,
+        color=palette.muted,
+        parse_math=False,
+    )
 
 
 def legend(ax: Axes, palette: Palette, box: Box) -> None:

@@ -33,4 +33,6 @@ def eye_speed(t: Array, position: Array, window: int) -> tuple[Array, Array]:
     if len(t) <= window:
         return t[:0], position[:0]
     half = window // 2
-    return t[half : len(t) - window + half], (position[window:] - position[:-window]) / (t[window:] - t[:-window])
+    return t[half : len(t) - window + half], (position[window:] - position[:-window]) / (
+        t[window:] - t[:-window]
+    )

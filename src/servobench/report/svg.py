@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import re
+import warnings
+from collections.abc import Mapping
 from dataclasses import fields
 from html import escape
 from io import StringIO
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servobench.report.palette import Palette
 
@@ -18,10 +20,13 @@ PLACEHOLDERS = Palette(
     **{colour.name: f"#0a{number:02x}fe" for number, colour in enumerate(fields(Palette), start=1)}
 )
 
+_ASIDE = re.compile(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->|<defs>\s*</defs>", re.DOTALL)
+_TAG = re.compile(r"<[^>]*>")  # a text of a user's in the drawing has no bare < or >
 _NUMBER = re.compile(r"-?\d+\.\d+")
 _ID = re.compile(r' id="([^"]*)"')
-_REFERENCE = re.compile(r'(?:url\(#|href="#)([^")]*)')
-_SETTINGS = {"svg.fonttype": "none", "svg.hashsalt": "servobench", "svg.id": None, "path.simplify": True}
+_REFERENCE = re.compile(r'(?:url\(|href=")#([^")]*)')
+_FONT = re.compile(r"font: (?:(bold|700) )?([\d.]+px) [^;\"]*")
+_SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "servobench", "path.simplify": True}
 
 
 def inline_svg(figure: Figure, *, name: str, title: str, description: str) -> str:
@@ -32,9 +37,11 @@ def inline_svg(figure: Figure, *, name: str, title: str, description: str) -> st
     """
     drawing = _rendered(figure)
     body = drawing[drawing.index(">", drawing.index("<svg")) + 1 : drawing.rindex("</svg>")]
-    body = re.sub(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->", "", body, flags=re.DOTALL)
-    body = body.replace("xlink:href=", "href=").replace("<defs>\n </defs>", "")
-    body = _in_variables(_with_page_fonts(_shorter(_with_own_ids(body, name))))
+    body = _ASIDE.sub("", body)
+    referred = sorted({old for tag in _TAG.findall(body) for old in _REFERENCE.findall(tag)})
+    ids = {old: f"{name}-{number}" for number, old in enumerate(referred)}
+    body = _TAG.sub(lambda tag: _rewritten(tag[0], ids), body)
+    body = re.sub(r"\s*\n\s*", "\n", body)
     width, height = (float(side) * 72 for side in figure.get_size_inches())
     return (
         f'<svg viewBox="0 0 {width:g} {height:g}" width="{width:g}" height="{height:g}" role="img" '
@@ -50,39 +57,24 @@ def _rendered(figure: Figure) -> str:
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     out = StringIO()
-    known = {key: value for key, value in _SETTINGS.items() if key in matplotlib.rcParams}
-    with matplotlib.rc_context(known):
-        FigureCanvasSVG(figure).print_svg(out, metadata={"Date": None, "Creator": None})
+    canvas: Any = FigureCanvasSVG(figure)
+    with matplotlib.rc_context(_SETTINGS), warnings.catch_warnings():
+        # The text is set by the browser, in fonts of its own.
+        warnings.filterwarnings("ignore", message="Glyph .* missing from")
+        canvas.print_svg(out, metadata={"Date": None, "Creator": None})
     return out.getvalue()
 
 
-def _with_own_ids(body: str, name: str) -> str:
-    """The same with short ids of its own where something refers to them, and without the others."""
-    used = sorted(set(_REFERENCE.findall(body)))
-    new = {old: f"{name}-{number}" for number, old in enumerate(used)}
-    body = _ID.sub(lambda match: f' id="{new[match[1]]}"' if match[1] in new else "", body)
-    return _REFERENCE.sub(lambda match: match[0].replace(f"#{match[1]}", f"#{new[match[1]]}"), body)
+def _rewritten(tag: str, ids: Mapping[str, str]) -> str:
+    """A tag with ids of the page's own, or none where nothing refers to it, and with the page's colours and fonts.
 
-
-def _shorter(body: str) -> str:
-    """The same with a hundredth of a pixel as the smallest step, and without indentation."""
-    body = _NUMBER.sub(lambda match: f"{float(match[0]):.2f}".rstrip("0").rstrip(".").replace("-0", "-0") or "0", body)
-    return re.sub(r"\s*\n\s*", "\n", body)
-
-
-def _with_page_fonts(body: str) -> str:
-    """The same in the font of the page: the style sheet names it, the drawing the size and the weight."""
-    body = re.sub(r"font: (?:(bold|700) )?([\d.]+px) [^;\"]*", _font, body)
-    return re.sub(r"font-family: [^;\"]*;?", "", body)
-
-
-def _font(match: re.Match[str]) -> str:
-    weight = "font-weight: 600; " if match[1] else ""
-    return f"{weight}font-size: {match[2]}"
-
-
-def _in_variables(body: str) -> str:
-    """The same with the page's variables in place of the colours that stand for them."""
+    A hundredth of a pixel is the smallest step.
+    """
+    tag = tag.replace("xlink:href=", "href=")
+    tag = _ID.sub(lambda match: f' id="{ids[match[1]]}"' if match[1] in ids else "", tag)
+    tag = _REFERENCE.sub(lambda match: match[0].replace(f"#{match[1]}", f"#{ids[match[1]]}"), tag)
+    tag = _FONT.sub(lambda match: f"{'font-weight: 600; ' if match[1] else ''}font-size: {match[2]}", tag)
+    tag = _NUMBER.sub(lambda match: f"{float(match[0]):.2f}".rstrip("0").rstrip("."), tag)
     for colour in fields(Palette):
-        body = body.replace(getattr(PLACEHOLDERS, colour.name), f"var(--{colour.name})")
-    return body
+        tag = tag.replace(getattr(PLACEHOLDERS, colour.name), f"var(--{colour.name})")
+    return tag

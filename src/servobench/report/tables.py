@@ -13,13 +13,14 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, Severity
-from servobench.measure.dataset import Dataset
+from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
+from servobench.report.bands import TWO_SIDED
 from servobench.report.mathml import symbol
 from servobench.report.numbers import Rounded, counted, grouped, plain, rounded, with_unit
 from servobench.result import Comparison, OperatingRange, Result
 
-_LEVEL = 1.959964
+
 _RPM = 30 / np.pi  # in 1 rad/s
 
 
@@ -77,7 +78,7 @@ def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
             name=parameter.name.replace("_", " "),
             symbol=symbol(parameter.name),
             meaning=parameter.meaning,
-            estimate=rounded(estimate.value, _LEVEL * estimate.sd, estimate.unit),
+            estimate=rounded(estimate.value, TWO_SIDED * estimate.sd, estimate.unit),
         )
         for parameter, estimate in zip(fit.model.structure.parameters, fit.estimates.values(), strict=True)
     )
@@ -103,7 +104,10 @@ def operating_range(limits: OperatingRange, data: Dataset) -> tuple[Fact, ...]:
         speed += f" ({_span(low * _RPM, high * _RPM)} rpm)"
     return (
         Fact(heading="Input", text=f"{_span(*limits.input)} {data.input_unit}"),
-        Fact(heading="Speed", text=f"{speed}, from smoothed differences"[: None if data.kind == "position" else len(speed)]),
+        Fact(
+            heading="Speed",
+            text=f"{speed}, from differences of the position" if data.kind == "position" else speed,
+        ),
     )
 
 
@@ -113,7 +117,11 @@ def asked(recording: Recording) -> tuple[Fact, ...]:
         table = tomllib.loads(recording.experiment)
     except tomllib.TOMLDecodeError:
         return ()
-    return tuple(Fact(heading=_words(key), text=told(value)) for key, value in table.items() if value not in ("", {}, []))
+    return tuple(
+        Fact(heading=_words(key), text=told(value))
+        for key, value in table.items()
+        if value not in ("", {}, [])
+    )
 
 
 def told(value: Any) -> str:
@@ -121,7 +129,9 @@ def told(value: Any) -> str:
     if isinstance(value, Mapping):
         head = value.get("type", value.get("name", ""))
         skipped = "type" if "type" in value else "name"
-        parts = [_setting(key, item) for key, item in value.items() if key != skipped and item not in ("", {}, [])]
+        parts = [
+            _setting(key, item) for key, item in value.items() if key != skipped and item not in ("", {}, [])
+        ]
         return ": ".join(part for part in (_words(str(head)), ", ".join(parts)) if part)
     if isinstance(value, list):
         return ", ".join(map(told, value))
@@ -132,7 +142,11 @@ def told(value: Any) -> str:
 
 def happened(recording: Recording) -> Happened:
     """Return how a recording went: why it ended, how many samples, when, and how late."""
-    times = recording[recording.output] if recording.output else max(recording.series, key=lambda s: len(s.values), default=None)
+    times = (
+        recording[recording.output]
+        if recording.output
+        else max(recording.series, key=lambda s: len(s.values), default=None)
+    )
     facts = [Fact(heading="Ended", text=recording.stopped.sentence)]
     if times is not None:
         facts += _pace(times)
@@ -152,7 +166,9 @@ def happened(recording: Recording) -> Happened:
 
 def happened_in(data: Dataset) -> Happened:
     """Return what a dataset alone says of the way it was recorded."""
-    steps = Fact(heading="Samples", text=f"{counted(len(data.y), 'sample')} in {with_unit(data.duration, 's')}")
+    steps = Fact(
+        heading="Samples", text=f"{counted(len(data.y), 'sample')} in {with_unit(data.duration, 's')}"
+    )
     pace = Fact(heading="Sample time", text=f"{with_unit(data.sample_time, 's')} (median)")
     return Happened(name=data.name, reason="", facts=(steps, pace), channels=())
 
@@ -162,7 +178,9 @@ def made_with(result: Result) -> tuple[Fact, ...]:
     fit = result.fit
     facts = [
         Fact(heading="Software", text=f"servobench {result.provenance.version}"),
-        Fact(heading="Identified", text=result.provenance.created.replace("T", " ").replace("+00:00", " UTC")),
+        Fact(
+            heading="Identified", text=result.provenance.created.replace("T", " ").replace("+00:00", " UTC")
+        ),
     ]
     if fit is not None:
         facts.append(Fact(heading="Model structure", text=fit.structure, code=True))
@@ -170,7 +188,10 @@ def made_with(result: Result) -> tuple[Fact, ...]:
         facts.append(Fact(heading="Search", text=fit.status))
     chains = sorted({str(data.chain) for data in result.data if data.chain})
     facts += [Fact(heading="Measurement chain", text=chain, code=True) for chain in chains]
-    facts += [Fact(heading="SHA-256 of the data", text=digest, code=True) for digest in result.provenance.inputs_sha256]
+    facts += [
+        Fact(heading="SHA-256 of the data", text=digest, code=True)
+        for digest in result.provenance.inputs_sha256
+    ]
     return tuple(facts)
 
 
@@ -212,7 +233,7 @@ def command(recordings: Sequence[Recording]) -> str:
 
 
 def _comparison_row(comparison: Comparison) -> ComparisonRow:
-    half = _LEVEL * comparison.sd
+    half = TWO_SIDED * comparison.sd
     known = np.isfinite(half) and half > 0
     difference = comparison.identified - comparison.nominal
     percent = f"{_signed(100 * difference / comparison.nominal)} %" if comparison.nominal else "–"
@@ -223,7 +244,9 @@ def _comparison_row(comparison: Comparison) -> ComparisonRow:
         identified=str(rounded(comparison.identified, half, comparison.unit)),
         percent=percent,
         deviations=_signed(comparison.z) if known else "–",
-        judgement=("within the interval" if inside else "outside the interval") if known else "not determined",
+        judgement=("within the interval" if inside else "outside the interval")
+        if known
+        else "not determined",
     )
 
 
@@ -259,7 +282,9 @@ def _lateness(recording: Recording) -> list[Fact]:
         return []
     worst = float(np.max(scheduled.t - scheduled.values))
     text = f"{grouped(number)} of {grouped(len(late))} samples" if number else "none"
-    return [Fact(heading="Late", text=f"{text}; the latest by {with_unit(worst, 's', 3)}" if worst > 0 else text)]
+    return [
+        Fact(heading="Late", text=f"{text}; the latest by {with_unit(worst, 's', 3)}" if worst > 0 else text)
+    ]
 
 
 def _limits(recording: Recording) -> list[Fact]:

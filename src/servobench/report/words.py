@@ -8,10 +8,9 @@ from collections.abc import Sequence
 from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
+from servobench.report.bands import TWO_SIDED
 from servobench.report.numbers import Rounded, counted, rounded
 from servobench.result import Result
-
-_LEVEL = 1.959964
 
 
 def title(result: Result, recordings: Sequence[Recording]) -> str:
@@ -30,7 +29,9 @@ def answer(result: Result) -> str:
     """Return the answer in one sentence: the two most important parameters, or why there is no model."""
     if result.verdict is Verdict.REFUSED or result.fit is None:
         refusals = [finding for finding in result.findings if finding.severity is Severity.REFUSAL]
-        return f"These data can't support a model. {refusals[0].sentence}" if refusals else "No model was found."
+        return (
+            f"These data can't support a model. {refusals[0].sentence}" if refusals else "No model was found."
+        )
     return _model_sentence(result.fit)
 
 
@@ -45,6 +46,11 @@ def reason(result: Result) -> str:
     return "Nothing that was looked for speaks against it."
 
 
+def capital(text: str) -> str:
+    """Return a text with a capital at its beginning, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def sentence(text: str) -> str:
     """Return a text with a full stop at its end."""
     stripped = text.rstrip()
@@ -55,18 +61,21 @@ def _model_sentence(fit: Fit) -> str:
     estimates = fit.estimates
     data = fit.model.data
     if not {"gain", "time_constant"} <= set(estimates):
-        named = [f"{name.replace('_', ' ')} {_interval(estimate)}" for name, estimate in list(estimates.items())[:2]]
+        named = [
+            f"{name.replace('_', ' ')} {_interval(estimate)}"
+            for name, estimate in list(estimates.items())[:2]
+        ]
         return f"The model {fit.structure} was found: {', '.join(named)}."
     gain = _interval(estimates["gain"], f"{data.position_unit}/s")
     unit = {"V": "volt", "%": "per cent", "A": "ampere"}.get(data.input_unit, data.input_unit)
     return (
-        f"For each {unit} of input the motor settles at {gain}, and it covers 63.2 % of a step in "
+        f"Each {unit} adds {gain} to the steady speed, and the motor covers 63.2 % of a step in "
         f"{_interval(estimates['time_constant'])}."
     )
 
 
 def _interval(estimate: Estimate, unit: str = "") -> Rounded:
-    return rounded(estimate.value, _LEVEL * estimate.sd, unit or estimate.unit)
+    return rounded(estimate.value, TWO_SIDED * estimate.sd, unit or estimate.unit)
 
 
 def _experiment_name(recording: Recording) -> str:

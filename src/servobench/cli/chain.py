@@ -1,0 +1,65 @@
+"""What `--chain` means for a column: what was done to it before it was recorded, or what is still to be done."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from servobench.cli.conclusion import Evidence
+
+if TYPE_CHECKING:
+    from servobench.measurement.base import Chain, Stage
+    from servobench.recording.recording import Recording
+
+
+def with_chain(recording: Recording, text: str) -> Evidence:
+    """Return the recording with the chain that lies between its shaft and its output, where it belongs.
+
+    A chain that turns a position into a speed can't have been passed by a column that is still a position; no more can one that
+    only changes what the column's unit is, or takes its wraps away, have been passed by a column that is in the unit from before.
+    Such a chain is applied now, and a finding says so. Any other is what happened before the recording.
+    Raises `UsageError` for a text that is no chain.
+    """
+    from servobench.finding import info
+    from servobench.measurement.base import Chain
+
+    chain = Chain.parse(text)
+    output, unit = _output(recording)
+    if not chain.stages:
+        return Evidence(recording)
+    if not _is_still_to_come(chain, unit):
+        return Evidence(replace(recording, chain=text))
+    told = info(
+        "chain-applied",
+        f"The output `{output}` is in {unit}, as it is before `{chain}` and not behind it, so that chain is applied now.",
+    )
+    return Evidence(recording.with_findings(told), text)
+
+
+def _output(recording: Recording) -> tuple[str, str]:
+    """The name and the unit of the output, which has both by now."""
+    name = recording.output or ""
+    return name, recording[name].channel.unit or ""
+
+
+def _is_still_to_come(chain: Chain, unit: str) -> bool:
+    from servobench.units import unit as unit_named
+
+    if unit_named(unit).quantity != "position":
+        return False
+    if chain.yields("position") == "speed":
+        return True
+    return all(_changes_only_the_unit(stage, unit) for stage in chain.stages)
+
+
+def _changes_only_the_unit(stage: Stage, unit: str) -> bool:
+    """Whether a stage takes a position in that unit to another unit, or takes the wraps out of it."""
+    from servobench.measurement.scale import Scale
+    from servobench.measurement.unwrap import Unwrap
+    from servobench.units import unit as unit_named
+
+    if isinstance(stage, Unwrap):
+        return unit_named(stage.unit).si == unit_named(unit).si
+    if isinstance(stage, Scale) and stage.unit is not None:
+        return unit_named(f"({unit})*({stage.unit})").quantity == "position"
+    return False

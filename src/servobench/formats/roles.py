@@ -1,0 +1,176 @@
+"""Which channel of a recording somebody means by a name, and which is recognised by its own."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from servobench.errors import UnknownName, UsageError
+from servobench.finding import Finding, info
+from servobench.formats.base import load
+from servobench.formats.columns import heading
+from servobench.recording.recording import Recording, Series
+from servobench.units import is_unit, unit
+
+Role: TypeAlias = Literal["input", "output"]
+
+VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
+"""The names of an input that mean volts where nobody says another unit."""
+
+INPUT_NAMES = VOLTS_BY_CONVENTION | {
+    "volt", "volts", "vm", "um", "input", "control", "command", "cmd", "pwm", "duty", "duty_cycle", "applied",
+    "motor_voltage", "input_voltage", "applied_voltage", "control_voltage", "voltage_command", "command_voltage",
+    "plant_input", "motor_input", "control_input", "control_output", "controller_output",
+}  # fmt: skip
+"""The names by which a motor's input is recognised, in lower case and without a unit."""
+
+OUTPUT_NAMES = frozenset({
+    "y", "theta", "θ", "phi", "omega", "ω", "position", "pos", "angle", "speed", "velocity", "vel", "rpm",
+    "counts", "encoder", "encoder_counts", "tachometer", "motor_speed", "motor_position", "motor_angle",
+    "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
+})  # fmt: skip
+"""The names by which a motor's measured output is recognised, in lower case and without a unit."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSpec:
+    """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
+
+    `FILE#COL` is a column of another file.
+    """
+
+    column: str
+    unit: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ColumnSpec:
+        """Return the column in a text; what follows the last colon is a unit only if it is one that is known."""
+        column, _, tail = text.rpartition(":")
+        if column and is_unit(tail):
+            return cls(column=column, unit=tail.strip())
+        return cls(column=text)
+
+    def __str__(self) -> str:
+        return self.column if self.unit is None else f"{self.column}:{self.unit}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognised:
+    """A channel that is recognised as the input or the output, its unit (None where it has to be asked for), and why."""
+
+    name: str
+    unit: str | None
+    finding: Finding
+
+
+def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) -> tuple[Recognised, ...]:
+    """Return the channels whose names, and units where they have some, are those of an input or of an output.
+
+    Only where there is exactly one is it sure. `without` names channels that are something else.
+    """
+    found = []
+    for series in recording.series:
+        name, symbol = series.channel.name, series.channel.unit
+        if name in without or not _fits(role, plain_name(name), symbol):
+            continue
+        told = f"`{name}` is recognised as the {role} by its name"
+        if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
+            symbol = "V"
+            told += ", and taken in V by convention"
+        sentence = f"{told}; if that is wrong say --{role} COL:UNIT."
+        found.append(Recognised(name=name, unit=symbol, finding=info(f"{role}-recognised", sentence)))
+    return tuple(found)
+
+
+def plain_name(name: str) -> str:
+    """Return a name without its folder and its unit, in lower case, with underscores between words."""
+    said = heading(name.rpartition(".")[2] or name)
+    plain = "_".join(said.name.lower().replace("-", " ").replace("_", " ").split())
+    return plain.rpartition("_")[0] or plain if said.from_name else plain
+
+
+def _fits(role: Role, plain: str, symbol: str | None) -> bool:
+    what = None if symbol is None else quantity_of(symbol)
+    if role == "output":
+        return what in {None, "position", "speed"} and (
+            plain in OUTPUT_NAMES or (plain == "v" and what == "speed")
+        )
+    return what in {None, "voltage", "duty", "current", "other"} and plain in INPUT_NAMES
+
+
+def typed(text: str) -> str:
+    """Return a text as it has to be typed on a command line."""
+    return text if all(letter.isalnum() or letter in "_.:/%-" for letter in text) else f'"{text}"'
+
+
+def quantity_of(symbol: str | None) -> str:
+    """Return what a unit measures; `other` for a text that is no unit."""
+    return unit(symbol).quantity if symbol is not None and is_unit(symbol) else "other"
+
+
+def found(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Series, list[Finding]]:
+    """Return the series that a user names, and what is to be known of how it was found.
+
+    The name decides, then the number, then a name in other case. `left` is the one channel that begins so (`left_voltage`) and
+    is a voltage for an input, a position or else a speed for an output. Raises `UnknownName`, which lists the columns.
+    """
+    names = [each.channel.name for each in recording.series]
+    for text in (spec.column, heading(spec.column).name):
+        if text in names:
+            return recording[text], []
+    if spec.column.isdecimal() and 1 <= int(spec.column) <= len(names):
+        return recording.series[int(spec.column) - 1], []
+    alike = [name for name in names if name.lower() == spec.column.lower()]
+    if len(alike) == 1:
+        return recording[alike[0]], [info("name-case", f"`{spec.column}` is taken to be `{alike[0]}`.")]
+    by_side = _of_side(recording, spec, role)
+    if by_side is not None:
+        told = f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} with that beginning."
+        return by_side, [info("name-beginning", told)]
+    file, sharp, column = spec.column.rpartition("#")
+    if sharp and file:
+        return _in_other_file(recording, file, replace(spec, column=column), role)
+    raise UnknownName(f"column of {recording.source.name or recording.name}", spec.column, names)
+
+
+def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Series | None:
+    """The channel that begins with a name and measures what the role wants; a unit that was said narrows that down."""
+    beginning = spec.column.lower()
+    wanted = {"input": ["voltage", "duty"], "output": ["position", "speed"], None: []}[role]
+    if spec.unit is not None:
+        wanted = [unit(spec.unit).quantity]
+    for what in wanted:
+        fitting = [
+            each
+            for each in recording.series
+            if each.channel.name.lower().startswith(tuple(beginning + joint for joint in "_. -"))
+            and quantity_of(each.channel.unit) == what
+        ]
+        if len(fitting) == 1:
+            return fitting[0]
+    return None
+
+
+def _in_other_file(
+    recording: Recording, file: str, spec: ColumnSpec, role: Role | None
+) -> tuple[Series, list[Finding]]:
+    """A series of another file, under a name that this recording doesn't have."""
+    path = Path(file)
+    if not path.exists():
+        path = Path(recording.source.name).parent / file
+    others = load(path)
+    if len(others) != 1:
+        raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
+    series, findings = found(others[0], spec, role)
+    name = f"{path.stem}.{series.channel.name}"
+    while name in recording:
+        name += "_"
+    told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256[:16]}...)."
+    channel = replace(series.channel, name=name)
+    return replace(series, channel=channel), [
+        info("column-from-other-file", told),
+        *others[0].findings,
+        *findings,
+    ]

@@ -1,0 +1,83 @@
+"""The noun `Report`: a result for people to read, in one file."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from servobench.errors import StorageError
+from servobench.recording.recording import Recording
+from servobench.result import Result
+
+
+@dataclass(frozen=True, eq=False)
+class Report:
+    """A result, and the recordings that it was made from, as a page that opens from disk without a network.
+
+    `recording` is one recording, several, or None where there are only datasets. `command` is what was typed to get the result;
+    without it the report puts one together from what the recordings say.
+    """
+
+    recording: Recording | Sequence[Recording] | None
+    result: Result
+    command: str = field(default="", kw_only=True)
+
+    @property
+    def recordings(self) -> tuple[Recording, ...]:
+        """The recordings, none or several."""
+        if self.recording is None:
+            return ()
+        return (self.recording,) if isinstance(self.recording, Recording) else tuple(self.recording)
+
+    def html(self) -> str:
+        """Return the page. The same report gives the same text."""
+        from servobench.report.html import page
+
+        return page(self.result, self.recordings, self.command)
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to a file: all of it or, where that can't be done, nothing; an earlier file is replaced.
+
+        Raises `StorageError`, which says why.
+        """
+        target = Path(path)
+        if target.is_dir():
+            raise StorageError(
+                f"{target} is a folder; expected the name of a file for the report, such as {target / 'report.html'}"
+            )
+        if not target.parent.is_dir():
+            raise StorageError(
+                f"{target} can't be written: there is no folder {target.parent}; make it first"
+            )
+        text = self.html().encode("utf-8", "replace")
+        try:
+            _replace(target, text)
+        except OSError as error:
+            raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
+
+
+def _replace(target: Path, content: bytes) -> None:
+    """Write a file beside the target and give it the target's name once it's complete."""
+    handle, part = tempfile.mkstemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+            file.flush()
+            os.fsync(file.fileno())
+        Path(part).chmod(0o666 & ~_umask())
+        Path(part).replace(target)
+    except BaseException:
+        with suppress(OSError):
+            Path(part).unlink()
+        raise
+
+
+def _umask() -> int:
+    """The rights that new files don't get; it can only be read by setting it."""
+    mask = os.umask(0)
+    os.umask(mask)
+    return mask

@@ -1,0 +1,146 @@
+"""The page of a report: everything put in its place, and every text of a user's made harmless."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import TYPE_CHECKING
+
+from servobench.finding import Severity, Verdict
+from servobench.recording.recording import Recording
+from servobench.report import illustrations, tables, words
+from servobench.report.illustrations import Illustration
+from servobench.report.mathml import transfer_function_math
+from servobench.report.numbers import percent
+from servobench.report.palette import Style
+from servobench.report.svg import PLACEHOLDERS, inline_svg
+from servobench.result import Result
+
+if TYPE_CHECKING:
+    from jinja2 import Environment, Template
+
+WIDE = Style(width=720.0, palette=PLACEHOLDERS)
+NARROW = Style(width=344.0, palette=PLACEHOLDERS)
+
+VERDICTS = {Verdict.TRUSTED: "Trusted", Verdict.DOUBTFUL: "Doubtful", Verdict.REFUSED: "Refused"}
+SEVERITIES = {Severity.REFUSAL: "Refusal", Severity.WARNING: "Warning", Severity.INFO: "Information"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Drawn:
+    """A figure on the page: what is said of it, and its drawings, which are markup of ours.
+
+    `wide` is empty for a figure that stands beside another one and is narrow on every page.
+    """
+
+    name: str
+    title: str
+    caption: str
+    wide: str
+    narrow: str
+
+
+def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
+    """Return the whole page as a text."""
+    fit = result.fit
+    return _template("page.html.j2").render(
+        style=_source("style.css"),
+        title=words.title(result, recordings),
+        answer=words.answer(result),
+        reason=words.reason(result),
+        verdict=str(result.verdict),
+        verdict_word=VERDICTS[result.verdict],
+        severity_words={str(severity): word for severity, word in SEVERITIES.items()},
+        findings=tables.sorted_findings(result.findings),
+        sentence=words.sentence,
+        capital=words.capital,
+        percent=percent,
+        fit=fit,
+        math=transfer_function_math(fit) if fit else "",
+        system=result.transfer_function,
+        parameters=tables.parameter_rows(fit) if fit else (),
+        asked=[(recording, tables.asked(recording)) for recording in _by_experiment(recordings)],
+        happened=[tables.happened(r) for r in recordings]
+        or [tables.happened_in(data) for data in result.data],
+        course=_single(illustrations.data_and_model(result)) if result.data else None,
+        residuals=[_row(row) for row in illustrations.residuals(fit)] if fit else [],
+        bode=_single(illustrations.frequency_response(fit)) if fit else None,
+        responses=_row((illustrations.step_response(fit), illustrations.poles(fit))) if fit else [],
+        nominal=tables.comparison_rows(result.nominal),
+        nominal_figure=_single(illustrations.against_nominal(result.nominal)),
+        validation=result.validation,
+        operating_range=tables.operating_range(result.operating_range, result.data[0]) if result.data else (),
+        made_with=tables.made_with(result),
+        made_on=tables.made_on(recordings),
+        provenance=result.provenance,
+        command=command or tables.command(recordings),
+    )
+
+
+def _single(illustration: Illustration | None) -> Drawn | None:
+    """A figure as wide as the page, drawn a second time for narrow screens."""
+    if illustration is None:
+        return None
+    return _drawn(illustration, _svg(illustration, WIDE, "wide"))
+
+
+def _row(row: Sequence[Illustration]) -> list[Drawn]:
+    """Figures side by side, or a single one."""
+    if len(row) == 1:
+        return [_drawn(row[0], _svg(row[0], WIDE, "wide"))]
+    return [_drawn(illustration, "") for illustration in row]
+
+
+def _drawn(illustration: Illustration, wide: str) -> Drawn:
+    from markupsafe import Markup
+
+    return Drawn(
+        name=illustration.name,
+        title=illustration.title,
+        caption=illustration.caption,
+        wide=Markup(wide),
+        narrow=Markup(_svg(illustration, NARROW, "narrow")),
+    )
+
+
+def _svg(illustration: Illustration, style: Style, variant: str) -> str:
+    return inline_svg(
+        illustration.draw(style),
+        name=f"{illustration.name}-{variant}",
+        title=illustration.title,
+        description=illustration.description,
+    )
+
+
+def _by_experiment(recordings: Sequence[Recording]) -> list[Recording]:
+    """The first recording of each different experiment; none where nobody asked for anything."""
+    first: dict[str, Recording] = {}
+    for recording in recordings:
+        if recording.experiment:
+            first.setdefault(recording.experiment, recording)
+    return list(first.values())
+
+
+@cache
+def _environment() -> Environment:
+    from jinja2 import Environment, FunctionLoader, StrictUndefined
+
+    return Environment(
+        loader=FunctionLoader(_source),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+
+
+def _template(name: str) -> Template:
+    return _environment().get_template(name)
+
+
+def _source(name: str) -> str:
+    """A file of this folder; also out of a zipped package."""
+    from importlib.resources import files
+
+    return files("servobench.report").joinpath(name).read_text(encoding="utf-8")
