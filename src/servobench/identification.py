@@ -237,7 +237,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
                 parameters=("time_constant", "gain"),
             )
         )
-    if delay.value < -3 * delay.sd and delay.value < -0.6 * data.sample_time:
+    at_bound = any(finding.parameters == ("delay",) for finding in fit.findings)
+    if not at_bound and delay.value < -3 * delay.sd and delay.value < -0.6 * data.sample_time:
         found.append(
             warning(
                 "delay-negative",

@@ -60,7 +60,7 @@ class TransferFunction:
         return np.asarray(np.roots(self.numerator), dtype=np.complex128)
 
     def __str__(self) -> str:
-        delay = f" · e^(-{self.delay:.4g} s)" if self.delay else ""
+        delay = f" · e^({-self.delay:.4g} s)" if self.delay else ""
         return f"({_polynomial(self.numerator)}) / ({_polynomial(self.denominator)}){delay}"
 
 

@@ -38,6 +38,7 @@ def test_what_has_to_be_said_in_python_is_the_signal_and_the_duration() -> None:
         (10, 0.002, 5000),
         (0.3, 0.1, 3),  # 0.3 / 0.1 is a rounding below 3
         (0.7, 0.1, 7),  # and this one a rounding below 7
+        (0.07, 0.01, 7),  # and this one a rounding above 7
         (1.0, 0.3, 4),  # at 0, 0.3, 0.6 and 0.9 s
         (86400, 0.001, 86_400_000),
         (1e9, 1e-5, 10**14),

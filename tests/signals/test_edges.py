@@ -46,6 +46,15 @@ def test_a_time_a_few_roundings_off_a_whole_period_counts_as_that_period(
     assert at.started[0]
 
 
+@pytest.mark.parametrize("frequency", [0.4, 0.7, 3, 1 / 0.04])
+def test_after_a_billion_periods_an_edge_is_still_where_it_belongs(frequency: float) -> None:
+    n = np.random.default_rng(2).integers(10**8, 10**9, 10_000)
+
+    at = periods(n / frequency, frequency, 0.0)
+
+    np.testing.assert_array_equal(at.whole, n)
+
+
 @given(st.floats(1e-3, 1e3), st.floats(0, 1e4), st.floats(0.001, 0.999))
 def test_a_time_that_is_a_thousandth_of_a_period_away_is_not_moved(
     frequency: float, whole: float, fraction: float

@@ -24,6 +24,7 @@ def amplitudes(signal: Multisine, points: int = 4096) -> np.ndarray:
         ({"frequency": 0.1, "highest": 5, "harmonics": "odd"}, range(1, 50, 2)),
         ({"frequency": 0.1, "lowest": 0.3, "highest": 0.7}, range(3, 8)),
         ({"frequency": 0.1, "lowest": 0.35, "highest": 0.75, "harmonics": "odd"}, range(5, 8, 2)),
+        ({"frequency": 0.01, "lowest": 0.07, "highest": 0.09}, range(7, 10)),  # 0.07 / 0.01 is above 7
         ({"frequency": 0.2, "lowest": 0.01, "highest": 0.2}, range(1, 2)),
     ],
 )

@@ -43,7 +43,8 @@ def _show_version(wanted: bool) -> None:
 @app.callback(epilog=_STATUSES)
 def servobench(
     version: Annotated[
-        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit.")
+        bool,
+        typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
     ] = False,
     debug: Annotated[
         bool, typer.Option(_DEBUG, help="Show the traceback of any error; may stand anywhere in the line.")

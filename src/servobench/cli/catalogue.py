@@ -18,7 +18,11 @@ from servobench.settings import In
 
 
 def show_members(
-    console: Console, kind: str, members: Mapping[str, type], settings: Mapping[str, type[BaseModel]], name: str | None
+    console: Console,
+    kind: str,
+    members: Mapping[str, type],
+    settings: Mapping[str, type[BaseModel]],
+    name: str | None,
 ) -> None:
     """Print the member of that name, or all members: what it is in a sentence, and its settings.
 

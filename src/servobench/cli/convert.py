@@ -13,7 +13,9 @@ def convert(
     target: Annotated[Path, typer.Argument(metavar="OUT", hidden=True)],
     recording: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Take the recording of that name only, of several; may be repeated."),
+        typer.Option(
+            metavar="NAME", help="Take the recording of that name only, of several; may be repeated."
+        ),
     ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT if it is there.")] = False,
 ) -> None:

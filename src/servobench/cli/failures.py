@@ -32,8 +32,8 @@ _NO_PLACE = {
 def failed(error: BaseException, *, debug: bool = False) -> int:
     """Say what went wrong on standard error, and return the exit status.
 
-    A mistake of the user, a device or a disk that failed get a sentence. An error of ours gets one as well, and its traceback goes
-    to a file; with `debug` the traceback is shown, whoever's fault it was.
+    A mistake of the user, a device or a disk that failed get a sentence. An error of ours gets one as well, and its traceback
+    goes to a file; with `debug` the traceback is shown, whoever's fault it was.
     """
     status, sentence = _told(error)
     with suppress(OSError):  # where nobody reads the messages, the status still says it
@@ -75,7 +75,10 @@ def _told(error: BaseException) -> tuple[int, str]:
     if isinstance(error, ServobenchError) and error.exit_status != OUR_FAULT:
         return error.exit_status, str(error)
     if isinstance(error, MemoryError):
-        return USER_MISTAKE, "there is not enough memory for this; take shorter recordings, or fewer at a time"
+        return (
+            USER_MISTAKE,
+            "there is not enough memory for this; take shorter recordings, or fewer at a time",
+        )
     if isinstance(error, OSError) and (error.filename or error.errno in _NO_PLACE):
         what = f"{error.filename}: " if error.filename else ""
         status = CANNOT_WRITE if error.errno in _NO_PLACE else USER_MISTAKE
@@ -94,10 +97,17 @@ def _first_line(error: BaseException) -> str:
 def _kept(error: BaseException) -> str:
     """Where the traceback of an error of ours is, as the end of a sentence; the traceback itself where it can't be kept."""
     trace = "".join(traceback.format_exception(error))
-    about = f"servobench {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n\n"
+    about = (
+        f"servobench {__version__}, Python {platform.python_version()}, {platform.platform()}\n{sys.argv}\n\n"
+    )
     try:
         with tempfile.NamedTemporaryFile(
-            "w", prefix="servobench-", suffix=".txt", encoding="utf-8", errors="backslashreplace", delete=False
+            "w",
+            prefix="servobench-",
+            suffix=".txt",
+            encoding="utf-8",
+            errors="backslashreplace",
+            delete=False,
         ) as file:
             file.write(about + trace)
     except OSError:

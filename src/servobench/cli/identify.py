@@ -16,19 +16,21 @@ if TYPE_CHECKING:
 def identify(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
-    time: Annotated[
-        str | None, typer.Option(metavar="COL[:UNIT]", help="The column of times.")
-    ] = None,
+    time: Annotated[str | None, typer.Option(metavar="COL[:UNIT]", help="The column of times.")] = None,
     input_column: Annotated[
         str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
     ] = None,
     output_column: Annotated[
         str | None,
-        typer.Option("--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."),
+        typer.Option(
+            "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
+        ),
     ] = None,
     sample_time: Annotated[
         str | None,
-        typer.Option(metavar="S", help="The time between samples [s], where the file has no times or wrong ones."),
+        typer.Option(
+            metavar="S", help="The time between samples [s], where the file has no times or wrong ones."
+        ),
     ] = None,
     chain: Annotated[
         str,
@@ -43,11 +45,16 @@ def identify(
     ] = None,
     validate_with: Annotated[
         list[Path] | None,
-        typer.Option(metavar="FILE", help="Try the model on this file, in place of a part of the data; may be repeated."),
+        typer.Option(
+            metavar="FILE",
+            help="Try the model on this file, in place of a part of the data; may be repeated.",
+        ),
     ] = None,
     recording: Annotated[
         list[str] | None,
-        typer.Option(metavar="NAME", help="Fit the recording of that name only, of several in a file; may be repeated."),
+        typer.Option(
+            metavar="NAME", help="Fit the recording of that name only, of several in a file; may be repeated."
+        ),
     ] = None,
     structure: Annotated[
         str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that the data need.")
@@ -74,7 +81,9 @@ def identify(
 
     check_names(structure, nominal)
     _check_can_hold_a_file(report)
-    said = _Said(time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain)
+    said = _Said(
+        time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
+    )
     fitted = [said.of(each) for each in chosen(loaded(files), recording or ())]
     others = [said.of(each) for each in loaded(validate_with or ())]
     result = concluded(fitted, structure=structure, nominal=nominal, others=others)

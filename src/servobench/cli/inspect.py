@@ -57,7 +57,9 @@ def _channels(recording: Recording) -> Table:
     from servobench.cli.answer import columns
     from servobench.cli.terminal import printable
 
-    table = columns("channel", "unit", "samples", "smallest", "largest", "", right=("samples", "smallest", "largest"))
+    table = columns(
+        "channel", "unit", "samples", "smallest", "largest", "", right=("samples", "smallest", "largest")
+    )
     for series in recording.series:
         name = series.channel.name
         finite = series.values[np.isfinite(series.values)]
@@ -99,7 +101,7 @@ def _times(recording: Recording) -> list[str]:
             continue
         lines.append(
             f"times: {base.start:.6g} s to {base.end:.6g} s, every {base.median_step:.6g} s "
-            f"(shortest step {base.shortest_step:.3g} s, 99 of 100 below {base.p99_step:.3g} s, longest {base.longest_step:.3g} s)"
+            f"(at least {base.shortest_step:.3g} s, 99 of 100 below {base.p99_step:.3g} s, at most {base.longest_step:.3g} s)"
         )
     return lines or ["no times that are recognised"]
 
@@ -124,7 +126,9 @@ def _support(recording: Recording) -> list[str]:
     if levels == 1:
         lines.append("The input never changes, so that no model can come of it.")
     if data.kind == "speed" and not data.chain:
-        lines.append("Nobody says how the speed was measured; if it was filtered or averaged, say so with --chain.")
+        lines.append(
+            "Nobody says how the speed was measured; if it was filtered or averaged, say so with --chain."
+        )
     return lines
 
 

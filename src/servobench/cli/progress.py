@@ -21,18 +21,19 @@ _INTERVAL = 0.25  # s
 class Progress:
     """One line on standard error that says what is being done and how long it will take, from the second second on.
 
-    A thread of its own writes it: a motor's loop doesn't wait for a terminal. `done` may be set at any time to what is done,
-    from 0 to 1; the time left is told from it, and from the pace so far. Where nobody looks, nothing is written.
+    A thread of its own writes it: a motor's loop doesn't wait for a terminal. Where nobody looks, nothing is written.
+    `now` is the clock [s].
     """
 
     def __init__(
         self, what: str, *, stream: TextIO | None = None, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self.what = what
-        self.done: float | None = None
+        self._what = what
         self._stream = sys.stderr if stream is None else stream
         self._now = now
         self._start = now()
+        self._first: tuple[float, float] | None = None
+        self._latest: tuple[float, float] | None = None
         self._width = 0
         self._over = Event()
         self._thread = Thread(target=self._write, name="servobench progress", daemon=True)
@@ -50,15 +51,28 @@ class Progress:
         if self._thread.is_alive():
             self._thread.join(timeout=1.0)
 
+    def reached(self, done: float) -> None:
+        """Take note of the part of the work that is done, from 0 to 1."""
+        self._latest = (self._now(), done)
+        # The pace is counted from here: what comes before the first word is preparation.
+        self._first = self._first or self._latest
+
     def line(self) -> str:
-        """Return what there is to say now."""
-        passed = self._now() - self._start
-        if passed < _PATIENCE:
+        """Return what there is to say now; nothing before a second is over."""
+        now = self._now()
+        if now - self._start < _PATIENCE:
             return ""
-        if not self.done:
-            return f"{self.what}, {duration(passed)} so far"
-        left = passed / self.done - passed
-        return f"{self.what}, {100 * min(self.done, 1.0):.0f} %, {duration(max(left, 0.0))} left"
+        left = self._time_left(now)
+        if left is None or self._latest is None:
+            return f"{self._what}, {duration(now - self._start)} so far"
+        return f"{self._what}, {100 * self._latest[1]:.0f} %, {duration(left)} left"
+
+    def _time_left(self, now: float) -> float | None:
+        """The time that is left at the pace so far [s]; None where nothing tells the pace."""
+        if self._first is None or self._latest is None or self._latest[1] <= self._first[1]:
+            return None
+        (started, before), (latest, done) = self._first, self._latest
+        return max(0.0, (1.0 - done) * (latest - started) / (done - before) - (now - latest))
 
     def _write(self) -> None:
         try:
@@ -91,7 +105,7 @@ def told_when_compiling() -> Iterator[None]:
     """Say on standard error, once, that kernels are being compiled, when and only when Numba really compiles one."""
     from numba.core import event
 
-    class Compiling(event.Listener):  # type: ignore[misc]  # Numba has no types
+    class Compiling(event.Listener):
         """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""
 
         heard = False
@@ -99,7 +113,9 @@ def told_when_compiling() -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.heard:
                 self.heard = True
-                messages().print(Text("compiling the numeric kernels: this is done once and kept", style="dim"))
+                messages().print(
+                    Text("compiling the numeric kernels: this is done once and kept", style="dim")
+                )
 
         def on_end(self, event: Any) -> None:
             """Say nothing."""

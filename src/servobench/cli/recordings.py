@@ -19,7 +19,7 @@ def loaded(files: Sequence[Path]) -> list[Recording]:
     recordings: list[Recording] = []
     with Progress("reading") as progress:
         for number, file in enumerate(files):
-            progress.done = number / len(files)
+            progress.reached(number / len(files))
             recordings += load(file)
     return recordings
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from servobench.cli.run_folder import RunFolder
     from servobench.devices.base import Device
     from servobench.experiment import Experiment
-    from servobench.recording.recording import Recording, StopReason
+    from servobench.recording.recording import Recording
     from servobench.result import Result
 
 
@@ -33,23 +33,34 @@ def run(
         typer.Argument(metavar="EXPERIMENT.toml", hidden=True),
     ] = None,
     device: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`.")
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`."
+        ),
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="The folder for the five files of the run; without, a new one called after the time."),
+        typer.Option(
+            metavar="DIR",
+            help="The folder for the five files of the run; without, a new one called after the time.",
+        ),
     ] = None,
     structure: Annotated[
         str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that the data need.")
     ] = "auto",
     nominal: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The data sheet to hold the result against; without, the twin's own."),
+        typer.Option(
+            metavar="NAME", help="The data sheet to hold the result against; without, the twin's own."
+        ),
     ] = None,
     seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="The seed of simulated noise, in place of the experiment's.")
+        int | None,
+        typer.Option(metavar="N", min=0, help="The seed of simulated noise, in place of the experiment's."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")] = False,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
+    ] = False,
 ) -> None:
     """Run an experiment: record, identify, validate, report.
 
@@ -128,7 +139,8 @@ def _carried_out(asked: Experiment, device: Device, folder: RunFolder, console: 
         with Progress(what) as progress, told_when_compiling():
 
             def watch(place: Place) -> None:
-                progress.done = place.tick / place.ticks if place.ticks else None
+                if place.ticks:
+                    progress.reached(place.tick / place.ticks)
 
             try:
                 recording = carry_out(asked, device, to=folder.recording, watch=watch)
@@ -160,7 +172,9 @@ def _ended_like_ctrl_c() -> Iterator[None]:
             signal.signal(request, signal.SIG_DFL)
 
 
-def _identified(recording: Recording, asked: Experiment, structure: str, nominal: str | None) -> Result | None:
+def _identified(
+    recording: Recording, asked: Experiment, structure: str, nominal: str | None
+) -> Result | None:
     """The result; None where a run that was cut short left nothing that can be looked at."""
     from servobench.cli.conclusion import Evidence, concluded
     from servobench.errors import UsageError

@@ -17,7 +17,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The five files of a run: what was asked for, what happened (twice, for programs and for people), the answer and the report."""
+    """The five files of a run: what was asked for, what happened (once more as a table), the answer and the report."""
 
     path: Path
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from contextlib import suppress
 from types import TracebackType
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
@@ -78,14 +79,12 @@ class Device(Protocol):
 def finite_voltage(device: str, voltage: object) -> float:
     """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
     # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
-    if isinstance(voltage, bool) or not isinstance(voltage, int | float | np.floating | np.integer):
-        raise UsageError(f"{device}: {voltage!r} is no voltage; expected a finite number in V")
-    try:
-        value = float(voltage)
-    except OverflowError:  # an integer of hundreds of digits
-        value = math.inf
+    value = math.nan
+    if isinstance(voltage, int | float | np.floating | np.integer) and not isinstance(voltage, bool):
+        with suppress(OverflowError):  # an integer of hundreds of digits
+            value = float(voltage)
     if not math.isfinite(value):
-        raise UsageError(f"{device}: {voltage!r} V can't be put out; expected a finite number in V")
+        raise UsageError(f"{device}: {voltage!r} is no voltage; expected a finite number in V")
     return value
 
 

@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Literal, Self
 import numpy as np
 
 from servobench.channels import Channel, DeviceInfo, Sample
-from servobench.devices.base import DEVICES
+from servobench.devices.base import DEVICES, finite_voltage
 from servobench.errors import DeviceError, UsageError
 from servobench.motor.amplifier import Amplifier
 from servobench.motor.encoder import CurrentSensor, Encoder, Tachometer
@@ -228,15 +228,9 @@ class Twin:
     def write(self, voltage: float) -> float:
         """Hold a voltage [V] from this tick on, and return it within the amplifier's limits."""
         self._needs_open()
-        if (
-            isinstance(voltage, bool)
-            or not isinstance(voltage, int | float | np.floating)
-            or not math.isfinite(voltage)
-        ):
-            raise UsageError(f"twin: {voltage!r} is no voltage; expected a finite number in V")
-        applied = self._amplifier.saturated(float(voltage))
-        self._held = self._amplifier.output(float(voltage))
-        return applied
+        asked = finite_voltage("twin", voltage)
+        self._held = self._amplifier.output(asked)
+        return self._amplifier.saturated(asked)
 
     def stop(self) -> None:
         """Put zero volts on the motor, at once."""

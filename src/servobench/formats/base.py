@@ -5,10 +5,10 @@ from __future__ import annotations
 import hashlib
 import os
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import ClassVar, Protocol, runtime_checkable
 
 from servobench.errors import FormatError, StorageError, UsageError
@@ -92,19 +92,16 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
     names = [name for name in FORMATS.names() if file.suffix.lower() in FORMATS[name].suffixes]
     if not names:
         raise UsageError(f"{file}: no file format ends in {file.suffix!r}; known: {_known_formats()}")
-    new = file.with_name(
-        f".{file.name}.new"
-    )  # not `.part`: a run that was cut short leaves such a file, to be kept
     try:
-        FORMATS[names[0]]().write(several, new)
-        new.replace(file)
+        # Written apart and then moved, so that what is there stays until the new file is whole.
+        with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
+            new = Path(folder) / file.name
+            FORMATS[names[0]]().write(several, new)
+            new.replace(file)
     except StorageError:
         raise
     except OSError as error:
         raise StorageError(f"{file} can't be written: {error.strerror or error}") from error
-    finally:
-        with suppress(OSError):
-            new.unlink(missing_ok=True)
 
 
 def _check_is_there(file: Path) -> None:

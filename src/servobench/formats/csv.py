@@ -191,7 +191,7 @@ def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Arra
     for columns, filled in shapes:
         empty.update({at + k: list(range(filled, longest)) for k in range(columns) if filled < longest})
         at += columns
-    if len(lines) != longest or faults.rows or faults.cells not in ({}, {"cell-empty": empty}):
+    if len(lines) != longest or faults.rows or faults.cells != ({"cell-empty": empty} if empty else {}):
         raise FormatError(
             f"{name}: the table isn't the one of {longest} rows and {width} columns that the first line describes; "
             "if it was changed on purpose, delete that line, and it is read as any other table"

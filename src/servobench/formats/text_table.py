@@ -178,9 +178,12 @@ def _spread(content: Sequence[str]) -> list[str]:
 def _layout(content: Sequence[str], name: str, separator: str | None, decimal: str | None) -> Layout:
     """The layout in which most rows are alike and most of their cells are numbers; of equals the one with most columns."""
     sample = _spread(content)
+    quotes = any('"' in line for line in sample)
     best, best_score = None, (0.0, 0)
     for mark in SEPARATORS if separator is None else (separator,):
         for point in (".", ",") if decimal is None else (decimal,):
+            if mark == point and not quotes:
+                continue
             tried = Layout(separator=mark, decimal=point)
             rows = [tried.cells(line) for line in sample]
             columns = Counter(map(len, rows)).most_common(1)[0][0]

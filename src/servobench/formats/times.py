@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.finding import Finding, info
 
-GAP = 3.0
+GAP = 2.5
 """A step of more than this many median steps is a gap: at least two samples are missing."""
 
 UNEVEN = 0.05
@@ -23,7 +23,7 @@ class TimeBase:
     """What the times of a channel are like.
 
     `start`, `end` and the steps are in s; the steps are those that go forward, None where there are none.
-    `backward` counts the steps that go back, `duplicates` those of zero, `gaps` those longer than three median steps.
+    `backward` counts the steps that go back, `duplicates` those of zero, `gaps` those longer than `GAP` median steps.
     """
 
     samples: int

@@ -17,6 +17,7 @@ from servobench.report.decimation import decimated
 from servobench.report.numbers import plain, with_unit
 from servobench.report.palette import (
     FONT,
+    SECOND_SCALE,
     Box,
     Palette,
     Style,
@@ -35,7 +36,6 @@ if TYPE_CHECKING:
 Look: TypeAlias = Literal["input", "measured", "model", "residual"]
 
 _LEFT, _RIGHT, _TITLE, _BOTTOM = 42.0, 6.0, 30.0, 40.0  # margins [px]
-_SECOND_AXIS = 44.0  # more on the right, for a second scale
 _GUTTER = 28.0
 _DB = 20 / np.log(10)  # dB for one neper
 
@@ -74,7 +74,11 @@ class Course:
     @property
     def height(self) -> float:
         """The height with all titles and the time axis [px]."""
-        return sum(panel.height + _TITLE for panel in self.panels) + _BOTTOM + (_TITLE + 14.0 if self.title else 4.0)
+        return (
+            sum(panel.height + _TITLE for panel in self.panels)
+            + _BOTTOM
+            + (_TITLE + 14.0 if self.title else 4.0)
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -145,7 +149,7 @@ def bode(
     palette = style.palette
     height = 2 * (150 + _TITLE) + _BOTTOM + 4
     figure = sheet(style, height)
-    width = style.width - _LEFT - _SECOND_AXIS - 4
+    width = style.width - _LEFT - SECOND_SCALE
     tops = (4 + _TITLE, 4 + 2 * _TITLE + 150)
     boxes = [Box(left=_LEFT, top=top, width=width, height=150, indent=_LEFT) for top in tops]
     db, degrees = 20 * np.log10(band.magnitude), np.degrees(band.phase)
@@ -279,7 +283,7 @@ def _whole(style: Style, height: float) -> Box:
 
 def _course(figure: Figure, course: Course, left: float, top: float, width: float, palette: Palette) -> None:
     second = any(panel.quantum for panel in course.panels)
-    inner = width - _LEFT - (_SECOND_AXIS if second else _RIGHT)
+    inner = width - _LEFT - (SECOND_SCALE if second else _RIGHT)
     y = top + 4.0
     if course.title:
         total = figure.get_size_inches() * 72
@@ -325,7 +329,11 @@ def _counts(ax: Axes, quantum: float, palette: Palette) -> None:
 
     ax.axhspan(-0.5 * quantum, 0.5 * quantum, color=palette.shade, linewidth=0)
     low, high = (end / quantum for end in ax.get_ylim())
-    counts = [float(count) for count in MaxNLocator(nbins=4).tick_values(low, high) if low <= count <= high]
+    counts = [
+        float(count)
+        for count in MaxNLocator(nbins=4, steps=[1, 2, 5, 10]).tick_values(low, high)
+        if low <= count <= high
+    ]
     second_scale(
         ax, [count * quantum for count in counts], [plain(count) for count in counts], "counts", palette
     )

@@ -44,6 +44,8 @@ class Drawn:
 def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
     """Return the whole page as a text."""
     fit = result.fit
+    runs = [tables.happened(recording) for recording in recordings]
+    runs = runs or [tables.happened_in(data) for data in result.data]
     return _template("page.html.j2").render(
         style=_source("style.css"),
         title=words.title(result, recordings),
@@ -52,7 +54,7 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         verdict=str(result.verdict),
         verdict_word=VERDICTS[result.verdict],
         severity_words={str(severity): word for severity, word in SEVERITIES.items()},
-        findings=tables.sorted_findings(result.findings),
+        findings=tables.finding_groups(result.findings),
         sentence=words.sentence,
         capital=words.capital,
         percent=percent,
@@ -61,8 +63,8 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         system=result.transfer_function,
         parameters=tables.parameter_rows(fit) if fit else (),
         asked=[(recording, tables.asked(recording)) for recording in _by_experiment(recordings)],
-        happened=[tables.happened(r) for r in recordings]
-        or [tables.happened_in(data) for data in result.data],
+        happened=runs,
+        side_by_side=tables.side_by_side(runs),
         course=_single(illustrations.data_and_model(result)) if result.data else None,
         residuals=[_row(row) for row in illustrations.residuals(fit)] if fit else [],
         bode=_single(illustrations.frequency_response(fit)) if fit else None,

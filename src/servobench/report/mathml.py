@@ -17,15 +17,17 @@ _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 
 def transfer_function_math(fit: Fit) -> str:
-    """Return G(s) of the fit, from input to speed, as a `<math>` element: in symbols where they are known, and in numbers."""
+    """Return G(s) of the fit, from input to speed, as `<math>` elements: in symbols where they are known, and in numbers."""
     system = fit.model.transfer_function("speed")
-    sides = [_row(_name("G"), _brackets(_name("s")))]
-    if _is_first_order(fit, system):
-        lag = _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
-        sides.append(_row(_fraction(_name("K"), lag), _delayed(_row(_sign("−"), _name("d"), _name("s")))))
-    sides.append(_in_numbers(system, coefficient_halves(fit)))
+    numbers = _in_numbers(system, coefficient_halves(fit))
     unit = f'<mspace width="0.6em"></mspace><mtext>{escape(system.unit)}</mtext>'
-    return f'<math display="block">{_sign("=").join(sides)}{unit}</math>'
+    whole = _row(_name("G"), _brackets(_name("s")))
+    if not _is_first_order(fit, system):
+        return _math(whole, _sign("="), numbers, unit)
+    lag = _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
+    symbols = _row(_fraction(_name("K"), lag), _delayed(_row(_sign("−"), _name("d"), _name("s"))))
+    # Two pieces, so that a narrow page can set them below each other.
+    return _math(whole, _sign("="), symbols) + _math(_sign("="), numbers, unit)
 
 
 def symbol(name: str) -> str:
@@ -84,6 +86,10 @@ def _coefficient(value: float, half: float) -> str:
     return plain(value, min(max(known, 2), _MOST_DIGITS))
 
 
+def _math(*parts: str) -> str:
+    return f'<math display="inline">{"".join(parts)}</math>'
+
+
 def _row(*parts: str) -> str:
     return f"<mrow>{''.join(parts)}</mrow>"
 
@@ -109,7 +115,7 @@ def _brackets(inner: str) -> str:
 
 
 def _fraction(above: str, below: str) -> str:
-    return f"<mfrac>{above}{below}</mfrac>"
+    return f'<mstyle displaystyle="true"><mfrac>{above}{below}</mfrac></mstyle>'
 
 
 def _delayed(exponent: str) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
+SPACE = "\u00a0"  # one that no line breaks at
 _LARGEST = 7  # digits before the point, or zeros behind it, that are still read at a glance
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # SI prefixes are for units that take one as they stand; a number in any other unit gets a power of ten.
@@ -26,13 +27,13 @@ class Rounded:
     unit: str
 
     def __str__(self) -> str:
-        plus_minus = f" ± {self.half}" if self.half else ""
+        plus_minus = f"{SPACE}±{SPACE}{self.half}" if self.half else ""
         number = (
             f"({self.value}{plus_minus})"
             if plus_minus and self.unit.startswith("×")
             else self.value + plus_minus
         )
-        return f"{number} {self.unit}".rstrip()
+        return f"{number}{SPACE}{self.unit}".rstrip()
 
 
 def plain(value: float, digits: int = 4) -> str:
@@ -53,7 +54,7 @@ def plain(value: float, digits: int = 4) -> str:
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
     """Return a number with its unit, prefixed where that makes it handier: 0.00014 s are `0.14 ms`."""
     factor, scaled = handy_unit(unit, abs(value))
-    return f"{plain(value / factor, digits)} {scaled}".rstrip()
+    return f"{plain(value / factor, digits)}{SPACE}{scaled}".rstrip()
 
 
 def rounded(value: float, half: float, unit: str) -> Rounded:

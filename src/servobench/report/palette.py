@@ -7,13 +7,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from servobench.channels import Array
-from servobench.report.numbers import handy_unit
+from servobench.report.numbers import handy_unit, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 FONT = 11.0  # CSS pixels; one unit of the drawing is one pixel
+SECOND_SCALE = 44.0  # what a second scale takes on the right
 _POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
 
 
@@ -112,12 +113,11 @@ def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:
 
 def plain_ticks(ax: Axes) -> None:
     """Write ticks as plain numbers, without an offset or a power of ten somewhere else."""
-    from matplotlib.ticker import ScalarFormatter
+    from matplotlib.ticker import FuncFormatter
 
     for axis in (ax.xaxis, ax.yaxis):
-        formatter = ScalarFormatter(useOffset=False, useMathText=False)
-        formatter.set_scientific(False)
-        axis.set_major_formatter(formatter)
+        # Ten digits: enough for a narrow range far from zero, and too few to show a rounding error.
+        axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value, 10)))
 
 
 def x_label(ax: Axes, text: str, palette: Palette) -> None:
@@ -137,7 +137,8 @@ def second_scale(
     ax.annotate(
         unit,
         (1, 1),
-        xytext=(5, 9),
+        xytext=(SECOND_SCALE, 9),
+        ha="right",
         xycoords="axes fraction",
         textcoords="offset points",
         fontsize=FONT,

@@ -20,12 +20,15 @@ PLACEHOLDERS = Palette(
     **{colour.name: f"#0a{number:02x}fe" for number, colour in enumerate(fields(Palette), start=1)}
 )
 
-_ASIDE = re.compile(r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->|<defs>\s*</defs>", re.DOTALL)
+_ASIDE = re.compile(
+    r"<metadata>.*?</metadata>|<style[^>]*>.*?</style>|<!--.*?-->|<defs>\s*</defs>", re.DOTALL
+)
 _TAG = re.compile(r"<[^>]*>")  # a text of a user's in the drawing has no bare < or >
 _NUMBER = re.compile(r"-?\d+\.\d+")
 _ID = re.compile(r' id="([^"]*)"')
 _REFERENCE = re.compile(r'(?:url\(|href=")#([^")]*)')
 _FONT = re.compile(r"font: (?:(bold|700) )?([\d.]+px) [^;\"]*")
+_NEEDLESS = re.compile(r' font-family: [^;"]*;?| transform="rotate\(-?0 [^"]*"')
 _SETTINGS: Any = {"svg.fonttype": "none", "svg.hashsalt": "servobench", "path.simplify": True}
 
 
@@ -70,7 +73,9 @@ def _rewritten(tag: str, ids: Mapping[str, str]) -> str:
 
     A hundredth of a pixel is the smallest step.
     """
-    tag = tag.replace("xlink:href=", "href=")
+    if tag == "<g/>":
+        return ""
+    tag = _NEEDLESS.sub("", tag.replace("xlink:href=", "href="))
     tag = _ID.sub(lambda match: f' id="{ids[match[1]]}"' if match[1] in ids else "", tag)
     tag = _REFERENCE.sub(lambda match: match[0].replace(f"#{match[1]}", f"#{ids[match[1]]}"), tag)
     tag = _FONT.sub(lambda match: f"{'font-weight: 600; ' if match[1] else ''}font-size: {match[2]}", tag)

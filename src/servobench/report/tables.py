@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shlex
 import tomllib
 from collections.abc import Mapping, Sequence
@@ -17,11 +18,12 @@ from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
 from servobench.report.bands import TWO_SIDED
 from servobench.report.mathml import symbol
-from servobench.report.numbers import Rounded, counted, grouped, plain, rounded, with_unit
+from servobench.report.numbers import SPACE, Rounded, counted, grouped, plain, rounded, with_unit
 from servobench.result import Comparison, OperatingRange, Result
 
-
 _RPM = 30 / np.pi  # in 1 rad/s
+_NOTHING: tuple[Any, ...] = ("", {}, [])  # what a setting that isn't set looks like
+_SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -84,10 +86,14 @@ def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
     )
 
 
-def sorted_findings(findings: Sequence[Finding]) -> tuple[Finding, ...]:
-    """Return the findings, refusals first, then warnings, then the rest, each in their order."""
+def finding_groups(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], ...]:
+    """Return the findings, refusals first, then warnings, then the rest; those of one code and severity in one group."""
     order = (Severity.REFUSAL, Severity.WARNING, Severity.INFO)
-    return tuple(sorted(findings, key=lambda finding: order.index(finding.severity)))
+    groups: dict[tuple[int, str], list[Finding]] = {}
+    for finding in findings:
+        groups.setdefault((order.index(finding.severity), finding.code), []).append(finding)
+    ranks = sorted(groups, key=lambda key: key[0])
+    return tuple(tuple(groups[key]) for key in ranks)
 
 
 def comparison_rows(comparisons: Sequence[Comparison]) -> tuple[ComparisonRow, ...]:
@@ -113,15 +119,22 @@ def operating_range(limits: OperatingRange, data: Dataset) -> tuple[Fact, ...]:
 
 def asked(recording: Recording) -> tuple[Fact, ...]:
     """Return what an experiment asked for, from its TOML text; nothing where there is none or it can't be read."""
-    try:
-        table = tomllib.loads(recording.experiment)
-    except tomllib.TOMLDecodeError:
-        return ()
+    table = experiment_table(recording)
+    own = table.pop("experiment", {})
+    facts = {**own, **table} if isinstance(own, Mapping) else table
     return tuple(
         Fact(heading=_words(key), text=told(value))
-        for key, value in table.items()
-        if value not in ("", {}, [])
+        for key, value in facts.items()
+        if key != "name" and value not in _NOTHING
     )
+
+
+def experiment_table(recording: Recording) -> dict[str, Any]:
+    """Return the TOML text of a recording's experiment as a table; empty where there is none or it can't be read."""
+    try:
+        return tomllib.loads(recording.experiment)
+    except tomllib.TOMLDecodeError:
+        return {}
 
 
 def told(value: Any) -> str:
@@ -130,14 +143,18 @@ def told(value: Any) -> str:
         head = value.get("type", value.get("name", ""))
         skipped = "type" if "type" in value else "name"
         parts = [
-            _setting(key, item) for key, item in value.items() if key != skipped and item not in ("", {}, [])
+            _setting(key, item) for key, item in value.items() if key != skipped and item not in _NOTHING
         ]
         return ": ".join(part for part in (_words(str(head)), ", ".join(parts)) if part)
     if isinstance(value, list):
         return ", ".join(map(told, value))
     if isinstance(value, bool):
         return "yes" if value else "no"
-    return plain(value, 12) if isinstance(value, float) else str(value)
+    if isinstance(value, float):
+        return plain(value, 12)
+    return re.sub(
+        r"^(\S*\d) (?=\S+$)", rf"\1{SPACE}", str(value)
+    )  # no line ends between a number and its unit
 
 
 def happened(recording: Recording) -> Happened:
@@ -171,6 +188,19 @@ def happened_in(data: Dataset) -> Happened:
     )
     pace = Fact(heading="Sample time", text=f"{with_unit(data.sample_time, 's')} (median)")
     return Happened(name=data.name, reason="", facts=(steps, pace), channels=())
+
+
+def side_by_side(runs: Sequence[Happened]) -> tuple[tuple[str, ...], ...]:
+    """Return several recordings as rows under a row of headings: the facts that fit into a table."""
+    headings = [
+        name for name in _SIDE_BY_SIDE if any(fact.heading == name for run in runs for fact in run.facts)
+    ]
+    known = [{fact.heading: fact.text for fact in run.facts} for run in runs]
+    rows = (
+        (run.name, *(facts.get(name, "–") for name in headings))
+        for run, facts in zip(runs, known, strict=True)
+    )
+    return (("Record", *headings), *rows)
 
 
 def made_with(result: Result) -> tuple[Fact, ...]:

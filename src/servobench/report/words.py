@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tomllib
 from collections.abc import Sequence
 
 from servobench.estimators.base import Estimate, Fit
@@ -10,6 +9,7 @@ from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
 from servobench.report.bands import TWO_SIDED
 from servobench.report.numbers import Rounded, counted, rounded
+from servobench.report.tables import experiment_table
 from servobench.result import Result
 
 
@@ -79,7 +79,5 @@ def _interval(estimate: Estimate, unit: str = "") -> Rounded:
 
 
 def _experiment_name(recording: Recording) -> str:
-    try:
-        return str(tomllib.loads(recording.experiment).get("name", ""))
-    except tomllib.TOMLDecodeError:
-        return ""
+    own = experiment_table(recording).get("experiment", {})
+    return str(own.get("name", "")) if isinstance(own, dict) else ""

@@ -1,0 +1,91 @@
+"""The README is true: its commands and its Python run, and do what it says."""
+
+from __future__ import annotations
+
+import os
+import re
+import shlex
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+ROOT = Path(__file__).resolve().parent.parent
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+
+
+def blocks(language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```$", README, flags=re.DOTALL | re.MULTILINE)
+
+
+def commands() -> list[tuple[str, str]]:
+    """The shell commands and what the comment behind each says."""
+    lines = [line for block in blocks("sh") for line in block.splitlines() if line.strip()]
+    return [(line.partition(" #")[0].strip(), line.partition(" #")[2].strip()) for line in lines]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder as a user has it: the examples, a recording with a speed, and one without times or names."""
+    import servobench as sb
+
+    folder = tmp_path_factory.mktemp("readme")
+    (folder / "examples").symlink_to(ROOT / "examples") if os.name == "posix" else None
+    with sb.connect("twin") as motor:
+        run = sb.run(sb.Experiment(signal=sb.Square(low=1, high=3, frequency=0.4), duration=5), motor)
+    t, u = run["applied"].t, run["applied"].values
+    angle = np.degrees(run["counts"].values * 2 * np.pi / 2048)
+    speed = np.gradient(angle, t)
+    np.savetxt(folder / "recording.csv", np.c_[t, u, speed], delimiter=",", header="t,u,y", comments="")
+    np.savetxt(folder / "no_times.csv", np.c_[u, angle], delimiter=",")
+    return folder
+
+
+def test_there_are_commands_to_try() -> None:
+    assert len(commands()) >= 10
+    assert len(blocks("python")) == 1
+
+
+@pytest.mark.parametrize(("command", "comment"), commands())
+def test_a_command_of_the_readme_runs(command: str, comment: str, folder: Path) -> None:
+    words = shlex.split(command)
+    expected = int(found[1]) if (found := re.search(r"exit status (\d+)", comment)) else 0
+    if words[0] == "make":  # what it would do; the real thing is what calls this test
+        words, where = ["make", "-n", *words[1:]], ROOT
+    elif words[:2] == ["python", "-m"]:
+        target = folder / "site"
+        words = [sys.executable, *words[1:-1], "--quiet", "--no-deps", "--no-build-isolation", "--target", str(target), "."]
+        where = ROOT
+    else:
+        assert words[0] == "servobench"
+        words, where = [sys.executable, "-m", *words], folder
+    done = subprocess.run(words, cwd=where, capture_output=True, text=True, check=False)
+    assert done.returncode == expected, done.stdout + done.stderr
+    if expected == 2:
+        assert "--sample-time" in done.stderr
+
+
+def test_the_python_of_the_readme_runs(folder: Path) -> None:
+    code = blocks("python")[0]
+    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    assert "gain" in done.stdout and "trusted" in done.stdout
+    assert (folder / "report.html").stat().st_size > 10_000
+
+
+def test_the_figures_of_the_readme_are_those_of_the_demo(folder: Path) -> None:
+    """The table that the README shows is what a run prints, digit for digit."""
+    done = subprocess.run(
+        [sys.executable, "-m", "servobench", "run", "--out", "demo"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        env={**os.environ, "COLUMNS": "100"},
+    )
+    shown = [line.split() for line in blocks("text")[0].splitlines() if line.strip()]
+    printed = [line.split() for line in done.stdout.splitlines()]
+    missing = [" ".join(row) for row in shown if row not in printed]
+    assert not missing, done.stdout
