@@ -1,7 +1,7 @@
 """Run all benches and print one table; `python bench/run.py start_up` runs those that are named.
 
-A bench is a file in this folder with a function `main` that returns its figures (`figures.Figure`). Exit status 1 where a limit isn't
-kept or a bench failed.
+A bench is a file in this folder with a function `main` that returns its figures (`figures.Figure`).
+The exit status is 1 where a limit isn't kept or a bench failed.
 """
 
 import importlib

@@ -33,14 +33,18 @@ print(result.verdict)
 
 def test_the_core_runs_without_the_modules_that_only_posix_has() -> None:
     names = tuple(name for name in POSIX_ONLY if name != "posix")
-    done = subprocess.run([sys.executable, "-c", CORE.format(names=names)], capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", CORE.format(names=names)], capture_output=True, text=True, check=False
+    )
     assert (done.returncode, done.stdout.strip()) == (0, "trusted"), done.stderr
 
 
 def identified(seed: int) -> float:
     """The gain that a short run on a twin gives; runs in a process of its own."""
     with sb.connect("twin") as motor:
-        recording = sb.run(sb.Experiment(signal=sb.Square(low=1, high=3, frequency=0.4), duration=3, seed=seed), motor)
+        recording = sb.run(
+            sb.Experiment(signal=sb.Square(low=1, high=3, frequency=0.4), duration=3, seed=seed), motor
+        )
     fit = sb.identify(sb.measure(recording)).fit
     if fit is None:
         raise ValueError("the run was refused")
@@ -59,4 +63,6 @@ def test_the_public_names_mean_the_same_whatever_was_imported_before() -> None:
             import_module(module.name)
     for name in ("measure", "identify", "run", "load", "save", "connect"):
         assert callable(getattr(sb, name)), name
-    assert callable(sb.Square) and callable(sb.Experiment) and callable(sb.Report)
+    assert callable(sb.Square)
+    assert callable(sb.Experiment)
+    assert callable(sb.Report)

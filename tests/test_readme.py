@@ -56,7 +56,16 @@ def test_a_command_of_the_readme_runs(command: str, comment: str, folder: Path) 
         words, where = ["make", "-n", *words[1:]], ROOT
     elif words[:2] == ["python", "-m"]:
         target = folder / "site"
-        words = [sys.executable, *words[1:-1], "--quiet", "--no-deps", "--no-build-isolation", "--target", str(target), "."]
+        words = [
+            sys.executable,
+            *words[1:-1],
+            "--quiet",
+            "--no-deps",
+            "--no-build-isolation",
+            "--target",
+            str(target),
+            ".",
+        ]
         where = ROOT
     else:
         assert words[0] == "servobench"
@@ -69,9 +78,12 @@ def test_a_command_of_the_readme_runs(command: str, comment: str, folder: Path) 
 
 def test_the_python_of_the_readme_runs(folder: Path) -> None:
     code = blocks("python")[0]
-    done = subprocess.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False)
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr
-    assert "gain" in done.stdout and "trusted" in done.stdout
+    assert "gain" in done.stdout
+    assert "trusted" in done.stdout
     assert (folder / "report.html").stat().st_size > 10_000
 
 

@@ -25,7 +25,9 @@ def system(*denominator: float) -> TransferFunction:
         (tuple(np.poly([2j, -2j, 2j, -2j]).real), "unstable", False),  # twice on the axis
     ],
 )
-def test_the_verdict_is_that_of_the_textbook(denominator: tuple[float, ...], verdict: str, bibo: bool) -> None:
+def test_the_verdict_is_that_of_the_textbook(
+    denominator: tuple[float, ...], verdict: str, bibo: bool
+) -> None:
     report = stability(system(*denominator))
     assert (report.verdict, report.bibo) == (verdict, bibo)
     assert len(report.reasons) == len(report.poles)
@@ -33,7 +35,10 @@ def test_the_verdict_is_that_of_the_textbook(denominator: tuple[float, ...], ver
 
 def test_a_double_pole_is_counted_twice() -> None:
     report = stability(system(*np.poly([-3.0, -3.0, -1.0])))
-    assert sorted(zip(np.real(report.poles).round(3), report.multiplicities, strict=True)) == [(-3.0, 2), (-1.0, 1)]
+    assert sorted(zip(np.real(report.poles).round(3), report.multiplicities, strict=True)) == [
+        (-3.0, 2),
+        (-1.0, 1),
+    ]
 
 
 def test_the_motors_position_says_which_input_drives_it_off() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -50,6 +51,9 @@ class VirtualClock:
 
     timing: ClassVar[Timing] = "virtual"
 
+    def __init__(self) -> None:
+        self._sample_time = math.nan
+
     def start(self, sample_time: float) -> None:
         """Begin at tick 0."""
         self._sample_time = sample_time
@@ -86,6 +90,7 @@ class HostClock:
     ) -> None:
         self._now = now
         self._sleep = sleep
+        self._sample_time = self._spin = self._origin = math.nan
 
     def start(self, sample_time: float) -> None:
         """Begin; tick 0 is a few ticks ahead."""
@@ -119,10 +124,14 @@ class DeviceClock:
 
     timing: ClassVar[Timing] = "device"
 
+    def __init__(self) -> None:
+        self._sample_time = math.nan
+        self._first: int | None = None
+
     def start(self, sample_time: float) -> None:
         """Begin at the device's next sample, which is tick 0."""
         self._sample_time = sample_time
-        self._first: int | None = None
+        self._first = None
 
     def latch(self, index: int, read: Callable[[], Sample]) -> Tick:
         """Take the device's next sample; raises `DeviceError` where its number is no higher than the one before."""

@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from servobench.control.open_loop import OpenLoop
 from servobench.experiment import PAPER, Experiment, Limits
 from servobench.signals.constant import Constant
-from servobench.signals.prbs import Prbs
+from servobench.signals.prbs import PRBS
 from servobench.signals.ramp import Ramp
 from servobench.signals.sine import Sine
 from servobench.signals.square import Square
@@ -85,7 +85,7 @@ def test_an_experiment_that_can_not_be_is_refused(given: dict, message: str) -> 
 
 def test_it_can_be_sent_to_another_process() -> None:
     experiment = Experiment(
-        signal=Sum(parts=(Square(), Prbs())), device={"settings": {"resistance": "8.4 ohm"}}
+        signal=Sum(parts=(Square(), PRBS())), device={"settings": {"resistance": "8.4 ohm"}}
     )
 
     assert pickle.loads(pickle.dumps(experiment)) == experiment
@@ -101,7 +101,7 @@ def test_its_device_settings_are_its_own() -> None:
 
 
 @pytest.mark.parametrize(
-    "experiment", [PAPER, Experiment(signal=Prbs(), duration="10.2 s"), Experiment(duration=None)]
+    "experiment", [PAPER, Experiment(signal=PRBS(), duration="10.2 s"), Experiment(duration=None)]
 )
 def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment) -> None:
     assert experiment.findings() == ()
@@ -111,7 +111,7 @@ def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment)
     ("experiment", "code", "said"),
     [
         (Experiment(signal=Sine(frequency=251)), "signal-too-fast", "changes within 0.00199203 s"),
-        (Experiment(signal=Prbs(bit_time="1 ms")), "signal-too-fast", "changes within 0.001 s"),
+        (Experiment(signal=PRBS(bit_time="1 ms")), "signal-too-fast", "changes within 0.001 s"),
         (Experiment(signal=Square(frequency=200, duty=0.1)), "signal-too-fast", "changes within 0.0005 s"),
         (Experiment(signal=Sine(amplitude=12)), "signal-above-limit", "the limit is 10 V"),
         (
@@ -126,7 +126,7 @@ def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment)
         ),
         (Experiment(signal=Constant(value=0)), "signal-is-zero", "0 V from the start to 9.998 s"),
         (
-            Experiment(signal=Prbs(order=10)),
+            Experiment(signal=PRBS(order=10)),
             "part-of-a-period",
             "repeats after 40.92 s, but the experiment ends after 10 s",
         ),
@@ -140,7 +140,7 @@ def test_what_is_worth_knowing_beforehand_is_a_finding(experiment: Experiment, c
 
 
 @pytest.mark.parametrize(
-    "signal", [Sine(frequency=250), Prbs(bit_time="2 ms", order=4), Sine(amplitude=10, frequency=1)]
+    "signal", [Sine(frequency=250), PRBS(bit_time="2 ms", order=4), Sine(amplitude=10, frequency=1)]
 )
 def test_what_is_just_within_the_limits_is_no_finding(signal: Sine) -> None:
     assert Experiment(signal=signal).findings() == ()

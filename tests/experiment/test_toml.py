@@ -13,7 +13,7 @@ from servobench.errors import ExperimentError, UsageError
 from servobench.experiment import PAPER, Experiment, explain, load_experiment, read_experiment
 from servobench.settings import Resistance, Settings
 from servobench.signals.multisine import Multisine
-from servobench.signals.prbs import Prbs
+from servobench.signals.prbs import PRBS
 from servobench.signals.sequence import Segment, Sequence
 from servobench.signals.sine import Sine
 from servobench.signals.square import Square
@@ -44,7 +44,7 @@ SIMPLE = st.one_of(
         duty=st.floats(0, 1),
     ),
     st.builds(Staircase, levels=st.lists(LEVELS, min_size=1, max_size=4), dwell=TIMES),
-    st.builds(Prbs, bit_time=TIMES, order=st.integers(8, 20), seed=st.integers(1, 255), start=TIMES),
+    st.builds(PRBS, bit_time=TIMES, order=st.integers(8, 20), seed=st.integers(1, 255), start=TIMES),
     st.builds(Multisine, frequency=st.floats(0.1, 1), lowest=st.none() | st.floats(0.1, 1), phases=PHASES),
 )
 SIGNALS = st.recursive(
@@ -360,6 +360,6 @@ def test_the_examples_are_the_papers_experiment_and_a_prbs() -> None:
         PAPER.sample_time,
         PAPER.limits,
     )
-    assert prbs.signal == Prbs(low=-3, high=3, order=8, bit_time=0.04)
+    assert prbs.signal == PRBS(low=-3, high=3, order=8, bit_time=0.04)
     assert prbs.duration == pytest.approx(prbs.signal.period, rel=1e-12)
     assert "notes" in tomllib.loads((EXAMPLES / "paper.toml").read_text(encoding="utf-8"))["experiment"]

@@ -312,6 +312,14 @@ def test_the_progress_is_shown_ten_times_a_second() -> None:
     assert shown[1] == Progress(tick=10, ticks=100, time=0.1, commanded=2.0, applied=2.0, counts=20)
 
 
+def test_a_watch_that_says_neither_go_on_nor_why_to_stop_is_a_mistake_that_stops_the_motor() -> None:
+    device = Shaft()
+
+    with pytest.raises(UsageError, match="watch returned False; expected None"):
+        run(experiment(), device, watch=lambda progress: False)  # type: ignore[arg-type, return-value]
+    assert device.events[-1] == "stop"
+
+
 def test_a_file_that_is_in_the_way_is_refused_and_the_motor_stopped(tmp_path: Path) -> None:
     device = Shaft()
     (tmp_path / "a.mcap.part").write_bytes(b"")

@@ -44,7 +44,9 @@ P = np.array([23.8, 0.0998, 0.02, 0.16, 0.0007, 0.3, 5.0])
 @pytest.mark.parametrize("friction", [False, True])
 @pytest.mark.parametrize("regular", [True, False])
 @pytest.mark.parametrize("column", range(kernels.COLUMNS))
-def test_sensitivities_are_the_derivatives_of_the_response(column: int, regular: bool, friction: bool, speed: bool) -> None:
+def test_sensitivities_are_the_derivatives_of_the_response(
+    column: int, regular: bool, friction: bool, speed: bool
+) -> None:
     step = 1e-6 * max(abs(P[column]), 1e-2)
     up, down = P.copy(), P.copy()
     up[column] += step
@@ -68,7 +70,7 @@ def test_a_step_from_rest_follows_the_closed_form() -> None:
 
 def test_the_sum_rule_ties_speed_and_position_to_the_integral_of_the_input() -> None:
     """τ (ω - ω₀) + θ - θ₀ = K ∫ (u - u₀) dt, whatever the input, where there is no friction."""
-    t_in, t, u = inputs(regular=True)
+    _t_in, t, u = inputs(regular=True)
     p = P.copy()
     p[kernels.DELAY] = 0.0
     position, _ = response(p, regular=True, friction=False, speed=False)
@@ -80,7 +82,7 @@ def test_the_sum_rule_ties_speed_and_position_to_the_integral_of_the_input() -> 
 
 def test_the_friction_model_is_the_motor_without_inductance() -> None:
     """Against the reference motor with so little inductance that its current follows at once."""
-    _, t, u = inputs(regular=True)
+    _, _t, u = inputs(regular=True)
     truth = Truth(inductance=1e-9)
     stiffness = truth.resistance * truth.viscous_friction + truth.motor_constant**2
     p = np.zeros(kernels.COLUMNS)
@@ -94,7 +96,9 @@ def test_the_friction_model_is_the_motor_without_inductance() -> None:
 
 
 @given(st.floats(-0.004, 0.004), st.floats(0.0, 0.3), st.floats(-0.1, 0.1))
-def test_a_sample_never_depends_on_an_input_that_acts_later(delay: float, coulomb: float, offset: float) -> None:
+def test_a_sample_never_depends_on_an_input_that_acts_later(
+    delay: float, coulomb: float, offset: float
+) -> None:
     t = np.arange(40) * 0.002
     random = np.random.default_rng(3)
     u = random.normal(0.0, 2.0, 40)

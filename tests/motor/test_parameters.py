@@ -54,7 +54,9 @@ def test_an_unknown_data_sheet_is_refused_with_the_known_names() -> None:
         data_sheet("qube_servo_9")
 
 
-@pytest.mark.parametrize(("name", "value"), [("resistance", 0.0), ("motor_constant", -1.0), ("inductance", float("nan"))])
+@pytest.mark.parametrize(
+    ("name", "value"), [("resistance", 0.0), ("motor_constant", -1.0), ("inductance", float("nan"))]
+)
 def test_a_value_that_no_motor_has_is_refused_by_name(name: str, value: float) -> None:
     with pytest.raises(UsageError, match=name):
         replace(QUBE_SERVO_2.motor, **{name: value})

@@ -186,7 +186,7 @@ def test_what_holds_no_recording_is_an_error_that_says_why(tmp_path: Path, data:
 
 
 def test_a_missing_file_and_a_folder_are_errors_of_ours(tmp_path: Path) -> None:
-    for path in (tmp_path / "missing.mcap", tmp_path):
+    for path in (tmp_path / "missing.mcap", tmp_path, "a\0b", ""):
         with pytest.raises(FormatError, match="can't be read"):
             read(path)
 

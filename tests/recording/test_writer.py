@@ -188,11 +188,11 @@ def test_the_part_of_an_earlier_run_is_never_overwritten(tmp_path: Path) -> None
     assert part.read_bytes() == b"precious"
 
 
-@pytest.mark.parametrize("name", ["", "missing/a.mcap"])
+@pytest.mark.parametrize("name", ["", "missing/a.mcap", "a\0b"])
 def test_a_place_that_is_no_file_in_a_folder_is_refused_before_anything_is_recorded(
     tmp_path: Path, name: str
 ) -> None:
-    with pytest.raises(UsageError, match="folder"):
+    with pytest.raises(UsageError, match=r"name of a file|no folder .*missing; make it first"):
         RecordingWriter(tmp_path / name)
 
 
@@ -307,6 +307,28 @@ def test_rows_of_another_width_are_refused(tmp_path: Path) -> None:
 def test_rows_before_a_recording_has_begun_are_refused(tmp_path: Path) -> None:
     with RecordingWriter(tmp_path / "a.mcap") as writer, pytest.raises(UsageError, match="begin"):
         writer.append(0, np.ones((2, 5)))
+
+
+def test_a_recording_begins_when_the_one_before_has_ended_and_each_channel_has_a_place(
+    tmp_path: Path,
+) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        with pytest.raises(UsageError, match="a place to be written is given to 'applied', 'counts'"):
+            writer.begin(opening(), TOGETHER[:1])
+        writer.begin(opening("one"), TOGETHER)
+        with pytest.raises(UsageError, match="'one' has to end before 'two' begins"):
+            writer.begin(opening("two"), TOGETHER)
+
+
+def test_a_closed_file_takes_nothing_more_and_stays_whole(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap") as writer:
+        writer.begin(opening(), TOGETHER)
+        writer.end(ENDED)
+        writer.close()
+        with pytest.raises(UsageError, match="is closed"):
+            writer.begin(opening(), TOGETHER)
+
+    assert len(read(tmp_path / "a.mcap")) == 1
 
 
 def test_more_channels_than_a_file_can_number_are_refused(

@@ -5,7 +5,7 @@ import pytest
 from pydantic import ValidationError
 
 from servobench.signals.constant import Constant
-from servobench.signals.prbs import Prbs
+from servobench.signals.prbs import PRBS
 from servobench.signals.ramp import Ramp
 from servobench.signals.sequence import Sequence
 from servobench.signals.sine import Sine
@@ -44,7 +44,7 @@ def test_a_sum_repeats_after_the_least_common_multiple_of_its_periods(
 
 
 def test_a_sum_changes_as_fast_as_its_fastest_part() -> None:
-    assert Sum(parts=(Square(), Prbs(bit_time="20 ms"), Constant())).shortest_change == 0.02
+    assert Sum(parts=(Square(), PRBS(bit_time="20 ms"), Constant())).shortest_change == 0.02
     assert Sum(parts=(Constant(), Step())).shortest_change is None
 
 
@@ -80,7 +80,7 @@ def test_a_sequence_changes_as_fast_as_its_shortest_segment_or_its_fastest_signa
     def sequence(bit_time: float) -> Sequence:
         segments = [
             {"duration": 0.5, "signal": Constant()},
-            {"duration": 9, "signal": Prbs(bit_time=bit_time)},
+            {"duration": 9, "signal": PRBS(bit_time=bit_time)},
         ]
         return Sequence(segments=segments)
 

@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from servobench.signals.prbs import _LAGS, Prbs
+from servobench.signals.prbs import _LAGS, PRBS
 
 ORDERS = sorted(_LAGS)
 
 
 def bits(order: int, seed: int = 1) -> np.ndarray:
     """Return one period of the sequence as 0 and 1."""
-    signal = Prbs(low=0, high=1, order=order, seed=seed, bit_time=1)
+    signal = PRBS(low=0, high=1, order=order, seed=seed, bit_time=1)
     return signal(np.arange(2**order - 1, dtype=float)).astype(int)
 
 
@@ -102,7 +102,7 @@ def test_another_seed_begins_elsewhere_in_the_same_sequence() -> None:
 
 
 def test_every_bit_has_the_same_number_of_samples_for_hours() -> None:
-    signal = Prbs(bit_time="40 ms", order=10)
+    signal = PRBS(bit_time="40 ms", order=10)
     k = np.arange(10**8, 10**8 + 20 * 5000)  # 55 hours after the start, at 500 Hz
 
     u = signal(k * 0.002).reshape(-1, 20)
@@ -111,7 +111,7 @@ def test_every_bit_has_the_same_number_of_samples_for_hours() -> None:
 
 
 def test_it_begins_at_its_start_with_its_seed_and_is_low_before() -> None:
-    signal = Prbs(low=-1, high=2, order=4, seed=0b1011, bit_time=0.1, start=0.3)
+    signal = PRBS(low=-1, high=2, order=4, seed=0b1011, bit_time=0.1, start=0.3)
 
     np.testing.assert_array_equal(signal(np.arange(7) * 0.1), [-1, -1, -1, 2, -1, 2, 2])
 
@@ -119,7 +119,7 @@ def test_it_begins_at_its_start_with_its_seed_and_is_low_before() -> None:
 @pytest.mark.parametrize(("order", "seed"), [(4, 16), (4, 0), (4, -1), (21, 1), (1, 1), (8, 1.0), (8, True)])
 def test_an_impossible_register_is_refused(order: int, seed: int) -> None:
     with pytest.raises(ValidationError):
-        Prbs(order=order, seed=seed)
+        PRBS(order=order, seed=seed)
 
 
 def test_its_sequence_can_not_be_overwritten() -> None:

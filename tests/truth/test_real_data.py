@@ -25,7 +25,9 @@ def codes(result: Result) -> set[str]:
     return {finding.code for finding in result.findings}
 
 
-def test_the_und_motor_is_found_as_published_and_its_gain_is_called_local(real_data: Callable[[str], Path]) -> None:
+def test_the_und_motor_is_found_as_published_and_its_gain_is_called_local(
+    real_data: Callable[[str], Path],
+) -> None:
     result = identified(real_data("undcmotor/und_DCmotor_prbs_open_exp.csv"), output="y:deg/s")
     assert result.fit is not None
     assert math.degrees(result.fit["gain"].value) == pytest.approx(1748.9, rel=0.10)
@@ -35,7 +37,9 @@ def test_the_und_motor_is_found_as_published_and_its_gain_is_called_local(real_d
 
 
 @pytest.mark.parametrize("name", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])
-def test_emps_is_found_as_published_with_the_friction_that_it_needs(name: str, real_data: Callable[[str], Path]) -> None:
+def test_emps_is_found_as_published_with_the_friction_that_it_needs(
+    name: str, real_data: Callable[[str], Path]
+) -> None:
     result = identified(real_data(f"emps/{name}"), input="vir:V", output="qm:m")
     assert result.fit is not None
     assert result.fit["gain"].value == pytest.approx(0.1727, rel=0.15)
@@ -47,7 +51,9 @@ def test_emps_is_found_as_published_with_the_friction_that_it_needs(name: str, r
 
 
 @pytest.mark.parametrize("side", ["left", "right"])
-def test_romi_is_found_as_published_from_four_tests_jointly(side: str, real_data: Callable[[str], Path]) -> None:
+def test_romi_is_found_as_published_from_four_tests_jointly(
+    side: str, real_data: Callable[[str], Path]
+) -> None:
     path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
     result = identified(path, input=side, output=side)
     assert result.fit is not None

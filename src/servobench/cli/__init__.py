@@ -32,12 +32,12 @@ def _stored_text(words: list[str]) -> str | None:
         from servobench._version import __version__
 
         return f"servobench {__version__}\n"
-    if not words or words[-1] not in _HELP or len(words) > 2:
-        return None
-    if len(words) == 1:
+    if not words or (len(words) == 1 and words[0] in _HELP):
         return _help_text("servobench")
+    if len(words) != 2 or words[1] not in _HELP:
+        return None
     # A name that isn't of letters alone could lead out of the folder.
-    return _help_text(f"servobench-{words[0]}") if words[0].isalpha() else None
+    return _help_text(f"servobench-{words[0]}") if words[0].islower() and words[0].isalpha() else None
 
 
 def _help_text(page: str) -> str | None:

@@ -63,10 +63,10 @@ for command in (run, identify, inspect, convert, recover, devices, signals):
 def run_app(words: Sequence[str]) -> int:
     """Run the command that the words of a command line ask for, and return the exit status."""
     spell_what_cannot_be_encoded()
-    words, debug = _without_debug(words or ["--help"])
+    words, debug = _without_debug(words)
     try:
         # The object that typer hands to commands is the line as it was typed, for reports.
-        app(words, prog_name="servobench", obj=shlex.join(["servobench", *words]))
+        app(words or ["--help"], prog_name="servobench", obj=shlex.join(["servobench", *words]))
     except SystemExit as end:
         return flushed(_status(end))
     except BaseException as error:

@@ -13,6 +13,10 @@ from servobench.cli.progress import Progress, told_when_compiling
 from servobench.finding import Verdict
 
 if TYPE_CHECKING:
+    from pathlib import Path
+
+    from rich.console import Console
+
     from servobench.errors import NotIdentifiable
     from servobench.recording.recording import Recording
     from servobench.result import Result
@@ -41,13 +45,44 @@ def concluded(
     from servobench.identification import identify
     from servobench.measurement.measure import measure
 
-    with Progress("identifying"), told_when_compiling():
+    with Progress("identifying") as progress, told_when_compiling(progress):
         try:
             data = [measure(each.recording, each.chain) for each in evidence]
             others_data = [measure(each.recording, each.chain) for each in others]
         except NotIdentifiable as error:
             return _without_data([each.recording for each in evidence], error)
         return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
+
+
+def deliver(
+    result: Result,
+    recordings: Sequence[Recording],
+    *,
+    console: Console,
+    as_json: bool,
+    report: Path | None,
+    command: str,
+    heading: str = "",
+) -> None:
+    """Write the report, if one is wanted, and print the result: as words, and as JSON where that is wanted, too.
+
+    `command` is the line that was typed, for the report. The result is printed even where the report can't be written.
+    """
+    from servobench.cli.answer import show_result
+    from servobench.cli.terminal import print_json
+    from servobench.report.document import Report
+
+    try:
+        if report is not None:
+            Report(recordings, result, command=command).write(report)
+    finally:
+        if heading:
+            console.print(f"{heading}\n", soft_wrap=True)
+        show_result(console, result)
+        if as_json:
+            print_json(result.to_dict())
+    if report is not None:
+        console.print(f"\nreport: {report}", soft_wrap=True)
 
 
 def status_of(result: Result) -> int:

@@ -73,11 +73,9 @@ def identify(
     stands in another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s,
     deg/s, rpm, rev/s, counts/s, m/s).
     """
-    from servobench.cli.answer import show_result
-    from servobench.cli.conclusion import check_names, concluded, status_of
+    from servobench.cli.conclusion import check_names, concluded, deliver, status_of
     from servobench.cli.recordings import chosen, loaded
-    from servobench.cli.terminal import print_json, words
-    from servobench.report.document import Report
+    from servobench.cli.terminal import words
 
     check_names(structure, nominal)
     _check_can_hold_a_file(report)
@@ -87,13 +85,14 @@ def identify(
     fitted = [said.of(each) for each in chosen(loaded(files), recording or ())]
     others = [said.of(each) for each in loaded(validate_with or ())]
     result = concluded(fitted, structure=structure, nominal=nominal, others=others)
-    console = words(beside_json=as_json)
-    show_result(console, result)
-    if as_json:
-        print_json(result.to_dict())
-    if report is not None:
-        Report([each.recording for each in fitted], result, command=context.obj or "").write(report)
-        console.print(f"\nreport: {report}", soft_wrap=True)
+    deliver(
+        result,
+        [each.recording for each in fitted],
+        console=words(beside_json=as_json),
+        as_json=as_json,
+        report=report,
+        command=context.obj or "",
+    )
     raise typer.Exit(status_of(result))
 
 

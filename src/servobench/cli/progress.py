@@ -5,8 +5,8 @@ from __future__ import annotations
 import sys
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from threading import Event, Thread
+from contextlib import contextmanager, suppress
+from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Any, Self, TextIO
 
@@ -21,8 +21,8 @@ _INTERVAL = 0.25  # s
 class Progress:
     """One line on standard error that says what is being done and how long it will take, from the second second on.
 
-    A thread of its own writes it: a motor's loop doesn't wait for a terminal. Where nobody looks, nothing is written.
-    `now` is the clock [s].
+    A thread of its own writes it: a motor's loop doesn't wait for a terminal. On a terminal the line is kept up to date and taken
+    away in the end; a file gets it once. `now` is the clock [s].
     """
 
     def __init__(
@@ -36,10 +36,11 @@ class Progress:
         self._latest: tuple[float, float] | None = None
         self._width = 0
         self._over = Event()
+        self._writing = Lock()
         self._thread = Thread(target=self._write, name="servobench progress", daemon=True)
 
     def __enter__(self) -> Self:
-        if is_terminal(self._stream):
+        if self._stream is not None:
             self._thread.start()
         return self
 
@@ -57,10 +58,16 @@ class Progress:
         # The pace is counted from here: what comes before the first word is preparation.
         self._first = self._first or self._latest
 
+    def note(self, sentence: str) -> None:
+        """Print a sentence that stays, above the line."""
+        with self._writing:
+            self._put("")
+            messages().print(Text(sentence, style="dim"), soft_wrap=True)
+
     def line(self) -> str:
         """Return what there is to say now; nothing before a second is over."""
         now = self._now()
-        if now - self._start < _PATIENCE:
+        if now - self._start < 0.99 * _PATIENCE:  # a clock may be a little short of what was waited for
             return ""
         left = self._time_left(now)
         if left is None or self._latest is None:
@@ -75,12 +82,19 @@ class Progress:
         return max(0.0, (1.0 - done) * (latest - started) / (done - before) - (now - latest))
 
     def _write(self) -> None:
-        try:
-            while not self._over.wait(_INTERVAL):
+        with suppress(OSError, ValueError):  # the terminal is gone; the work isn't
+            if is_terminal(self._stream):
+                self._keep_up_to_date()
+            elif not self._over.wait(_PATIENCE):
+                self._stream.write(f"{self.line()}\n")
+                self._stream.flush()
+
+    def _keep_up_to_date(self) -> None:
+        while not self._over.wait(_INTERVAL):
+            with self._writing:
                 self._put(self.line())
+        with self._writing:
             self._put("")
-        except (OSError, ValueError):  # the terminal is gone; the work isn't
-            return
 
     def _put(self, line: str) -> None:
         """Write a line over the one before; blanks do where a terminal knows no other way."""
@@ -101,8 +115,8 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def told_when_compiling() -> Iterator[None]:
-    """Say on standard error, once, that kernels are being compiled, when and only when Numba really compiles one."""
+def told_when_compiling(progress: Progress) -> Iterator[None]:
+    """Note that kernels are being compiled, once, when and only when Numba really compiles one."""
     from numba.core import event
 
     class Compiling(event.Listener):
@@ -113,9 +127,7 @@ def told_when_compiling() -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.heard:
                 self.heard = True
-                messages().print(
-                    Text("compiling the numeric kernels: this is done once and kept", style="dim")
-                )
+                progress.note("compiling the numeric kernels; this is done once and kept")
 
         def on_end(self, event: Any) -> None:
             """Say nothing."""

@@ -69,10 +69,9 @@ def run(
 
     The folder of a run holds experiment.toml, recording.mcap, data.csv, result.json and report.html.
     """
-    from servobench.cli.conclusion import check_names
+    from servobench.cli.conclusion import check_names, deliver
     from servobench.cli.run_folder import run_folder
-    from servobench.cli.terminal import print_json, words
-    from servobench.report.document import Report
+    from servobench.cli.terminal import words
 
     asked = _experiment(experiment, device, seed)
     held_against = nominal or asked.nominal or None
@@ -83,11 +82,15 @@ def run(
     result = _identified(recording, asked, structure, held_against or _own_data_sheet(recording))
     if result is not None:
         folder.write_result(result.to_dict())
-        _show(console, recording, result)
-        if as_json:
-            print_json(result.to_dict())
-        Report(recording, result, command=context.obj or "").write(folder.report)
-        console.print(f"report: {folder.report}", soft_wrap=True)
+        deliver(
+            result,
+            [recording],
+            console=console,
+            as_json=as_json,
+            report=folder.report,
+            command=context.obj or "",
+            heading=f"{len(recording['counts'].values)} samples; {recording.stopped.sentence}",
+        )
     raise typer.Exit(_status(recording, result))
 
 
@@ -131,12 +134,12 @@ def _carried_out(asked: Experiment, device: Device, folder: RunFolder, console: 
     from servobench.loop.run import Progress as Place
     from servobench.loop.run import run as carry_out
 
-    what = "running" if asked.duration else "running until Ctrl-C"
+    lost = ""
     with _ended_like_ctrl_c(), device:
         folder.begin(asked.to_toml())
         console.print(_asked_in_words(asked), soft_wrap=True)
         show_findings(console, asked.findings())
-        with Progress(what) as progress, told_when_compiling():
+        with Progress("running") as progress, told_when_compiling(progress):
 
             def watch(place: Place) -> None:
                 if place.ticks:
@@ -145,8 +148,9 @@ def _carried_out(asked: Experiment, device: Device, folder: RunFolder, console: 
             try:
                 recording = carry_out(asked, device, to=folder.recording, watch=watch)
             except DeviceLost as error:
-                complain(str(error))
-                recording = error.recording
+                recording, lost = error.recording, str(error)
+    if lost:
+        complain(lost)
     save(recording, folder.data)
     with folder.recording.open("rb") as file:
         checksum = hashlib.file_digest(file, "sha256").hexdigest()
@@ -202,16 +206,6 @@ def _asked_in_words(asked: Experiment) -> str:
     return (
         f"{name}{SIGNALS.name_of(asked.signal)}, {length} at {asked.sample_rate:g} Hz, on {asked.device.name}"
     )
-
-
-def _show(console: Console, recording: Recording, result: Result) -> None:
-    from servobench.cli.answer import show_result
-
-    samples = len(recording["counts"].values)
-    console.print(f"{samples} samples; {recording.stopped.sentence}", soft_wrap=True)
-    console.print()
-    show_result(console, result)
-    console.print()
 
 
 def _status(recording: Recording, result: Result | None) -> int:

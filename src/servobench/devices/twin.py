@@ -143,6 +143,7 @@ class Twin:
             raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
         self._open = False
         self._solver: Solver | None = None
+        self._state = MotorState(0.0, 0.0, self.settings.start_angle)
 
     @property
     def info(self) -> DeviceInfo:

@@ -151,13 +151,17 @@ def _carry_out(
         commanded = float(voltage)
         if not math.isfinite(commanded):
             return _fault(device, log, tick, commanded, "the controller")
-        applied = device.write(min(max(commanded, -limit), limit))
+        applied = float(device.write(min(max(commanded, -limit), limit)))
         log.add(tick, commanded, applied)
         if tick.index >= watch_next:
             watch_next = tick.index + watch_every
             word = watching(_progress(tick, ticks, commanded, applied))
-            if word is not None:
+            if isinstance(word, str):
                 return Stopped(reason="interrupted", sentence=word)
+            if word is not None:
+                raise UsageError(
+                    f"watch returned {word!r}; expected None, or the sentence with which the run is to stop"
+                )
     return Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
 
 
@@ -178,7 +182,7 @@ def _progress(tick: Tick, ticks: int | None, commanded: float, applied: float) -
 
 def _fault(device: Device, log: _Log, tick: Tick, value: float, source: str) -> Stopped:
     """Put zero volts out in place of a value that is none, and record both."""
-    log.add(tick, value, device.write(0.0))
+    log.add(tick, value, float(device.write(0.0)))
     sentence = f"{source} gave {value} at {tick.scheduled:g} s, which is no voltage; the motor was stopped"
     return Stopped(reason="fault", sentence=sentence)
 

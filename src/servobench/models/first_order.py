@@ -63,7 +63,11 @@ class FirstOrder:
         own = (_START_POSITION, _START_SPEED) if data.kind == "position" else (_START_SPEED,)
         units = {"position": "{position}", "speed": "{position}/s"}
         filters = tuple(
-            Parameter(name=f"start_state_{n}", meaning=f"state of '{state.stage}' at the first sample", unit=units[state.kind])
+            Parameter(
+                name=f"start_state_{n}",
+                meaning=f"state of '{state.stage}' at the first sample",
+                unit=units[state.kind],
+            )
             for n, state in enumerate(data.start_states, start=1)
         )
         return own + filters

@@ -41,7 +41,9 @@ def unresolved(structure: FirstOrder, theta: Array, data: Dataset) -> Array:
     after = np.maximum(data.t_output[:, None] - when[None, :], 0.0)
     tau = p[kernels.TAU]
     decay = np.where(after > 0, np.exp(-after / tau), 0.0)
-    kick = decay if data.shaft_kind == "speed" else np.where(after > 0, tau * (1.0 - np.exp(-after / tau)), 0.0)
+    kick = (
+        decay if data.shaft_kind == "speed" else np.where(after > 0, tau * (1.0 - np.exp(-after / tau)), 0.0)
+    )
     return data.chain.linear(kick * size, data.t_output) if len(when) else np.empty((len(data.y), 0))
 
 

@@ -153,9 +153,7 @@ def _regressors(
     """The columns that all records share, those of this record alone, and the target, for some of the rows."""
     from servobench.models.first_order import COULOMB, OFFSET, ONE_WAY, FirstOrder
 
-    unit = FirstOrder(
-        (*(p for p in structure.parameters if p not in (COULOMB, OFFSET, ONE_WAY)), OFFSET)
-    )
+    unit = FirstOrder((*(p for p in structure.parameters if p not in (COULOMB, OFFSET, ONE_WAY)), OFFSET))
     theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
     names = [parameter.name for parameter in unit.parameters]
     theta[names.index("gain")], theta[names.index("time_constant")], theta[names.index("delay")] = (

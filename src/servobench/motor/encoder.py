@@ -41,7 +41,7 @@ class CurrentSensor(Settings):
     @property
     def resolution(self) -> float:
         """The smallest step [A]."""
-        return 2 * self.range / 2**self.bits
+        return float(2 * self.range / 2**self.bits)
 
     def read(self, current: float, random: np.random.Generator) -> float:
         """Return what the channel shows for a current [A]."""

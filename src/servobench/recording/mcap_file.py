@@ -8,6 +8,7 @@ import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from pathlib import Path
+from typing import BinaryIO
 
 from servobench.errors import StorageError, UsageError
 from servobench.recording import mcap
@@ -30,7 +31,7 @@ class McapFile:
         self, path: str | os.PathLike[str], *, library: str, now: Callable[[], float] = time.monotonic
     ) -> None:
         self.path = Path(path)
-        self.part = self.path.with_name(self.path.name + PART)
+        self.part = _part_of(self.path)
         self._now = now
         self._synced = now()
         self._size = 0
@@ -42,22 +43,7 @@ class McapFile:
         self._chunks = bytearray()  # index records; a list of them would take several times the memory
         self._chunk_count = 0
         self._span: tuple[int, int] | None = None
-        if self.path.is_dir() or not self.path.parent.is_dir():
-            problem = (
-                "is a folder"
-                if self.path.is_dir()
-                else f"can't be written: there is no folder {self.path.parent}"
-            )
-            raise UsageError(f"{self.path} {problem}; give the name of a file in a folder that is there")
-        try:
-            self._file = open(self.part, "xb")  # noqa: SIM115 - close() and abandon() close it
-        except FileExistsError:
-            raise UsageError(
-                f"{self.part} is there already, the unfinished recording of an earlier run: "
-                f"recover what it holds (servobench recover), or remove it"
-            ) from None
-        except OSError as error:
-            raise StorageError(f"{self.part} can't be written: {error.strerror or error}") from error
+        self._file = _new_file(self.part)
         self._put(mcap.MAGIC + mcap.header(library))
 
     @property
@@ -104,7 +90,12 @@ class McapFile:
         self._span = (min(start, chunk.start), max(end, chunk.end))
 
     def close(self) -> None:
-        """Write the summary, put everything on the disk and give the file its name, in place of an earlier file of that name."""
+        """Write the summary, put everything on the disk and give the file its name, in place of an earlier file of that name.
+
+        Does nothing to a file that is closed already.
+        """
+        if self._file.closed:
+            return
         self._put(mcap.data_end(self._crc))
         self._put(self._summary())
         try:
@@ -144,6 +135,8 @@ class McapFile:
         return mcap.summary(self._size, records)
 
     def _put(self, data: bytes) -> None:
+        if self._file.closed:
+            raise UsageError(f"{self.path} is closed: nothing more is written to it")
         try:
             self._file.write(data)
             self._file.flush()
@@ -162,3 +155,27 @@ class McapFile:
             f"{self.path} can't be written any further: {error.strerror or error}; "
             f"what was written before is kept in {self.part} (servobench recover makes a whole file of it)"
         )
+
+
+def _part_of(path: Path) -> Path:
+    """The file that is written until `path` is whole; raises `UsageError` where `path` can't become a file."""
+    if "\0" in str(path):
+        raise UsageError(f"{str(path)!r} has a zero byte in it; give the name of a file")
+    if path.is_dir():
+        raise UsageError(f"{path} is a folder; give the name of a file")
+    if not path.parent.is_dir():
+        raise UsageError(f"{path} can't be written: there is no folder {path.parent}; make it first")
+    return path.with_name(path.name + PART)
+
+
+def _new_file(part: Path) -> BinaryIO:
+    """A part that wasn't there before."""
+    try:
+        return open(part, "xb")
+    except FileExistsError:
+        raise UsageError(
+            f"{part} is there already, the unfinished recording of an earlier run: "
+            f"recover what it holds (servobench recover), or remove it"
+        ) from None
+    except OSError as error:
+        raise StorageError(f"{part} can't be written: {error.strerror or error}") from error

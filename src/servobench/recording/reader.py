@@ -30,6 +30,8 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     Raises `FormatError` where the file can't be read, isn't a native one, or has nothing that is right.
     """
     path = Path(path)
+    if "\0" in str(path):
+        raise FormatError(f"{str(path)!r} can't be read: it has a zero byte in it")
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -56,9 +58,9 @@ class _Unfinished:
 
     opening: Opening
     ending: Ending | None = None
-    blocks: dict[int, list[Array]] = field(default_factory=dict)
-    rows: dict[int, int] = field(default_factory=dict)
-    groups: dict[int, Group] = field(default_factory=dict)
+    groups: dict[int, Group] = field(init=False)
+    blocks: dict[int, list[Array]] = field(init=False)
+    rows: dict[int, int] = field(init=False)
 
     def __post_init__(self) -> None:
         self.groups = {group.number: group for group in self.opening.groups}
@@ -208,8 +210,9 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
 
 def _cut_short(recording: Recording, damage: str, dropped: int) -> Recording:
     """The recording with a finding that says what is missing."""
+    left_out = f"; the last {dropped} bytes of the file were left out" if dropped else ""
     sentence = (
-        f"the recording was cut short: its file doesn't end as it should ({damage}); "
-        f"what came before is right, the last {dropped} bytes of the file were left out"
+        f"the recording was cut short, as its file doesn't end as it should ({damage}); "
+        f"what came before is right{left_out}"
     )
     return recording.with_findings(warning("recording-cut-short", sentence))

@@ -62,9 +62,20 @@ class RecordingWriter:
     def begin(self, opening: Recording, together: Sequence[Together], *, earliest: float = 0.0) -> None:
         """Begin a recording with all that is known of it: everything but its samples and why it stopped.
 
-        Each channel of `opening` stands in one of `together`. `earliest` is the earliest time to come [s], if that is before 0.
+        Each channel of `opening` stands in one of `together`, which is what `append` counts. `earliest` is the earliest time to
+        come [s], if that is before 0. Raises `UsageError` where a channel has no place, or the recording before has no end.
         """
+        if self._opening is not None:
+            raise UsageError(
+                f"{self._file.path}: {self._opening.name!r} has to end before {opening.name!r} begins"
+            )
         channels = tuple(series.channel for series in opening.series)
+        placed = sorted(name for each in together for name in each.channels)
+        if placed != sorted(channel.name for channel in channels):
+            raise UsageError(
+                f"{opening.name!r} has the channels {', '.join(repr(channel.name) for channel in channels)}, "
+                f"but a place to be written is given to {', '.join(map(repr, placed)) or 'none'}"
+            )
         groups = tuple(
             self._group(opening.name, each, number) for number, each in enumerate(together, self._next)
         )
@@ -113,10 +124,7 @@ class RecordingWriter:
 
     def close(self) -> None:
         """Finish the file and give it its name; raises `StorageError`, with the part kept, where that can't be done."""
-        try:
-            self._file.close()
-        finally:
-            self._file.abandon()
+        self._file.close()
 
     def abandon(self) -> None:
         """Leave the part as it is; never raises, and does nothing to a closed file."""

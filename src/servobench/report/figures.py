@@ -164,7 +164,7 @@ def bode(
         ax.plot(band.omega, y, color=palette.model, linewidth=1.8)
     magnitude.tick_params(axis="x", labelbottom=False)
     _decibels(magnitude, db, unit, palette)
-    _degree_ticks(phase, degrees)
+    _degree_ticks(phase, degrees, np.degrees(band.phase_half))
     if corner is not None:
         _note(magnitude, corner, f" 1/τ = {plain(corner, 3)} rad/s", palette)
     x_label(phase, "angular frequency (rad/s)", palette)
@@ -318,6 +318,9 @@ def _panel(figure: Figure, panel: Panel, box: Box, palette: Palette) -> Axes:
         ax.plot(t, y, label=curve.label or "_", **_line(curve.look, palette))
     legend(ax, palette, box)
     ax.margins(y=0.08)
+    low, high = min(float(c.y.min()) for c in panel.curves), max(float(c.y.max()) for c in panel.curves)
+    if low == high != 0:
+        ax.set_ylim(*sorted((0.0, 1.25 * low / factor)))  # what never changes is seen beside zero
     if panel.quantum:
         _counts(ax, panel.quantum / factor, palette)
     return ax
@@ -394,11 +397,12 @@ def _decibels(ax: Axes, db: Array, unit: str, palette: Palette) -> None:
     )
 
 
-def _degree_ticks(ax: Axes, degrees: Array) -> None:
+def _degree_ticks(ax: Axes, degrees: Array, half: Array) -> None:
     """Ticks at fractions of a turn; what a long delay does beyond one and a quarter turns isn't worth its height."""
     from matplotlib.ticker import MultipleLocator
 
-    low, high = max(float(degrees.min()), -450.0), float(degrees.max())
+    known = np.where(np.isfinite(half), half, 0.0)
+    low, high = max(float((degrees - known).min()), -450.0), min(float((degrees + known).max()), 450.0)
     low, high = min(low, high - 90.0) - 6, high + 6
     ax.set_ylim(low, high)
     ax.yaxis.set_major_locator(MultipleLocator(45 if high - low < 230 else 90))

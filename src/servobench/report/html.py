@@ -59,6 +59,7 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         capital=words.capital,
         percent=percent,
         fit=fit,
+        lost=words.lost(fit) if fit else "",
         math=transfer_function_math(fit) if fit else "",
         system=result.transfer_function,
         parameters=tables.parameter_rows(fit) if fit else (),

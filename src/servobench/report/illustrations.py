@@ -30,6 +30,7 @@ if TYPE_CHECKING:
 MOST_RECORDS = 6  # side by side; of further ones the caption says how many there are
 _LAGS = 30
 _BINS = 41
+_ROUNDING = 1.0  # a residual of less than so many counts is worth comparing with that of rounding alone
 _POINTS = 400  # of a curve over frequency or time
 _LINE_WIDTH = 1.8 / 150  # of a curve, as a part of its panel's height
 
@@ -66,7 +67,8 @@ def residuals(fit: Fit) -> tuple[tuple[Illustration, ...], ...]:
     courses = tuple(_residual_course(record, len(fit.records) > 1) for record in shown)
     size = _residual_size(fit)
     quantum = fit.records[0].data.quantum
-    half_count = " The grey band is half a count on either side of zero." if quantum else ""
+    seen = quantum and fit.residual_sd < 5 * _ROUNDING * quantum
+    half_count = " The grey band is half a count on either side of zero." if seen else ""
     over_time = Illustration(
         name="residual",
         title="Residual over time",
@@ -93,7 +95,7 @@ def frequency_response(fit: Fit) -> Illustration:
         title="Frequency response from the input to the speed",
         caption=(
             f"{told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above half the "
-            f"sample rate ({with_unit(seen[0], 'rad/s', 3)} to {with_unit(seen[1], 'rad/s', 3)} is within)."
+            f"sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
         ),
         description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
         draw=partial(figures.bode, band, system.unit, seen, corner),
@@ -208,10 +210,11 @@ def _course_caption(result: Result, shown: Sequence[Dataset]) -> str:
         parts.append("Wide and grey: measured. Thin and blue: the model, simulated from the input alone.")
     positions = [data for data in shown if data.kind == "position"]
     if positions:
-        windows = sorted({with_unit(eye_window(data) * data.sample_time, "s", 2) for data in positions})
+        windows = sorted(eye_window(data) * data.sample_time for data in positions)
+        ends = dict.fromkeys(with_unit(window, "s", 2) for window in (windows[0], windows[-1]))
         both = ", taken from both alike," if result.fit else ""
         parts.append(
-            f"The speed is for the eye only: differences of the position{both} over {' or '.join(windows)}."
+            f"The speed is for the eye only: differences of the position{both} over {' to '.join(ends)}."
         )
     elif shown and shown[0].chain:
         parts.append(
@@ -247,10 +250,13 @@ def _residual_course(record: FittedRecord, several: bool) -> Course:
 
 def _residual_size(fit: Fit) -> str:
     data = fit.records[0].data
-    size = f"Its standard deviation is {with_unit(fit.residual_sd, data.output_unit, 3)}"
+    largest = max((float(np.abs(record.residual).max(initial=0.0)) for record in fit.records), default=0.0)
+    factor, unit = handy_unit(data.output_unit, largest)  # as in the figure
+    size = f"Its standard deviation is {plain(fit.residual_sd / factor, 3)} {unit}"
     if not data.quantum:
         return f"{size}."
-    return f"{size}, which is {plain(fit.residual_sd / data.quantum, 3)} counts (rounding alone: {plain(1 / np.sqrt(12), 3)})."
+    counts, alone = plain(fit.residual_sd / data.quantum, 3), plain(1 / np.sqrt(12), 3)
+    return f"{size}, which is {counts} counts (rounding alone: {alone})."
 
 
 def _correlation(fit: Fit) -> Illustration | None:
@@ -290,7 +296,7 @@ def _distribution(fit: Fit) -> Illustration | None:
     edges = np.linspace(-limit, limit, _BINS + 1) / factor
     counts, _ = np.histogram(e / factor, edges)
     density = counts / (len(e) * (edges[1] - edges[0]))
-    if quantum:
+    if quantum and sd < _ROUNDING * quantum:
         half = 0.5 * quantum / factor
         x = np.array([edges[0], -half, -half, half, half, edges[-1]])
         expected = Curve(t=x, y=np.array([0, 0, 1, 1, 0, 0]) / (2 * half), look="model", label="rounding")

@@ -90,11 +90,11 @@ def handy_unit(unit: str, largest: float) -> tuple[float, str]:
 
 
 def percent(value: float) -> str:
-    """Return a percentage with two significant digits of what is missing to 100, so that 99.998 doesn't become 100."""
+    """Return a percentage with one decimal or, so that 99.998 doesn't become 100, as many as what is missing to 100 asks for."""
     missing = 100 - value
     if not math.isfinite(value) or missing <= 0:
         return plain(value)
-    return _fixed(value, min(max(1 - _exponent(missing, 2), 0), 9))
+    return _fixed(value, min(max(1 - _exponent(missing, 2), 1), 9))
 
 
 def power_of_ten(exponent: int) -> str:

@@ -7,21 +7,25 @@ import numpy as np
 from servobench.channels import Array
 from servobench.measurement.dataset import Dataset
 
-_STEPS = 50.0  # the encoder's step in the speed shall be this much smaller than the typical speed
-_LONGEST = 20  # and the window no longer than this part of the record
+_QUANTA = 50.0  # the encoder's step in the speed shall be this much smaller than the typical speed
+_HOLDS = 6.0  # and the window this much longer than a value of the position stands still
+_LONGEST = 20  # but no longer than this part of the record
 
 
 def eye_window(data: Dataset) -> int:
-    """Return over how many samples a position is to be differenced, so that its quantum doesn't hide the speed.
+    """Return over how many samples a position is to be differenced, so that a speed can be seen. Even, at least 2.
 
-    Even, at least 2: as many as the shaft takes, on average, for fifty quanta, and not more than a twentieth of the record.
+    As many as the shaft takes, on average, for fifty quanta, and six times as many as there are between two changes of the
+    position in motion (a logger may repeat old values); not more than a twentieth of the record.
     """
-    travelled = float(np.sum(np.abs(np.diff(data.y))))
-    quantum = data.quantum or 0.0
-    intervals = len(data.y) - 1
-    wanted = _STEPS * quantum * intervals / travelled if travelled > 0 else 0.0
-    most = max(2, intervals // _LONGEST)
-    return 2 * int(np.ceil(min(max(wanted, 2.0), most) / 2))
+    steps = np.abs(np.diff(data.y))
+    travelled, changes = float(steps.sum()), np.flatnonzero(steps)
+    if len(changes) < 2:
+        return 2
+    quanta = _QUANTA * (data.quantum or 0.0) * len(steps) / travelled
+    holds = _HOLDS * float(np.median(np.diff(changes)))
+    most = max(2, len(steps) // _LONGEST)
+    return 2 * int(np.ceil(min(max(quanta, holds), most) / 2))
 
 
 def eye_speed(t: Array, position: Array, window: int) -> tuple[Array, Array]:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Severity, Verdict
@@ -11,6 +13,11 @@ from servobench.report.bands import TWO_SIDED
 from servobench.report.numbers import Rounded, counted, rounded
 from servobench.report.tables import experiment_table
 from servobench.result import Result
+
+if TYPE_CHECKING:
+    from markupsafe import Markup
+
+_CODE = re.compile(r"`([^`]+)`|(?<![\w-])(--[a-z][\w-]*)")
 
 
 def title(result: Result, recordings: Sequence[Recording]) -> str:
@@ -51,10 +58,19 @@ def capital(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def sentence(text: str) -> str:
-    """Return a text with a full stop at its end."""
+def sentence(text: str) -> Markup:
+    """Return a text as HTML, with a full stop at its end; what stands between backticks, and an option, is set as code."""
+    from markupsafe import Markup, escape
+
     stripped = text.rstrip()
-    return stripped if stripped.endswith((".", "!", "?", ":", "…")) else f"{stripped}."
+    whole = str(escape(stripped if stripped.endswith((".", "!", "?", ":", "…")) else f"{stripped}."))
+    return Markup(_CODE.sub(lambda match: f"<code>{match[1] or match[2]}</code>", whole))
+
+
+def lost(fit: Fit) -> str:
+    """Return what takes a part of the input before the linear part gets it: friction, an offset, both or nothing."""
+    names = {"coulomb_voltage": "friction", "offset_voltage": "the offset"}
+    return " and ".join(word for name, word in names.items() if name in fit.model.names)
 
 
 def _model_sentence(fit: Fit) -> str:

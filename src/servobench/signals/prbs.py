@@ -23,7 +23,7 @@ _LAGS: dict[int, tuple[int, ...]] = {
 
 
 @SIGNALS.member("prbs")
-class Prbs(Settings):
+class PRBS(Settings):
     """A linear feedback shift register of n bits moves on once in a `bit_time`; `high` for a bit 1, `low` for a bit 0.
 
     The feedback polynomial is primitive, so the register passes through all 2ⁿ - 1 states other than zero before it repeats:

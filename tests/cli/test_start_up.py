@@ -1,0 +1,94 @@
+"""Help and version come at once, and say what the commands themselves would say."""
+
+import importlib.util
+import subprocess
+import sys
+from pathlib import Path
+from types import ModuleType
+
+import pytest
+
+from servobench._version import __version__
+from servobench.cli import main
+from tests.cli.conftest import Command
+
+ROOT = Path(__file__).resolve().parent.parent.parent
+HEAVY = ("numba", "scipy", "matplotlib", "numpy", "pydantic", "typer", "rich", "h5py", "json", "typing")
+
+
+def write_help() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("write_help", ROOT / "tools" / "write_help.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_stored_help_is_what_the_commands_say_of_themselves() -> None:
+    tool = write_help()
+
+    stored = {path.name: path.read_text(encoding="ascii") for path in tool.FOLDER.glob("*.txt")}
+
+    assert stored == tool.pages(), "run python tools/write_help.py"
+
+
+def test_writing_the_help_removes_the_page_of_a_command_that_is_gone(tmp_path: Path) -> None:
+    (tmp_path / "servobench-gone.txt").write_text("gone")
+
+    tool = write_help()
+    tool.write(tmp_path)
+
+    assert {path.name for path in tmp_path.iterdir()} == set(tool.pages())
+
+
+def test_no_line_of_help_is_wider_than_a_terminal() -> None:
+    lines = [line for text in write_help().pages().values() for line in text.splitlines()]
+
+    assert max(map(len, lines)) <= 80
+
+
+@pytest.mark.parametrize(
+    "words", [["--version"], ["--help"], ["-h"], ["identify", "--help"], ["run", "-h"]], ids=" ".join
+)
+def test_help_and_version_import_nothing_heavy(words: list[str]) -> None:
+    script = (
+        f"import sys\nfrom servobench.cli import main\nstatus = main({words!r})\n"
+        f"print(status, sorted(set({HEAVY!r}) - {{'typing'}} & set(sys.modules)))"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+
+    assert ended.stdout.splitlines()[-1] == "0 []"
+    assert ended.stderr == ""
+
+
+def test_the_version_is_that_of_the_package(servobench: Command) -> None:
+    assert servobench("--version").out == f"servobench {__version__}\n"
+
+
+def test_help_in_the_middle_of_a_line_is_help_on_that_command(servobench: Command) -> None:
+    ended = servobench("identify", "data.csv", "--help")
+
+    assert ended.status == 0
+    assert ended.out.startswith("Usage: servobench identify ")
+
+
+@pytest.mark.parametrize("word", ["../app", "servobench", "RUN", "run.txt", ""])
+def test_only_a_command_has_a_page_of_help(servobench: Command, word: str) -> None:
+    ended = servobench(word, "--help")
+
+    assert ended.status == 2
+    assert "No such command" in ended.err
+
+
+def test_no_words_at_all_get_the_help(servobench: Command) -> None:
+    assert servobench() == servobench("--help")
+
+
+def test_main_takes_the_words_of_the_process_where_none_are_given(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setattr(sys, "argv", ["servobench", "--version"])
+
+    assert main() == 0
+    assert capsys.readouterr().out == f"servobench {__version__}\n"
