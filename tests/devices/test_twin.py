@@ -141,3 +141,27 @@ def test_a_solver_that_would_diverge_says_so_at_the_start_of_the_run() -> None:
     with Twin(TwinSettings(solver="euler", inductance="0 H")) as twin:  # type: ignore[arg-type]
         twin.start(H, None)
         twin.read()
+
+
+def test_beside_the_wall_clock_the_motor_moves_on_whether_or_not_it_is_read() -> None:
+    """Two ticks pass between two reads, as after a missed one: the counts are those of two ticks."""
+    now = [0.0]
+    twin = Twin(TwinSettings(timing="host"))
+    twin._clock = lambda: now[0]
+    with twin:
+        twin.start(H, None)
+        twin.read()
+        twin.write(5.0)
+        now[0] = 20 * H
+        sample = twin.read()
+    assert sample.time == pytest.approx(20 * H)
+    assert sample.counts == driven(Twin(), [5.0] * 21)[20]
+
+
+def test_a_twin_that_is_entered_again_wants_a_new_start() -> None:
+    twin = Twin()
+    with twin:
+        twin.start(H, None)
+        twin.read()
+    with twin, pytest.raises(UsageError, match="start"):
+        twin.read()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from dataclasses import replace
 from types import TracebackType
 from typing import Any, ClassVar, Literal, Self
@@ -15,8 +16,9 @@ from servobench.errors import DeviceError, UsageError
 from servobench.motor.amplifier import Amplifier
 from servobench.motor.encoder import CurrentSensor, Encoder, Tachometer
 from servobench.motor.parameters import DataSheet, MotorParameters, data_sheet
-from servobench.motor.physics import MotorState, Physics, disturbance_factor
-from servobench.motor.solvers.base import SOLVERS, Solver
+from servobench.motor.physics import MotorState, Physics
+from servobench.motor.plant import Plant
+from servobench.motor.solvers.base import SOLVERS
 from servobench.settings import (
     Angle,
     CountsPerRev,
@@ -109,7 +111,8 @@ class TwinSettings(Settings):
 class Twin:
     """A simulated motor that behaves as a device: what is written acts from the tick of the sample before it.
 
-    The same settings and seed give the same samples, bit for bit.
+    In virtual time the same settings and seed give the same samples, bit for bit. Beside the wall clock the motor moves on with
+    it, whether or not somebody reads in time.
     """
 
     Settings: ClassVar[type[TwinSettings]] = TwinSettings
@@ -142,8 +145,9 @@ class Twin:
         if self.settings.delay < 0:
             raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
         self._open = False
-        self._solver: Solver | None = None
-        self._state = MotorState(0.0, 0.0, self.settings.start_angle)
+        self._plant: Plant | None = None
+        self._clock = time.perf_counter
+        self._index, self._sample_time, self._started, self._coasted = -1, math.nan, 0.0, 0.0
 
     @property
     def info(self) -> DeviceInfo:
@@ -187,7 +191,7 @@ class Twin:
     def __enter__(self) -> Self:
         """Connect; the shaft is at rest."""
         self._open = True
-        self._reset(math.nan, None)
+        self._plant = None
         return self
 
     def __exit__(
@@ -202,80 +206,72 @@ class Twin:
         self._needs_open()
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")
-        self._reset(sample_time, seed)
-        self._solver = SOLVERS[self.settings.solver].prepare(
-            self._physics, sample_time, self.settings.solver_step
+        solver = SOLVERS[self.settings.solver].prepare(self._physics, sample_time, self.settings.solver_step)
+        self._random = np.random.default_rng(seed)
+        self._plant = Plant(
+            self._physics,
+            solver,
+            sample_time,
+            self.settings.torque_noise,
+            self.settings.start_angle,
+            self._random,
         )
-        noise = self.settings.torque_noise
-        self._disturbance = disturbance_factor(self._physics, noise, sample_time) if noise else None
+        self._sample_time, self._index, self._coasted = sample_time, -1, 0.0
+        self._started = self._clock()
 
     def read(self) -> Sample:
-        """Let the tick before pass, then latch counts, current and speed."""
-        self._needs_open()
-        if self._solver is None:
-            raise UsageError("twin: read() came before start(); start a run first")
+        """Let the time since the last sample pass, then latch counts, current and speed."""
+        plant = self._running()
         self._index += 1
-        if self._index > 0:
-            self._advance()
-        i, w, theta = self._state
+        now = self._now()
+        i, w, theta = plant.advance_to(now)
         return Sample(
             index=self._index,
-            time=self._index * self._sample_time,
+            time=now,
             counts=self._encoder.counts(theta),
             tachometer=self._tachometer.read(w, self._random) if self._tachometer else None,
             current=self._current.read(i, self._random) if self._current else None,
         )
 
     def write(self, voltage: float) -> float:
-        """Hold a voltage [V] from this tick on, and return it within the amplifier's limits."""
-        self._needs_open()
+        """Hold a voltage [V] from now on, and return it within the amplifier's limits."""
+        plant = self._running()
         asked = finite_voltage("twin", voltage)
-        self._held = self._amplifier.output(asked)
+        plant.act(self._amplifier.output(asked), self._now() + self.settings.delay)
         return self._amplifier.saturated(asked)
 
     def stop(self) -> None:
         """Put zero volts on the motor, at once."""
-        self._held = 0.0
-        self._queue: list[float] = []
+        if self._plant is not None:
+            self._plant.cut(self._now())
 
     @property
     def state(self) -> MotorState:
         """The hidden truth: current [A], speed [rad/s] and angle [rad] at the last sample; for tests and pictures."""
-        return self._state
+        return self._running().state
 
     def coast(self, duration: float) -> MotorState:
-        """Let time pass with the voltage that is held, without sampling, and return the hidden state; proves a stop."""
-        self._needs_open()
-        solver = SOLVERS["exact"].prepare(self._physics, duration, None)
-        self._state = solver.advance(self._state, self._held, duration)
-        return self._state
+        """Let time pass with the voltages that were written, without sampling; proves a stop by the shaft's own motion.
+
+        Returns the hidden state after the duration [s], counted from the last sample.
+        """
+        plant = self._running()
+        self._coasted += duration
+        return plant.advance_to(self._now() + self._coasted)
 
     def _needs_open(self) -> None:
         if not self._open:
             raise DeviceError("the twin isn't connected: use it inside a with statement")
 
-    def _reset(self, sample_time: float, seed: int | None) -> None:
-        self._sample_time = sample_time
-        self._state = MotorState(0.0, 0.0, self.settings.start_angle)
-        self._index = -1
-        self._held = 0.0
-        self._queue = []
-        self._random = np.random.default_rng(seed)
+    def _running(self) -> Plant:
+        """The motor of the run that was started; raises `DeviceError` or `UsageError` where there is none."""
+        self._needs_open()
+        if self._plant is None:
+            raise UsageError("twin: no run was started; call start() first")
+        return self._plant
 
-    def _advance(self) -> None:
-        """One tick: the part with the voltage of an earlier write that still acts, then the newer one."""
-        solver = self._solver
-        if solver is None:
-            return
-        whole, rest = divmod(self.settings.delay, self._sample_time)
-        self._queue.append(self._held)
-        older = self._queue[-int(whole) - 2] if len(self._queue) > whole + 1 else 0.0
-        newer = self._queue[-int(whole) - 1] if len(self._queue) > whole else 0.0
-        del self._queue[: -int(whole) - 2]
-        if rest > 0:
-            self._state = solver.advance(self._state, older, rest)
-        self._state = solver.advance(self._state, newer, self._sample_time - rest)
-        if self._disturbance is not None and self._state.speed != 0.0:
-            self._state = MotorState(
-                *(np.array(self._state) + self._disturbance @ self._random.standard_normal(3)).tolist()
-            )
+    def _now(self) -> float:
+        """The time since the start of the run [s]: computed from the tick, or the host's own."""
+        if self.settings.timing == "host":
+            return self._clock() - self._started
+        return max(self._index, 0) * self._sample_time

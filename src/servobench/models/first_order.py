@@ -76,8 +76,8 @@ class FirstOrder:
         """Return the bounds of the parameters: the output comes at most two sample times before its cause.
 
         Two channels that are latched one after the other may be out of step by that much; anything more would be a wrong
-        model, as slow data can't tell a negative delay from a longer time constant. A time constant below a hundredth of a sample time
-        can't be told from none.
+        model, as slow data can't tell a negative delay from a longer time constant. A time constant below a hundredth of
+        a sample time can't be told from none.
         """
         lower = np.array([parameter.lower for parameter in self.parameters])
         upper = np.array([parameter.upper for parameter in self.parameters])

@@ -130,6 +130,9 @@ def row_type(columns: int) -> np.dtype[np.void]:
 
 
 _CDR_LITTLE_ENDIAN = 0x0100
+_CHUNK_HEAD = struct.Struct(
+    "<QQQI"
+)  # first and last log time, decompressed size, checksum of what is decompressed
 
 
 def messages(number: int, first: int, log_time: NDArray[np.uint64], rows: Array) -> Messages:
@@ -193,7 +196,9 @@ class Chunk:
         return record(
             Op.CHUNK_INDEX,
             struct.pack("<QQQQ", self.start, self.end, offset, len(self.record)),
-            struct.pack("<IHQ", 10, self.number, offset + len(self.record)),
+            prefixed(
+                struct.pack("<HQ", self.number, offset + len(self.record))
+            ),  # where the message index is
             struct.pack("<Q", len(self.message_index)),
             prefixed("zstd"),
             struct.pack("<QQ", self.compressed_size, self.size),
@@ -208,7 +213,7 @@ def chunk(rows: Messages) -> Chunk:
     start, end, number = int(times.min()), int(times.max()), int(rows["channel"][0])
     body = record(
         Op.CHUNK,
-        struct.pack("<QQQI", start, end, len(raw), zlib.crc32(raw)),
+        _CHUNK_HEAD.pack(start, end, len(raw), zlib.crc32(raw)),
         prefixed("zstd"),
         struct.pack("<Q", len(packed)),
         packed,
@@ -234,10 +239,10 @@ def read_chunk(body: bytes) -> bytes:
 
     Neither the length that the record claims nor the one that the compressed frame claims is trusted with memory.
     """
-    if len(body) < 28:
+    if len(body) < _CHUNK_HEAD.size:
         raise Damaged("a chunk is shorter than its own head")
-    size, crc = struct.unpack_from("<QI", body, 16)
-    compression, rest = _split(memoryview(body)[28:])
+    _, _, size, crc = _CHUNK_HEAD.unpack_from(body)
+    compression, rest = _split(memoryview(body)[_CHUNK_HEAD.size :])
     if bytes(compression) != b"zstd" or len(rest) < 8 or struct.unpack_from("<Q", rest)[0] != len(rest) - 8:
         raise Damaged("the head of a chunk doesn't fit it")
     packed = rest[8:]

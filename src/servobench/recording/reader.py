@@ -193,7 +193,7 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
         raise FormatError(f"{path} is no MCAP file: its first bytes are others")
     head = file.read(mcap.RECORD_HEAD)
     op, length = struct.unpack("<BQ", head) if len(head) == mcap.RECORD_HEAD else (0, 0)
-    if op != Op.HEADER or length > size - file.tell():
+    if op != Op.HEADER or length > min(size - file.tell(), mcap.LARGEST_RECORD):
         raise FormatError(
             f"{path} is an MCAP file that is torn at its very beginning: nothing in it can be read"
         )

@@ -79,7 +79,7 @@ class RecordingWriter:
         groups = tuple(
             self._group(opening.name, each, number) for number, each in enumerate(together, self._next)
         )
-        self._opening = Opening(
+        begun = Opening(
             name=opening.name,
             channels=channels,
             groups=groups,
@@ -96,9 +96,10 @@ class RecordingWriter:
             versions=dict(opening.versions),
             log_time_zero=min(0.0, float(np.floor(earliest))),
         )
-        self._file.add_metadata(OPENING, entries(self._opening))
+        self._file.add_metadata(OPENING, entries(begun))
         for group in groups:
             self._file.add_channel(group.topic, _definition(group, channels))
+        self._opening = begun
 
     def append(self, group: int, rows: Array) -> None:
         """Write rows (N, C) of one group, the place of it in `together`: the time [s], if it has times, and the values."""

@@ -123,14 +123,15 @@ def step_response(system: TransferFunction, t: Array) -> Array:
 def _gradient(fit: Fit, function: Callable[[TransferFunction], Complex], output: Output) -> Complex:
     """The derivatives of function(G) (N,) by the parameters as columns (N, P), by central differences.
 
-    The differences are a hundredth of a standard deviation wide: narrow to the curvature of anything that has an interval at
-    all, and wide to the rounding of the machine.
+    The differences are a hundredth of a standard deviation or a thousandth of the value wide, whichever is less: narrow to the
+    curvature of anything that has an interval at all, and wide to the rounding of the machine.
     """
     model = fit.model
     sd = np.sqrt(np.diag(fit.covariance))
     columns = []
     for n, value in enumerate(model.theta):
-        width = 0.01 * sd[n] if np.isfinite(sd[n]) and sd[n] > 0 else 1e-6 * max(abs(float(value)), 1e-6)
+        size = max(1e-3 * abs(float(value)), 1e-9)
+        width = min(0.01 * sd[n], size) if np.isfinite(sd[n]) and sd[n] > 0 else 1e-3 * size
         after, before = (function(_shifted(model, n, side * width, output)) for side in (1.0, -1.0))
         columns.append((after - before) / (2 * width))
     return np.column_stack(columns)

@@ -31,6 +31,8 @@ def held(t: Array, u: Array, before: float, end: float) -> tuple[Array, Array]:
 
     Before the first time it was `before`; a change there is drawn as an edge.
     """
+    if not len(t):
+        return np.array([0.0, end]), np.array([before, before])
     changes = np.flatnonzero(np.diff(u, prepend=before))
     levels = np.concatenate([[before], u[changes]])
     start = min(t[0], end)

@@ -9,10 +9,9 @@ from typing import TYPE_CHECKING
 
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
-from servobench.report import illustrations, tables, words
+from servobench.report import history, illustrations, model_illustrations, tables, words
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
-from servobench.report.numbers import percent
 from servobench.report.palette import Style
 from servobench.report.svg import PLACEHOLDERS, inline_svg
 from servobench.result import Result
@@ -44,8 +43,8 @@ class Drawn:
 def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
     """Return the whole page as a text."""
     fit = result.fit
-    runs = [tables.happened(recording) for recording in recordings]
-    runs = runs or [tables.happened_in(data) for data in result.data]
+    runs = [history.happened(recording) for recording in recordings]
+    runs = runs or [history.happened_in(data) for data in result.data]
     return _template("page.html.j2").render(
         style=_source("style.css"),
         title=words.title(result, recordings),
@@ -57,27 +56,29 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         findings=tables.finding_groups(result.findings),
         sentence=words.sentence,
         capital=words.capital,
-        percent=percent,
+        explained=words.explained,
         fit=fit,
         lost=words.lost(fit) if fit else "",
         math=transfer_function_math(fit) if fit else "",
         system=result.transfer_function,
         parameters=tables.parameter_rows(fit) if fit else (),
-        asked=[(recording, tables.asked(recording)) for recording in _by_experiment(recordings)],
+        asked=[(recording, history.asked(recording)) for recording in _by_experiment(recordings)],
         happened=runs,
-        side_by_side=tables.side_by_side(runs),
+        side_by_side=history.side_by_side(runs),
         course=_single(illustrations.data_and_model(result)) if result.data else None,
         residuals=[_row(row) for row in illustrations.residuals(fit)] if fit else [],
-        bode=_single(illustrations.frequency_response(fit)) if fit else None,
-        responses=_row((illustrations.step_response(fit), illustrations.poles(fit))) if fit else [],
+        bode=_single(model_illustrations.frequency_response(fit) if fit else None),
+        responses=_row((model_illustrations.step_response(fit), model_illustrations.poles(fit)))
+        if fit
+        else [],
         nominal=tables.comparison_rows(result.nominal),
         nominal_figure=_single(illustrations.against_nominal(result.nominal)),
         validation=result.validation,
         operating_range=tables.operating_range(result.operating_range, result.data[0]) if result.data else (),
         made_with=tables.made_with(result),
-        made_on=tables.made_on(recordings),
+        made_on=history.made_on(recordings),
         provenance=result.provenance,
-        command=command or tables.command(recordings),
+        command=command or history.command(recordings),
     )
 
 

@@ -1,8 +1,7 @@
-"""The figures of a report: what each shows, in a picture, in a caption, and in words for who can't see it."""
+"""The figures of data and residuals: what each shows, in a picture, in a caption, and in words for who can't see it."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
@@ -14,15 +13,12 @@ from servobench.channels import Array
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.measurement.dataset import Dataset
 from servobench.report import figures
-from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Difference, Panel
-from servobench.report.numbers import counted, handy_unit, percent, plain, rounded, with_unit
+from servobench.report.numbers import counted, handy_unit, percent, plain, with_unit
 from servobench.report.palette import Style
 from servobench.report.speed import eye_speed, eye_window
 from servobench.result import Comparison, Result
-from servobench.stability import stability
-from servobench.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,8 +27,6 @@ MOST_RECORDS = 6  # side by side; of further ones the caption says how many ther
 _LAGS = 30
 _BINS = 41
 _ROUNDING = 1.0  # a residual of less than so many counts is worth comparing with that of rounding alone
-_POINTS = 400  # of a curve over frequency or time
-_LINE_WIDTH = 1.8 / 150  # of a curve, as a part of its panel's height
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -78,69 +72,6 @@ def residuals(fit: Fit) -> tuple[tuple[Illustration, ...], ...]:
     )
     pair = tuple(figure for figure in (_correlation(fit), _distribution(fit)) if figure is not None)
     return ((over_time,), pair) if pair else ((over_time,),)
-
-
-def frequency_response(fit: Fit) -> Illustration:
-    """Return magnitude and phase over frequency, with their bands and the range that the data can tell of."""
-    system = fit.model.transfer_function("speed")
-    seen = _seen(fit)
-    sizes = [abs(pole) for pole in system.poles if pole != 0]
-    low, high = min([seen[0], *(size / 10 for size in sizes)]), max([seen[1], *(size * 10 for size in sizes)])
-    band = frequency_band(fit, np.geomspace(low, high, _POINTS))
-    corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
-    told = _band_words(band, seen)
-    knee = f" The corner is at {with_unit(corner, 'rad/s', 4)}." if corner is not None else ""
-    return Illustration(
-        name="bode",
-        title="Frequency response from the input to the speed",
-        caption=(
-            f"{told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above half the "
-            f"sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
-        ),
-        description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
-        draw=partial(figures.bode, band, system.unit, seen, corner),
-    )
-
-
-def step_response(fit: Fit) -> Illustration:
-    """Return the speed after a step of one unit of input."""
-    system = fit.model.transfer_function("speed")
-    slowest = max((1 / abs(pole.real) for pole in system.poles if pole.real != 0), default=1.0)
-    t = np.linspace(0.0, max(system.delay, 0.0) + 5 * slowest, _POINTS)
-    band = step_band(fit, t)
-    unit = fit.model.data.output_unit.removesuffix("/s") + "/s"
-    input_unit = fit.model.data.input_unit
-    mark = None
-    if len(system.poles) == 1 and system.poles[0].real < 0:
-        after = system.delay + slowest
-        mark = (float(after), float(np.interp(after, t, band.y)))
-    final = f"{plain(band.y[-1])} {unit} after {with_unit(float(t[-1]), 's', 2)}"
-    widest = 2 * float(np.max(band.half))
-    width = _band_width(widest, float(np.ptp(band.y)), f"{plain(widest / 2, 2)} {unit}")
-    return Illustration(
-        name="step",
-        title=f"Response to a step of 1 {input_unit}",
-        caption=f"Of the linear part, from rest; friction and offset are left out. {width}",
-        description=f"The speed rises to {final}. {width}",
-        draw=partial(figures.step, band, unit, mark),
-    )
-
-
-def poles(fit: Fit) -> Illustration:
-    """Return the poles in the complex plane and what they mean for stability."""
-    bands = pole_bands(fit)
-    judged = stability(fit.model.transfer_function("speed"))
-    reasons = re.sub(r"(?<=[ (±])-(?=\d)", "−", " ".join(judged.reasons))
-    return Illustration(
-        name="poles",
-        title="Poles",
-        caption=(
-            f"From the input to the speed the motor is {judged.verdict}. {reasons} "
-            "The circle is the integrator from speed to position, which nobody estimated."
-        ),
-        description=f"Pole map. {' '.join(map(_pole_words, bands))}",
-        draw=partial(figures.pole_map, bands, 0j),
-    )
 
 
 def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
@@ -319,58 +250,9 @@ def _distribution(fit: Fit) -> Illustration | None:
     )
 
 
-def _seen(fit: Fit) -> tuple[float, float]:
-    """The range of angular frequencies [rad/s] from one cycle in the longest record to half the fastest sample rate."""
-    records = [record.data for record in fit.records]
-    longest = max(record.duration for record in records)
-    return 2 * np.pi / longest, np.pi / min(record.sample_time for record in records)
-
-
-def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
-    within = (band.omega >= seen[0]) & (band.omega <= seen[1])
-    within = within if within.any() else np.ones_like(within)
-    db = float(20 / np.log(10) * band.magnitude_half[within].max())
-    degrees = float(np.degrees(band.phase_half[within].max()))
-    if not np.isfinite(db + degrees):
-        return "The 95 % band isn't known, as the data don't determine all parameters."
-    magnitude = _seen_as(2 * db, float(np.ptp(20 * np.log10(band.magnitude))))
-    phase = _seen_as(2 * degrees, float(np.ptp(np.degrees(band.phase))))
-    if magnitude == phase:
-        return f"The 95 % band is {phase}: at most ±{plain(db, 2)} dB and ±{plain(degrees, 2)}°."
-    return (
-        f"The 95 % band of the magnitude is {magnitude}, at most ±{plain(db, 2)} dB; that of the phase is {phase}, at most "
-        f"±{plain(degrees, 2)}°."
-    )
-
-
-def _seen_as(width: float, span: float) -> str:
-    """What of a band can be seen where a curve over that span fills its panel."""
-    return "thinner than the line" if width < _LINE_WIDTH * span else "light blue"
-
-
-def _band_width(width: float, span: float, half: str) -> str:
-    if not np.isfinite(width):
-        return "The 95 % band isn't known, as the data don't determine all parameters."
-    return f"The 95 % band is {_seen_as(width, span)}: at most ±{half}."
-
-
-def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
-    first, last = (20 * np.log10(band.magnitude[n]) for n in (0, -1))
-    return (
-        f"{plain(first, 3)} dB at {with_unit(band.omega[0], 'rad/s', 2)} and {plain(last, 3)} dB at "
-        f"{with_unit(band.omega[-1], 'rad/s', 2)}, with 0 dB at 1 {system.unit}"
-    )
-
-
-def _pole_words(band: PoleBand) -> str:
-    real = rounded(band.pole.real, band.half.real, "1/s")
-    if band.pole.imag == 0:
-        return f"A pole at {real}."
-    return f"A pole with the real part {real} and the imaginary part {rounded(band.pole.imag, band.half.imag, '1/s')}."
-
-
 def _short(name: str, longest: int = 40) -> str:
-    name = " ".join(name.split())
+    """A name for a figure: one line, not too long, in characters that a font can be asked for."""
+    name = " ".join(name.encode("utf-8", "replace").decode().split())
     return name if len(name) <= longest else f"{name[: longest - 1]}…"
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 SPACE = "\u00a0"  # one that no line breaks at
 _LARGEST = 7  # digits before the point, or zeros behind it, that are still read at a glance
+_MOST_DIGITS = 12
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # SI prefixes are for units that take one as they stand; a number in any other unit gets a power of ten.
 _PREFIXED = {"s", "V", "A", "N", "m", "rad", "Hz", "rad/s", "m/s"}
@@ -60,13 +61,16 @@ def with_unit(value: float, unit: str, digits: int = 4) -> str:
 def rounded(value: float, half: float, unit: str) -> Rounded:
     """Return a value with half of its interval, both rounded to two significant digits of the latter.
 
-    Without a known interval (zero, infinite or NaN) the value has four significant digits.
+    Without a known interval (infinite or NaN) the value has four significant digits, with one of zero width six.
+    No number has more than twelve digits.
     """
     factor, scaled = handy_unit(unit, max(abs(value), half if math.isfinite(half) else 0.0))
     x, h = value / factor, half / factor
-    if not (math.isfinite(h) and h > 0 and math.isfinite(x)):
+    if not (math.isfinite(h) and math.isfinite(x)):
         return Rounded(value=plain(x), half="", low="", high="", unit=scaled)
-    decimals = 1 - _exponent(h, 2)
+    if h <= 0:
+        return Rounded(value=plain(x, 6), half="0", low=plain(x, 6), high=plain(x, 6), unit=scaled)
+    decimals = min(1 - _exponent(h, 2), _MOST_DIGITS - _exponent(max(abs(x), h), 2))
     texts = [_fixed(number, decimals) for number in (x, h, x - h, x + h)]
     return Rounded(value=texts[0], half=texts[1], low=texts[2], high=texts[3], unit=scaled)
 

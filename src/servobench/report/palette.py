@@ -14,6 +14,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 FONT = 11.0  # CSS pixels; one unit of the drawing is one pixel
+LEFT, RIGHT, TITLE, BOTTOM = 42.0, 6.0, 30.0, 40.0  # what stands around axes: labels and titles
 SECOND_SCALE = 44.0  # what a second scale takes on the right
 _POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
 
@@ -79,6 +80,12 @@ def sheet(style: Style, height: float) -> Figure:
     figure = Figure(figsize=(style.width / _POINTS_PER_INCH, height / _POINTS_PER_INCH), dpi=_POINTS_PER_INCH)
     figure.patch.set_visible(False)
     return figure
+
+
+def whole(style: Style, height: float) -> Box:
+    """Return the box of the only axes of a figure."""
+    inner = style.width - LEFT - RIGHT
+    return Box(left=LEFT, top=4 + TITLE, width=inner, height=height - TITLE - BOTTOM - 4, indent=LEFT)
 
 
 def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:

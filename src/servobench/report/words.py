@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -10,8 +11,8 @@ from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
 from servobench.report.bands import TWO_SIDED
-from servobench.report.numbers import Rounded, counted, rounded
-from servobench.report.tables import experiment_table
+from servobench.report.history import experiment_table
+from servobench.report.numbers import Rounded, counted, percent, rounded
 from servobench.result import Result
 
 if TYPE_CHECKING:
@@ -51,6 +52,11 @@ def reason(result: Result) -> str:
     if warnings:
         return f"{counted(warnings, 'warning')}: read {'it' if warnings == 1 else 'them'} before you use the numbers."
     return "Nothing that was looked for speaks against it."
+
+
+def explained(fit_percent: float) -> str:
+    """Return how much of an output a simulation explains."""
+    return f"{percent(fit_percent)} %" if math.isfinite(fit_percent) else "an unknown part"
 
 
 def capital(text: str) -> str:
