@@ -1,10 +1,9 @@
 """`servobench run`: from the question to the folder with its five files, whatever happens on the way."""
 
 import json
+import os
 import signal
-import subprocess
 from collections.abc import Callable
-from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import Any, ClassVar
@@ -17,7 +16,7 @@ from servobench.channels import Sample
 from servobench.cli.run_folder import RunFolder, run_folder
 from servobench.devices.base import DEVICES
 from servobench.devices.twin import Twin
-from servobench.errors import DeviceError, StorageError, UsageError
+from servobench.errors import DeviceError, StorageError
 from tests.cli.conftest import Command, checked, started
 
 FILES = {"experiment.toml", "recording.mcap", "data.csv", "result.json", "report.html"}
@@ -53,8 +52,8 @@ def test_the_folder_of_a_run_holds_its_five_files(finished_run: Path) -> None:
 def test_the_default_run_finds_what_the_twin_was_made_of(finished_run: Path) -> None:
     result = checked(json.loads((finished_run / "result.json").read_text(encoding="utf-8")))
 
-    # R = 8.4 Ω, L = 1.16 mH, k = 0.042, J = 2.0952e-5 kg·m², b = 1e-6, Coulomb 8e-4 N·m: with p(s) = (s L + R)(s J + b) + k², the gain
-    # is k/(R b + k²) = 23.697, the slow root -1/0.09916 s, the fast one -1/0.1388 ms; Coulomb 8e-4 N·m · R/k = 0.16 V.
+    # R = 8.4 Ω, L = 1.16 mH, k = 0.042, J = 2.0952e-5 kg·m², b = 1e-6, Coulomb 8e-4 N·m: with p(s) = (s L + R)(s J + b) + k²
+    # the gain is k/(R b + k²) = 23.697, the slow root -1/0.09916 s; friction takes 8e-4 N·m · R/k = 0.16 V.
     assert result["verdict"] == "trusted"
     truth = {"gain": 0.042 / (8.4e-6 + 0.042**2), "time_constant": 0.09916, "coulomb_voltage": 0.16}
     for name, value in truth.items():
@@ -392,7 +391,7 @@ def test_replay_runs_a_recording_again(servobench: Command, finished_run: Path, 
     assert ended.result["parameters"]["gain"]["value"] == pytest.approx(23.7, rel=0.01)
 
 
-@pytest.mark.parametrize("request_to_end", ["SIGINT", "SIGTERM"])
+@pytest.mark.parametrize("request_to_end", ["CTRL_BREAK_EVENT"] if os.name == "nt" else ["SIGINT", "SIGTERM"])
 def test_a_run_in_host_time_that_is_ended_from_outside_stops_the_motor_first(
     tmp_path: Path, request_to_end: str
 ) -> None:

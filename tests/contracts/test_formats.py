@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from servobench.channels import Channel
+from servobench.channels import Channel, DeviceInfo
 from servobench.errors import FormatError, StorageError, UsageError
+from servobench.finding import info
 from servobench.formats.base import FORMATS, Format, load, save
 from servobench.recording.recording import Recording, Series, Source
 from tests.recording.samples import recordings, small
@@ -42,6 +43,12 @@ RECORDINGS = [
         series("ω [rad/s]", "rad/s", RANDOM.normal(size=500), T),
         series("comma, quote \" and\nline", "V", np.sign(RANDOM.normal(size=500)), T),
         series("# no comment", "°", np.full(500, np.nan), T),
+    ),
+    replace(
+        recording("numbers of NumPy", series("y", "rad", np.arange(3.0), None)),
+        input_before=np.float64(0.1),
+        findings=(info("example", "of rows", rows=(np.int64(1), np.int64(2))),),
+        info=DeviceInfo(name="rig", channels=(Channel(name="y", unit="counts", counter_bits=np.int64(24)),)),
     ),
     recording(
         "rates",
@@ -137,7 +144,8 @@ def test_a_format_recognises_its_own_files_and_not_those_of_others(name: str, tm
 
 
 @pytest.mark.parametrize(
-    "head", [b"", b"\0", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"PK\x03\x04\x14\0\0\0", b"{}", b"hello\n"]
+    "head",
+    [b"", b"\0", b"\x89PNG\r\n\x1a\n\0\0\0\rIHDR", b"PK\x03\x04\x14\0\0\0", b"{}", b"[1, 2, 3]", b"hello\n"],
 )
 @pytest.mark.parametrize("name", NAMES)
 def test_a_format_does_not_recognise_what_is_nobodys(name: str, head: bytes) -> None:

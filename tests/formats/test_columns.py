@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servobench.formats.columns import Column, Heading, distinct, heading, quoted, recording_of
+from servobench.formats.columns import Column, Heading, bare_name, distinct, heading, quoted, recording_of
 from servobench.recording.recording import Recording, Source
 from servobench.units import is_unit
 from tests.formats.tables import codes
@@ -41,6 +41,7 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("t_s", "t_s", "s"),
         ("x_s", "x_s", None),
         ("x_m", "x_m", None),
+        ("m_s", "m_s", None),  # the mass of something
         ("u_V", "u_V", "V"),
         ("u_v", "u_v", None),
         ("wheel_speed_rad_s", "wheel_speed_rad_s", "rad/s"),
@@ -70,6 +71,20 @@ def test_names_are_made_to_differ_and_the_first_of_each_stays(names: list[str]) 
     assert "" not in new
     assert all(new[names.index(name)] == name for name in set(names) - {""})
     assert bool(findings) == (list(new) != names)
+
+
+@pytest.mark.parametrize(
+    ("name", "bare"),
+    [
+        ("theta_deg", "theta"),
+        ("wheel_speed_rad_s", "wheel_speed"),
+        ("t_s", "t"),
+        ("rpm", "rpm"),
+        ("x_s", "x_s"),
+    ],
+)
+def test_a_bare_name_has_no_unit_at_its_end(name: str, bare: str) -> None:
+    assert bare_name(name) == bare
 
 
 def test_long_lists_are_cut() -> None:

@@ -174,6 +174,7 @@ def test_times_that_do_not_increase_are_told_with_the_rows_of_the_file(tmp_path:
     ("content", "why"),
     [
         ("1,2\n3,4\n5,6\n", "two whole numbers or one with a decimal comma"),
+        ("1,2\n3,x\n5,6\n", "two whole numbers or one with a decimal comma"),
         ("1,5E+02\n1,6E+02\n", "two whole numbers or one with a decimal comma"),
         ("1,234;5,678\n2,345;6,789\n", "may be a decimal mark, or group thousands"),
         ("t,u\n0,02,0,43\n0,04,0,44\n", "both separator and decimal mark"),

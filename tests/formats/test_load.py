@@ -1,8 +1,7 @@
 """The verbs `load` and `save`."""
 
 import hashlib
-import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import pytest
@@ -73,9 +72,11 @@ def test_a_folder_and_an_empty_file_are_errors_that_say_so(tmp_path: Path) -> No
         load(tmp_path / "log.csv")
 
 
-@pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="this system has no named pipes")
-def test_a_pipe_is_an_error_and_not_waited_for(tmp_path: Path) -> None:
-    os.mkfifo(tmp_path / "pipe.csv")
+def test_a_pipe_or_the_like_is_an_error_and_not_waited_for(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "pipe.csv").touch()
+    monkeypatch.setattr(Path, "is_file", lambda _: False)
 
     with pytest.raises(UsageError, match="no ordinary file"):
         load(tmp_path / "pipe.csv")
@@ -103,6 +104,15 @@ def test_a_file_that_may_not_be_read_is_an_error_that_says_so(
 
     with pytest.raises(FormatError, match=r"log.csv can't be read: Permission denied"):
         load(path)
+
+
+def test_json_of_another_program_is_an_error_that_says_which_json_is_read(
+    real_data: Callable[[str], Path],
+) -> None:
+    with pytest.raises(
+        FormatError, match=r"no file of SysId, the only JSON that is read here: .* has 'mass', 'length'"
+    ):
+        load(real_data("bam_servos/feetech_2024-10-26_12h23m27.json"))
 
 
 def test_the_ending_says_what_is_written(tmp_path: Path) -> None:

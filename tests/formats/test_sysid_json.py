@@ -48,6 +48,13 @@ def test_a_mechanism_has_a_voltage_a_position_and_a_velocity(tmp_path: Path) -> 
     assert all(np.array_equal(series.t, np.array(ROWS)[:, 0]) for series in recording.series)
 
 
+def test_the_voltage_of_a_mechanism_need_not_be_named(tmp_path: Path) -> None:
+    assigned = assign(one(tmp_path, ROWS), output="position")
+
+    assert (assigned.input, assigned.output) == ("voltage", "position")
+    assert assigned.series == one(tmp_path, ROWS).series
+
+
 def test_a_drivetrain_has_two_sides_and_a_gyro(tmp_path: Path) -> None:
     rows = [[row[0], *np.arange(1.0, 9.0)] for row in ROWS]
 

@@ -127,10 +127,11 @@ def test_the_time_constant_is_where_a_step_covers_632_per_mille() -> None:
     assert state.speed / physics.gain == pytest.approx(1 - np.exp(-1), rel=1e-12)
 
 
-def test_the_disturbance_has_the_covariance_of_its_integral() -> None:
+@pytest.mark.parametrize("inductance", [1.16e-3, 0.0])
+def test_the_disturbance_has_the_covariance_of_its_integral(inductance: float) -> None:
     """F F' against the integral of the impulse responses, which the exact solver itself computes."""
     noise, steps = 1e-6, 2000
-    physics = replace(PHYSICS, coulomb_torque=0.0)
+    physics = replace(PHYSICS, coulomb_torque=0.0, inductance=inductance)
     factor = disturbance_factor(physics, noise, H)
     middle = (np.arange(steps) + 0.5) * H / steps
     kick = MotorState(0.0, 1.0, 0.0)

@@ -1,74 +1,30 @@
-"""Results to write reports of: data from the exact solution of a first-order motor, computed here."""
+"""Results that reports are written of, and the experiment behind one of them."""
 
-from collections.abc import Callable, Sequence
+from dataclasses import replace
 
-import numpy as np
 import pytest
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit
-from servobench.finding import Finding
+from servobench.channels import Channel, DeviceInfo
 from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES, Model
-from servobench.recording.recording import Source
+from servobench.recording.recording import Recording, Series, Source, Stopped
 from servobench.result import Result
+from tests.report.makers import QUANTUM, dataset
 
-GAIN, TIME_CONSTANT, QUANTUM = 23.7, 0.0992, 2 * np.pi / 2048
+HOSTILE = "<script>alert('x')</script> & $\\frac{1}{2}$ \u4e2d\n\udcff"
+"""A name that nobody should give to a recording, but that somebody will."""
 
+EXPERIMENT = """
+[experiment]
+name = "paper"
+duration = "3 s"
+sample_time = "0.002 s"
+seed = 0
 
-def motor(u: Array, sample_time: float) -> tuple[Array, Array]:
-    """Return position and speed, at rest at first, just before each input of u (N,) begins to hold."""
-    decay = np.exp(-sample_time / TIME_CONSTANT)
-    speed, position = np.zeros(len(u)), np.zeros(len(u))
-    for k in range(len(u) - 1):
-        end = GAIN * u[k]
-        speed[k + 1] = decay * speed[k] + (1 - decay) * end
-        travelled = TIME_CONSTANT * (1 - decay) * (speed[k] - end)
-        position[k + 1] = position[k] + end * sample_time + travelled
-    return position, speed
-
-
-def dataset(
-    *, samples: int = 1500, name: str = "square", seed: int = 1, noise: float | None = None, level: float = 3.0
-) -> Dataset:
-    """Return an encoder's positions under a square wave from 1 V to `level`, or with `noise` a noisy speed."""
-    sample_time = 0.002
-    t = np.arange(samples) * sample_time
-    u = np.where((0.8 * t + 1e-9) % 1 < 0.5, level, 1.0)
-    position, speed = motor(u, sample_time)
-    rng = np.random.default_rng(seed)
-    counts = np.floor((position + rng.random() * QUANTUM) / QUANTUM)
-    is_position = noise is None
-    y = (counts + 0.5) * QUANTUM if is_position else speed + noise * rng.standard_normal(samples)
-    return Dataset(
-        name=name,
-        t_input=t,
-        u=u,
-        input_unit="V",
-        input_before=0.0,
-        t_output=t,
-        y=y,
-        output_unit="rad" if is_position else "rad/s",
-        kind="position" if is_position else "speed",
-        source=Source(name=name),
-        quantum=QUANTUM if is_position else None,
-    )
-
-
-def fit_of(theta: Sequence[float], covariance: Array, data: Dataset | None = None) -> Fit:
-    """Return a fit of the plain first-order structure (gain, time constant, offset, delay) that nobody had to search for."""
-    model = Model(structure=STRUCTURES["first_order"], theta=np.array(theta), data=data or dataset(samples=50))
-    return Fit(
-        model=model,
-        covariance=covariance,
-        estimator="output_error",
-        structure="first_order",
-        converged=True,
-        status="converged in 1 step",
-        residual_sd=1.0,
-        records=(),
-    )
+[signal]
+type = "square"
+low = "1 V"
+high = "3 V"
+"""
 
 
 @pytest.fixture(scope="session")
@@ -79,23 +35,45 @@ def good() -> Result:
 
 @pytest.fixture(scope="session")
 def several() -> Result:
-    """A result from eight noisy records, one more than six with a name that nobody should have given it."""
-    names = [f"test {n}" for n in range(7)] + ["<script>alert('x')</script> & $\\frac{1}{2}$ \u4e2d\n"]
+    """A result from eight noisy records, two more than a figure holds, the first of them with a hostile name."""
+    names = [HOSTILE, *(f"test {n}" for n in range(2, 9))]
     return identify([dataset(samples=400, name=name, seed=n, noise=4.0) for n, name in enumerate(names)])
 
 
 @pytest.fixture(scope="session")
 def refused() -> Result:
     """A result from an input that never changes, which no model can be had from."""
-    return identify(dataset(level=1.0))
+    return identify(replace(dataset(level=1.0), input_before=1.0))
 
 
 @pytest.fixture(scope="session")
-def with_findings() -> Callable[..., Result]:
-    """A function that returns the refused result with other findings."""
-    from dataclasses import replace
+def run() -> Recording:
+    """The recording that a run would have left of the good result's data, seven samples of it late."""
+    data = dataset()
+    late = (data.t_output > 2.985).astype(float)
+    series = {
+        Channel(name="commanded", unit="V"): data.u,
+        Channel(name="applied", unit="V"): data.u,
+        Channel(name="counts", unit="counts", counts_per_rev=2048.0, counter_bits=24): data.y / QUANTUM - 0.5,
+        Channel(name="scheduled", unit="s"): data.t_output - 0.0004 * late,
+        Channel(name="late", unit="1"): late,
+    }
+    return Recording(
+        name="run",
+        series=tuple(Series(channel=c, values=v, t=data.t_output) for c, v in series.items()),
+        source=Source(name="twin"),
+        input="applied",
+        output="counts",
+        input_before=0.0,
+        info=DeviceInfo(name="twin", serial="simulated", settings=(("motor", "qube_servo_2"),)),
+        experiment=EXPERIMENT,
+        stopped=Stopped(reason="finished", sentence="ran for 3 s, as asked"),
+        versions={"servobench": "0.1.0", "numpy": "2.4.6"},
+    )
 
-    def make(result: Result, *findings: Finding) -> Result:
-        return replace(result, findings=findings)
 
-    return make
+@pytest.fixture(scope="session")
+def file(run: Recording) -> Recording:
+    """The same as a file of somebody else's."""
+    source = Source(name="my data.csv", sha256="ab" * 32, format="csv")
+    return replace(run, name="my data", source=source, info=None, experiment="", versions={})

@@ -6,7 +6,9 @@ from servobench.report.decimation import decimated, held
 
 
 @given(st.integers(1, 3000), st.integers(1, 60), st.integers(0, 2**32 - 1))
-def test_every_column_of_pixels_keeps_its_first_last_lowest_and_highest_value(n: int, columns: int, seed: int) -> None:
+def test_every_column_of_pixels_keeps_its_first_last_lowest_and_highest_value(
+    n: int, columns: int, seed: int
+) -> None:
     rng = np.random.default_rng(seed)
     t = np.cumsum(rng.exponential(size=n) + 1e-9)
     y = rng.standard_normal(n)
@@ -38,9 +40,7 @@ def test_a_single_spike_among_millions_of_samples_is_still_drawn() -> None:
 def test_an_input_is_drawn_with_upright_edges_and_to_the_end_of_the_record() -> None:
     t, u = held(np.array([0.0, 1.0, 2.0]), np.array([2.0, 2.0, 5.0]), 0.0, 3.0)
 
-    assert list(zip(t, u, strict=True)) == [(0, 0), (0, 0), (0, 2), (2, 2), (2, 5), (3, 5)][1:] or (
-        list(zip(t, u, strict=True)) == [(0, 0), (0, 0), (0, 2), (2, 2), (2, 5), (3, 5)]
-    )
+    assert list(zip(t, u, strict=True)) == [(0, 0), (0, 0), (0, 2), (2, 2), (2, 5), (3, 5)]
 
 
 def test_an_input_that_never_changes_is_one_line() -> None:

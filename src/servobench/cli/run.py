@@ -164,7 +164,7 @@ def _ended_like_ctrl_c() -> Iterator[None]:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt
 
-    requests = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
+    requests = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
     # A request that is ignored, as by nohup, stays so.
     ours = [request for request in requests if signal.getsignal(request) is signal.SIG_DFL]
     for request in ours:

@@ -38,7 +38,7 @@ _ENDINGS = {
     "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
     "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "V": "V", "mV": "mV", "percent": "%",
     "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
-    "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_s": "m/s", "m_per_s": "m/s",
+    "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
 }  # fmt: skip
 _ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
@@ -106,6 +106,14 @@ def _unit_in_name(name: str) -> str | None:
         return _ENDINGS.get(found) if len(found) <= 2 else _ENDINGS.get(found.lower())
     # `t_s` is a time in seconds; `x_s` may be anything.
     return "s" if name.endswith("_s") and name[:-2].lower() in TIME_NAMES else None
+
+
+def bare_name(name: str) -> str:
+    """Return a name without a unit that it ends in: `theta` of `theta_deg`; a name that is a unit stays."""
+    if _unit_in_name(name) is None:
+        return name
+    ending = _ENDING.fullmatch(name)
+    return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
 
 
 def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
@@ -197,8 +205,8 @@ def _folder(name: str) -> str:
 
 
 def _is_named_time(heading: Heading) -> bool:
-    last = heading.name[len(_folder(heading.name)) :].lower()
-    return last in TIME_NAMES or (heading.from_name and last.rpartition("_")[0] in TIME_NAMES)
+    last = heading.name[len(_folder(heading.name)) :]
+    return last.lower() in TIME_NAMES or bare_name(last).lower() in TIME_NAMES
 
 
 def time_unit(heading: Heading) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import csv
 import io
+import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import chain, repeat
@@ -23,6 +24,7 @@ from servobench.formats.base import FORMATS
 from servobench.formats.columns import Column, recording_of
 from servobench.recording.recording import Recording, Series, Source
 
+_JSON = re.compile(r'\s*(\{|\[\s*[\[{"0-9-])')
 _MARK = f"# {metadata.SCHEMA} "
 
 
@@ -43,7 +45,7 @@ class Csv:
             head = head[: max(head.rfind(b"\n"), head.rfind(b"\r")) + 1] or head  # the last line may be cut
         try:
             text, _ = text_table.decoded(head, path.name)
-            if text.lstrip().startswith(("{", "[{")):
+            if _JSON.match(text):
                 return False
             return text.startswith(_MARK) or bool(text_table.parsed(text, path.name).headings)
         except FormatError:

@@ -135,14 +135,11 @@ def _own(text: str, found: Iterable[Variable], name: str) -> tuple[Recording, ..
                 (_vector(vectors[values]), None if times is None else _vector(vectors[times]))
                 for values, times in one["samples"]
             ]
-            recordings.append(metadata.restored(one["recording"], samples, name))
+            recordings.append((one["recording"], samples))
     except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(
-            f"{name}: what its variable `{_OURS}` says of the others isn't so ({error!r})"
-        ) from None
-    return tuple(recordings)
+        why = f"what its variable `{_OURS}` says of the others isn't so ({error!r})"
+        raise FormatError(f"{name}: {why}") from None
+    return tuple(metadata.restored(description, samples, name) for description, samples in recordings)
 
 
 def _vector(matrix: Matrix) -> Array:
@@ -152,23 +149,19 @@ def _vector(matrix: Matrix) -> Array:
 
 
 def _foreign(found: Sequence[Variable], path: Path) -> Recording:
-    most = matfile.MOST_BYTES // 8
-    if (numbers := sum(each.value.size for each in found if isinstance(each.value, np.ndarray))) > most:
-        raise FormatError(f"{path.name} has {numbers} numbers; more than {most} aren't read")
     columns: list[Column] = []
     findings: list[Finding] = []
     skipped: list[str] = []
     for variable in found:
-        if isinstance(variable.value, np.ndarray):
-            channels, told = _channels(variable.name, variable.value)
-            if isinstance(channels, Skipped):
-                skipped.append(f"{variable.name} ({channels.what})")
-                continue
-            columns.extend(channels)
+        value = variable.value
+        channels: list[Column] | Skipped = value if isinstance(value, Skipped) else Skipped(what="text")
+        if isinstance(value, np.ndarray):
+            channels, told = _channels(variable.name, value)
             findings.extend(told)
+        if isinstance(channels, Skipped):
+            skipped.append(f"{variable.name} ({channels.what})")
         else:
-            what = "text" if isinstance(variable.value, str) else variable.value.what
-            skipped.append(f"{variable.name} ({what})")
+            columns.extend(channels)
     if not columns:
         raise FormatError(
             f"{path.name} has no variables that are vectors of numbers; it has {quoted(skipped) or 'none'}"
@@ -178,15 +171,10 @@ def _foreign(found: Sequence[Variable], path: Path) -> Recording:
             f"{path.name} has {len(columns)} columns; more than {LARGEST_TABLE} are no set of channels"
         )
     if skipped:
-        findings.append(
-            info(
-                "variable-skipped",
-                f"Variables that aren't numbers in columns aren't read: {quoted(skipped)}.",
-            )
-        )
-    return recording_of(
-        columns, name=path.stem, source=Source(name=path.name, format="mat"), findings=findings
-    )
+        sentence = f"Variables that aren't numbers in columns aren't read: {quoted(skipped)}."
+        findings.append(info("variable-skipped", sentence))
+    source = Source(name=path.name, format="mat")
+    return recording_of(columns, name=path.stem, source=source, findings=findings)
 
 
 def _channels(name: str, matrix: Matrix) -> tuple[list[Column] | Skipped, list[Finding]]:

@@ -57,12 +57,15 @@ def variables(path: Path) -> tuple[Variable, ...]:
     with path.open("rb") as file:
         head = file.read(128)
         data = b"" if is_level_7(head) else head + file.read()
+    read = _level_7(path) if is_level_7(head) else _level_5(data) if is_level_5(head) else _level_4(data)
     try:
-        if is_level_7(head):
-            return tuple(_level_7(path))
-        return tuple(_level_5(data) if is_level_5(head) else _level_4(data))
+        found = tuple(read)
     except (struct.error, zlib.error, ValueError, OverflowError) as error:
         raise FormatError(f"{path.name} is no MAT file, or a damaged one: {error}") from None
+    numbers = sum(each.value.size for each in found if isinstance(each.value, np.ndarray))
+    if 8 * numbers > MOST_BYTES:
+        raise FormatError(f"{path.name} has {numbers} numbers; more than {MOST_BYTES // 8} aren't read")
+    return found
 
 
 def is_level_7(head: bytes) -> bool:

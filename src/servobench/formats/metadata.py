@@ -8,6 +8,8 @@ from dataclasses import fields, is_dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any, get_type_hints
 
+import numpy as np
+
 from servobench.channels import Array, Channel
 from servobench.errors import FormatError
 from servobench.recording.recording import Recording, Series
@@ -85,4 +87,4 @@ def _plain(value: Any) -> Any:
         return {key: _plain(content) for key, content in value.items()}
     if isinstance(value, list | tuple):
         return [_plain(content) for content in value]
-    return value
+    return value.item() if isinstance(value, np.generic) else value

@@ -10,7 +10,7 @@ from typing import Literal, TypeAlias
 from servobench.errors import UnknownName, UsageError
 from servobench.finding import Finding, info
 from servobench.formats.base import load
-from servobench.formats.columns import heading
+from servobench.formats.columns import bare_name, heading
 from servobench.recording.recording import Recording, Series
 from servobench.units import is_unit, unit
 
@@ -86,9 +86,8 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
 
 def plain_name(name: str) -> str:
     """Return a name without its folder and its unit, in lower case, with underscores between words."""
-    said = heading(name.rpartition(".")[2] or name)
-    plain = "_".join(said.name.lower().replace("-", " ").replace("_", " ").split())
-    return plain.rpartition("_")[0] or plain if said.from_name else plain
+    last = bare_name(heading(name.rpartition(".")[2] or name).name)
+    return "_".join(last.lower().replace("-", " ").replace("_", " ").split())
 
 
 def _fits(role: Role, plain: str, symbol: str | None) -> bool:
@@ -120,7 +119,7 @@ def found(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Se
     for text in (spec.column, heading(spec.column).name):
         if text in names:
             return recording[text], []
-    if spec.column.isdecimal() and 1 <= int(spec.column) <= len(names):
+    if spec.column.isdecimal() and len(spec.column) < 9 and 1 <= int(spec.column) <= len(names):
         return recording.series[int(spec.column) - 1], []
     alike = [name for name in names if name.lower() == spec.column.lower()]
     if len(alike) == 1:
@@ -167,7 +166,8 @@ def _in_other_file(
     name = f"{path.stem}.{series.channel.name}"
     while name in recording:
         name += "_"
-    told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256[:16]}...)."
+    told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256})"
+    told += "." if series.t is None else ", with its times, which are taken to be of the same clock."
     channel = replace(series.channel, name=name)
     return replace(series, channel=channel), [
         info("column-from-other-file", told),

@@ -231,7 +231,7 @@ def _without_trailing(content: Sequence[str], above: Sequence[str], layout: Layo
 def _sure_of_commas(content: Sequence[str], above: Sequence[str], layout: Layout, name: str) -> Layout:
     """The layout once it is sure what its commas mean; raises `FormatError` where that can't be told."""
     named = len(_names_in(above[-1], layout)) if above else 0
-    if layout.separator == "," and layout.columns == 2 and all(map(_ONE_COMMA.fullmatch, content)):
+    if layout.separator == "," and layout.columns == 2 and all(_may_be_one(line, layout) for line in content):
         if named == 2:
             return layout
         if named == 1 or any(map(_ZERO_AFTER_COMMA.search, content)):
@@ -260,6 +260,11 @@ def _sure_of_commas(content: Sequence[str], above: Sequence[str], layout: Layout
                 "numbers with a decimal point, or read the file in Python with Csv(decimal=',')"
             )
     return layout
+
+
+def _may_be_one(line: str, layout: Layout) -> bool:
+    """Whether two numbers with a comma between may be one; a damaged row says nothing against it."""
+    return bool(_ONE_COMMA.fullmatch(line)) or not all(map(layout.is_number, layout.row(line) or [""]))
 
 
 def _names_in(line: str, layout: Layout) -> list[str]:

@@ -99,7 +99,7 @@ def disturbance_factor(physics: Physics, torque_noise: float, h: float) -> Array
     F F' = ∫₀ʰ e^(As) G s_T² G' e^(A's) ds, with G = (0, 1/J, 0), by Van Loan's matrix exponential (1978). `torque_noise` is s_T
     [N·m/√Hz], two-sided; h [s].
     """
-    from scipy.linalg import expm, sqrtm
+    from scipy.linalg import expm
 
     a = np.zeros((3, 3))
     if physics.inductance > 0:
@@ -120,5 +120,8 @@ def disturbance_factor(physics: Physics, torque_noise: float, h: float) -> Array
         covariance = covariance + transition @ covariance @ transition.T
         transition = transition @ transition
     scale = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
-    root = np.real(sqrtm(covariance / np.outer(scale, scale)))
-    return np.asarray(scale[:, None] * root, dtype=np.float64)
+    values, vectors = np.linalg.eigh(covariance / np.outer(scale, scale))
+    factor = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    if physics.inductance == 0:
+        factor[0] = -physics.motor_constant / physics.resistance * factor[1]  # the current follows at once
+    return np.asarray(factor, dtype=np.float64)

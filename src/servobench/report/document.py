@@ -37,7 +37,9 @@ class Report:
         """Return the page. The same report gives the same text."""
         from servobench.report.html import page
 
-        return page(self.result, self.recordings, self.command)
+        text = page(self.result, self.recordings, self.command)
+        # A name of a file may hold bytes that are no text.
+        return text.encode("utf-8", "replace").decode("utf-8")
 
     def write(self, path: str | os.PathLike[str]) -> None:
         """Write the page to a file: all of it or, where that can't be done, nothing; an earlier file is replaced.
@@ -53,7 +55,7 @@ class Report:
             raise StorageError(
                 f"{target} can't be written: there is no folder {target.parent}; make it first"
             )
-        text = self.html().encode("utf-8", "replace")
+        text = self.html().encode("utf-8")
         try:
             _replace(target, text)
         except OSError as error:

@@ -15,7 +15,7 @@ from servobench.channels import Channel
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
 from servobench.report.numbers import SPACE, counted, grouped, plain, with_unit
-from servobench.report.tables import Fact
+from servobench.report.tables import Fact, capital
 
 _NOTHING: tuple[Any, ...] = ("", {}, [])  # what a setting that isn't set looks like
 _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")
@@ -37,7 +37,7 @@ def asked(recording: Recording) -> tuple[Fact, ...]:
     own = table.pop("experiment", {})
     facts = {**own, **table} if isinstance(own, Mapping) else table
     return tuple(
-        Fact(heading=_words(key), text=told(value))
+        Fact(heading=capital(_words(key)), text=told(value))
         for key, value in facts.items()
         if key != "name" and value not in _NOTHING
     )

@@ -55,7 +55,7 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         severity_words={str(severity): word for severity, word in SEVERITIES.items()},
         findings=tables.finding_groups(result.findings),
         sentence=words.sentence,
-        capital=words.capital,
+        capital=tables.capital,
         explained=words.explained,
         fit=fit,
         lost=words.lost(fit) if fit else "",

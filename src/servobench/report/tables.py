@@ -55,6 +55,11 @@ class ComparisonRow:
     judgement: str
 
 
+def capital(text: str) -> str:
+    """Return a text with a capital at its beginning, the rest as it is."""
+    return text[:1].upper() + text[1:]
+
+
 def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
     """Return the parameters of a fit, rounded to what is known of them."""
     return tuple(

@@ -59,11 +59,6 @@ def explained(fit_percent: float) -> str:
     return f"{percent(fit_percent)} %" if math.isfinite(fit_percent) else "an unknown part"
 
 
-def capital(text: str) -> str:
-    """Return a text with a capital at its beginning, the rest as it is."""
-    return text[:1].upper() + text[1:]
-
-
 def sentence(text: str) -> Markup:
     """Return a text as HTML, with a full stop at its end; what stands between backticks, and an option, is set as code."""
     from markupsafe import Markup, escape

@@ -1,0 +1,82 @@
+"""`servobench signals` and `servobench devices` list what there is, as the registries know it."""
+
+import re
+from typing import Annotated, Literal
+
+import pytest
+from pydantic import Field
+
+from servobench.cli.catalogue import default_text, meaning
+from servobench.devices.base import DEVICES
+from servobench.settings import In, Settings, Time, Voltage
+from servobench.signals.base import SIGNALS
+from tests.cli.conftest import Command
+
+
+class Example(Settings):
+    """Settings of all kinds."""
+
+    needed: Voltage
+    """What has to be given [V]."""
+    level: Voltage = 1.5
+    """A value [V]."""
+    left_out: Time | None = None
+    """A time [s]."""
+    levels: tuple[Annotated[float, In("V")], ...] = (0.0, 1.0)
+    """Some values, each held [V]."""
+    number: int = Field(default=8, ge=2)
+    """A number, from 2 on."""
+    flag: bool = True
+    """Whether it is so."""
+    choice: Literal["one", "two"] = "one"
+    """One of two."""
+    told: Literal["left", "right"] = "left"
+    """On the left or on the right."""
+    bare: str = ""
+
+
+@pytest.mark.parametrize(
+    ("name", "default", "said"),
+    [
+        ("needed", "required", "What has to be given."),
+        ("level", "1.5 V", "A value."),
+        ("left_out", "not set [s]", "A time."),
+        ("levels", "0, 1 V", "Some values, each held."),
+        ("number", "8", "A number, from 2 on."),
+        ("flag", "true", "Whether it is so."),
+        ("choice", "one", "One of two: one, two."),
+        ("told", "left", "On the left or on the right."),
+        ("bare", "", ""),
+    ],
+)
+def test_a_setting_has_its_default_with_its_unit_and_its_meaning(name: str, default: str, said: str) -> None:
+    field = Example.model_fields[name]
+
+    assert (default_text(field), meaning(field)) == (default, said)
+
+
+def test_all_signals_and_all_their_settings_are_listed(servobench: Command) -> None:
+    said = servobench("signals").out
+
+    for name in SIGNALS.names():
+        block = re.search(rf"^{name}  .*?^$", said, re.MULTILINE | re.DOTALL)
+        assert block is not None, name
+        for setting in SIGNALS[name].model_fields:  # type: ignore[attr-defined]
+            assert re.search(rf"^  {setting} ", block[0], re.MULTILINE), (name, setting)
+
+
+def test_all_devices_and_all_their_settings_are_listed(servobench: Command) -> None:
+    said = servobench("devices").out
+
+    for name in DEVICES.names():
+        assert re.search(rf"^{name}  ", said, re.MULTILINE)
+        for setting in DEVICES[name].Settings.model_fields:
+            assert re.search(rf"^  {setting} ", said, re.MULTILINE), (name, setting)
+
+
+def test_one_can_be_asked_for(servobench: Command) -> None:
+    ended = servobench("signals", "square")
+
+    assert ended.out.startswith("square  A square wave.\n")
+    assert re.search(r"frequency +0\.4 Hz +Periods in a second\.", ended.out)
+    assert "chirp" not in ended.out

@@ -1,0 +1,135 @@
+"""`inspect`, `convert` and `recover`: what is in files, and other files of it."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+import servobench as sb
+from tests.cli.conftest import Command
+
+
+@pytest.fixture
+def foreign(tmp_path: Path) -> Path:
+    file = tmp_path / "foreign.csv"
+    rows = [f"{0.01 * k:.2f},{3 if k % 20 < 10 else 1},{k}" for k in range(100)]
+    rows[50] = rows[50].rpartition(",")[0] + ",nan"
+    file.write_text("\n".join(["t [s],u [V],theta [deg]", *rows]) + "\n")
+    return file
+
+
+def test_inspect_tells_channels_times_and_what_it_can_support(servobench: Command, foreign: Path) -> None:
+    ended = servobench("inspect", foreign)
+
+    assert (ended.status, ended.err) == (0, "")
+    assert f"{foreign}: csv, 1 recording\n" in ended.out
+    assert re.search(r"theta +deg +100 +0 +99 +1 not finite", ended.out)
+    assert "every 0.01 s" in ended.out
+    assert "`servobench identify` can take it as it is: the output is a position in rad" in ended.out
+
+
+def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "bare.csv"
+    file.write_text("a,b\n" + "1,2\n2,4\n3,9\n" * 5)
+
+    ended = servobench("inspect", file)
+
+    assert ended.status == 0
+    assert "no times that are recognised" in ended.out
+    for option in ("--input", "--output", "--sample-time"):
+        assert option in ended.out
+
+
+def test_inspect_sees_that_the_input_never_changes(servobench: Command, foreign: Path) -> None:
+    foreign.write_text(foreign.read_text().replace(",3,", ",1,"))
+
+    assert "The input never changes" in servobench("inspect", foreign).out
+
+
+def test_inspect_shows_a_run_of_ours_with_its_roles_and_how_it_ended(
+    servobench: Command, finished_run: Path
+) -> None:
+    said = servobench("inspect", finished_run / "recording.mcap").out
+
+    assert re.search(r"applied +V .* input", said)
+    assert re.search(r"counts +counts .* output; 24-bit counter; 2048 counts/rev", said)
+    assert "ended: ran for 10 s, as asked" in said
+
+
+@pytest.mark.parametrize("ending", ["csv", "mcap", "mat", "tsv"])
+def test_converted_there_and_back_a_recording_is_the_same(
+    servobench: Command, finished_run: Path, tmp_path: Path, ending: str
+) -> None:
+    there, back = tmp_path / f"there.{ending}", tmp_path / "back.mcap"
+
+    assert servobench("convert", finished_run / "recording.mcap", there).status == 0
+    assert servobench("convert", there, back).status == 0
+
+    (first,), (second,) = sb.load(finished_run / "recording.mcap"), sb.load(back)
+    assert second.series == first.series
+    assert replace(second, series=(), input=None, output=None, source=first.source) == replace(
+        first, series=(), input=None, output=None
+    )
+
+
+def test_convert_doesn_t_overwrite_unless_it_is_told_to(
+    servobench: Command, foreign: Path, tmp_path: Path
+) -> None:
+    target = tmp_path / "out.mcap"
+    target.write_text("mine")
+
+    refused = servobench("convert", foreign, target)
+    assert (refused.status, target.read_text()) == (2, "mine")
+    assert "--overwrite" in refused.err
+
+    assert servobench("convert", foreign, target, "--overwrite").status == 0
+    assert len(sb.load(target)[0].series) == 3
+
+
+def test_convert_takes_the_recording_that_is_named(
+    servobench: Command, foreign: Path, tmp_path: Path
+) -> None:
+    (one,) = sb.load(foreign)
+    sb.save([one, replace(one, name="other")], tmp_path / "both.mcap")
+
+    both = servobench("convert", tmp_path / "both.mcap", tmp_path / "out.csv")
+    other = servobench("convert", tmp_path / "both.mcap", tmp_path / "out.csv", "--recording", "other")
+
+    assert both.status == 2
+    assert "holds one recording" in both.err
+    assert other.status == 0
+    assert sb.load(tmp_path / "out.csv")[0].name == "other"
+
+
+def test_convert_to_an_unknown_ending_ends_with_2(servobench: Command, foreign: Path, tmp_path: Path) -> None:
+    ended = servobench("convert", foreign, tmp_path / "out.xyz")
+
+    assert ended.status == 2
+    assert ".csv" in ended.err
+
+
+def test_recover_makes_a_whole_file_of_a_torn_one(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    torn = tmp_path / "recording.mcap.part"
+    whole = (finished_run / "recording.mcap").read_bytes()
+    torn.write_bytes(whole[: len(whole) // 2])
+
+    ended = servobench("recover", torn)
+
+    recovered = tmp_path / "recording-recovered.mcap"
+    assert ended.status == 0
+    assert str(recovered) in ended.out
+    assert "cut short" in ended.out
+    assert 0 < len(sb.load(recovered)[0]["counts"].values) < 5000
+    assert torn.read_bytes() == whole[: len(whole) // 2]
+
+
+def test_recover_writes_where_it_is_told_and_never_over_another_file(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    words = ("recover", finished_run / "recording.mcap", "--to", tmp_path / "copy.mcap")
+
+    assert servobench(*words).status == 0
+    assert servobench(*words).status == 2

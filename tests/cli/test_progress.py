@@ -1,0 +1,142 @@
+"""What a command says while it works is true, and comes only where it is wanted."""
+
+import io
+from threading import Event
+
+import numba
+import pytest
+
+from servobench.cli.progress import Progress, duration, told_when_compiling
+
+
+class Clock:
+    """A clock that stands where it was put [s]."""
+
+    def __init__(self) -> None:
+        self.time = 100.0
+
+    def __call__(self) -> float:
+        return self.time
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+def test_nothing_is_said_within_the_first_second(clock: Clock) -> None:
+    progress = Progress("running", stream=io.StringIO(), now=clock)
+    clock.time += 0.9
+    progress.reached(0.5)
+
+    assert progress.line() == ""
+
+
+def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
+    progress = Progress("running", stream=io.StringIO(), now=clock)
+    clock.time += 3.0  # compiling; no part of the pace
+    progress.reached(0.0)
+    clock.time += 2.0
+    progress.reached(0.2)
+
+    assert progress.line() == "running, 20 %, 8 s left"
+
+    clock.time += 1.0
+    assert progress.line() == "running, 20 %, 7 s left"
+
+    clock.time += 60.0
+    assert progress.line() == "running, 20 %, 0 s left"
+
+
+def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> None:
+    progress = Progress("identifying", stream=io.StringIO(), now=clock)
+    clock.time += 75.0
+
+    assert progress.line() == "identifying, 1 min 15 s so far"
+
+    progress.reached(0.0)
+    assert progress.line() == "identifying, 1 min 15 s so far"
+
+
+def test_short_work_leaves_no_trace() -> None:
+    stream = io.StringIO()
+
+    with Progress("reading", stream=stream) as progress:
+        progress.reached(0.5)
+
+    assert stream.getvalue() == ""
+
+
+class Screen(io.StringIO):
+    """A terminal that tells when it was written to a second time."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.writes = 0
+        self.second = Event()
+
+    def isatty(self) -> bool:
+        return True
+
+    def write(self, text: str) -> int:
+        self.writes += 1
+        if self.writes == 2:
+            self.second.set()
+        return super().write(text)
+
+
+def test_a_terminal_is_left_clean() -> None:
+    screen, clock = Screen(), Clock()
+
+    with Progress("running", stream=screen, now=clock):
+        clock.time += 10.0
+        assert screen.second.wait(timeout=60)
+
+    text = "running, 10 s so far"
+    assert screen.getvalue() == f"\r{text}\r{text}\r{'':{len(text)}}\r"
+
+
+def test_a_terminal_that_is_gone_ends_no_work() -> None:
+    screen = Screen()
+    screen.close()
+
+    with Progress("running", stream=screen) as progress:
+        progress.reached(1.0)
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (0.4, "0 s"),
+        (59.4, "59 s"),
+        (59.6, "1 min 0 s"),
+        (3599, "59 min 59 s"),
+        (3600, "1 h 0 min"),
+        (7500, "2 h 5 min"),
+    ],
+)
+def test_a_duration_is_told_as_people_do(seconds: float, said: str) -> None:
+    assert duration(seconds) == said
+
+
+def test_compiling_is_told_once_and_only_when_something_is_compiled(
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    @numba.njit
+    def twice(x):  # type: ignore[no-untyped-def]
+        return 2 * x
+
+    @numba.njit
+    def thrice(x):  # type: ignore[no-untyped-def]
+        return 3 * x
+
+    progress = Progress("running", stream=io.StringIO())
+    with told_when_compiling(progress):
+        twice(1.0)
+        thrice(1.0)
+    first = capsys.readouterr().err
+    with told_when_compiling(progress):
+        twice(1.0)
+
+    assert first.count("compiling") == 1
+    assert capsys.readouterr().err == ""

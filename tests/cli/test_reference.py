@@ -1,0 +1,69 @@
+"""docs/reference/commands.md lists the commands and options that there are, the statuses, and the keys of a result."""
+
+import json
+import re
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import pytest
+import typer.main
+
+from servobench.cli import failures
+from servobench.cli.app import app
+
+PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "reference" / "commands.md"
+COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
+
+
+def section(heading: str) -> str:
+    """Return the text below a heading, up to the next one."""
+    text = PAGE.read_text(encoding="utf-8")
+    match = re.search(rf"^## {re.escape(heading)}$(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    assert match is not None, heading
+    return match[1]
+
+
+def options(command: Any) -> set[str]:
+    return {word for each in command.params for word in each.opts if word.startswith("--")} - {"--help"}
+
+
+def test_every_command_is_described() -> None:
+    listed = re.findall(r"^\|.*?\|", section_before_first(), re.MULTILINE)
+
+    assert set(re.findall(r"\[`(\w+)`\]", " ".join(listed))) == set(COMMANDS)
+
+
+def section_before_first() -> str:
+    return PAGE.read_text(encoding="utf-8").partition("\n## ")[0]
+
+
+@pytest.mark.parametrize("name", [name for name in COMMANDS if name not in {"devices", "signals"}])
+def test_every_option_of_a_command_is_described_and_no_other(name: str) -> None:
+    items = [item for item in section(name).split("\n") if item.startswith("- `--")]
+    described = {
+        option for item in items for option in re.findall(r"`(--[a-z-]+)", item.partition(" names")[0])
+    }
+
+    assert described == options(COMMANDS[name])
+
+
+def test_the_options_without_a_command_are_described() -> None:
+    described = set(re.findall(r"^- `(--[a-z]+)`", section_before_first(), re.MULTILINE)) - {"--help"}
+
+    assert described == {"--version", "--debug"}
+
+
+def test_the_statuses_are_those_of_the_code() -> None:
+    described = {int(row) for row in re.findall(r"^\| (\d+) \|", section("Exit status"), re.MULTILINE)}
+
+    assert described == {
+        value for name, value in vars(failures).items() if name.isupper() and isinstance(value, int)
+    }
+
+
+def test_the_keys_of_a_result_are_those_of_the_schema() -> None:
+    schema = json.loads(files("servobench").joinpath("schemas/result-1.json").read_text(encoding="utf-8"))
+    rows = re.findall(r"^\| (`.*?) \|", section("JSON"), re.MULTILINE)
+
+    assert {key for row in rows for key in re.findall(r"`(\w+)`", row)} == set(schema["properties"])
