@@ -11,6 +11,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.estimators.prediction_error import THRESHOLD, PredictionError, disturbance_test
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
@@ -18,7 +19,7 @@ from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
-from servobench.validate import cross_validate, validate, validate_with
+from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
 
 
 def identify(
@@ -32,8 +33,9 @@ def identify(
 
     Several datasets are fitted jointly: they share the parameters, and each has its own start state. `structure` and
     `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and whether friction is
-    needed. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further
-    datasets to try the model on; without any, part of the data is held out in turn.
+    needed, and the estimator by a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet, or
+    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any, part of the
+    data is held out in turn.
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
     known or data that don't belong together.
     """
@@ -49,7 +51,8 @@ def identify(
     try:
         if not refused:
             chosen = _choose(method, records, structure)
-            fit, validation = chosen.fit, _validation(method, records, chosen.fit, validate_on)
+            fit = _allowing_for_disturbance(chosen.fit) if estimator == "auto" else chosen.fit
+            validation = _validation(method, records, fit, validate_on)
             findings += [
                 *chosen.findings,
                 *fit.findings,
@@ -132,7 +135,7 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
         return _Choice(fit=_fitted(method, STRUCTURES[structure], data))
     if not _turns_both_ways(data):
         fit = _fitted(method, STRUCTURES["first_order_one_way"], data)
-        return _Choice(fit=fit, findings=tuple(_about_offset(fit)))
+        return _Choice(fit=fit)
     frictionless = _fitted(method, STRUCTURES["first_order"], data)
     try:
         with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
@@ -151,6 +154,19 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
         )
     sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
     return _Choice(fit=frictionless, findings=(info("friction-not-found", sentence),))
+
+
+def _allowing_for_disturbance(fit: Fit) -> Fit:
+    """The fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
+
+    Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error with its allowance for
+    any colour is the safer of two wrong noise models.
+    """
+    test = disturbance_test(fit)
+    if test is None or test.likelihood_ratio <= THRESHOLD:
+        return fit
+    allowing = PredictionError().fit_after(fit)
+    return allowing if explains_the_colour(allowing) else fit
 
 
 def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
@@ -262,6 +278,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
                 "aren't the right columns.",
             )
         )
+    if fit.structure == "first_order_one_way":
+        found += _about_offset(fit)
     return [*found, *_local(fit)]
 
 

@@ -25,9 +25,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
     rounding = is_rounding(fit)
     found = [_size(fit, rounding)] if rounding is not None else []
-    coloured = max(_whiteness(record.residual[record.valid]) for record in fit.records)
-    # The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters.
-    if coloured > _CHI2_99 and not rounding:
+    if not explains_the_colour(fit):
         found.append(
             warning(
                 "residual-coloured",
@@ -45,6 +43,16 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
             )
         )
     return tuple(found)
+
+
+def explains_the_colour(fit: Fit) -> bool:
+    """Return whether nothing but white noise or the encoder's rounding is left of the innovations.
+
+    The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters.
+    """
+    if is_rounding(fit):
+        return True
+    return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99
 
 
 def is_rounding(fit: Fit) -> bool | None:
@@ -125,6 +133,12 @@ def _validation(how: str, held: Sequence[FittedRecord]) -> Validation:
 def _size(fit: Fit, rounding: bool) -> Finding:
     quantum = fit.records[0].data.quantum or np.nan
     ratio = fit.residual_sd / (quantum / np.sqrt(12))
+    if rounding and fit.estimator == "prediction_error":
+        return info(
+            "measurement-is-rounding",
+            f"Beside the disturbance, the measurement has the encoder's rounding and no other noise ({ratio:.2f} times a "
+            "count/√12).",
+        )
     if rounding:
         return info(
             "residual-is-rounding",
@@ -155,7 +169,7 @@ def _whiteness(residual: Array) -> float:
 def _tied_to_input(record: FittedRecord) -> float:
     """The largest correlation of the residual with the changes of the past input, in standard deviations (Ljung 1999, 16.6)."""
     keep = record.valid
-    e = record.residual[keep] - record.residual[keep].mean()
+    e = record.innovations[keep] - record.innovations[keep].mean()
     u = np.diff(input_at_output(record.data), prepend=record.data.input_before)[keep]
     u = u - u.mean()
     n = len(e)

@@ -100,28 +100,6 @@ def test_data_that_can_t_support_a_model_are_refused_with_json_and_report(
     assert report.read_text(encoding="utf-8").startswith("<!")
 
 
-def test_a_single_sample_is_refused_and_no_error(
-    servobench: Command, finished_run: Path, tmp_path: Path
-) -> None:
-    from dataclasses import replace
-
-    import servobench as sb
-
-    (recording,) = sb.load(finished_run / "recording.mcap")
-    one = [
-        replace(each, values=each.values[:1], t=each.t[:1]) for each in recording.series if each.t is not None
-    ]
-    file, report = tmp_path / "one.mcap", tmp_path / "report.html"
-    sb.save(replace(recording, series=tuple(one)), file)
-
-    ended = servobench("identify", file, "--json", "--report", report)
-
-    assert ended.status in {2, 3}
-    if ended.status == 3:
-        assert ended.result["verdict"] == "refused"
-        assert report.exists()
-
-
 def test_words_go_to_standard_error_beside_json(position: Path) -> None:
     ended = process("identify", position, "--json")
 

@@ -25,7 +25,8 @@ def clock() -> Clock:
 
 
 def test_nothing_is_said_within_the_first_second(clock: Clock) -> None:
-    progress = Progress("running", stream=io.StringIO(), now=clock)
+    progress = Progress(stream=io.StringIO(), now=clock)
+    progress.begin("running")
     clock.time += 0.9
     progress.reached(0.5)
 
@@ -33,7 +34,8 @@ def test_nothing_is_said_within_the_first_second(clock: Clock) -> None:
 
 
 def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
-    progress = Progress("running", stream=io.StringIO(), now=clock)
+    progress = Progress(stream=io.StringIO(), now=clock)
+    progress.begin("running")
     clock.time += 3.0  # compiling; no part of the pace
     progress.reached(0.0)
     clock.time += 2.0
@@ -49,7 +51,8 @@ def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
 
 
 def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> None:
-    progress = Progress("identifying", stream=io.StringIO(), now=clock)
+    progress = Progress(stream=io.StringIO(), now=clock)
+    progress.begin("identifying")
     clock.time += 75.0
 
     assert progress.line() == "identifying, 1 min 15 s so far"
@@ -61,7 +64,8 @@ def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> N
 def test_short_work_leaves_no_trace() -> None:
     stream = io.StringIO()
 
-    with Progress("reading", stream=stream) as progress:
+    with Progress(stream=stream) as progress:
+        progress.begin("reading")
         progress.reached(0.5)
 
     assert stream.getvalue() == ""
@@ -85,10 +89,47 @@ class Screen(io.StringIO):
         return super().write(text)
 
 
+def test_each_work_has_its_own_time(clock: Clock) -> None:
+    progress = Progress(stream=io.StringIO(), now=clock)
+    progress.begin("running")
+    clock.time += 10.0
+    progress.reached(1.0)
+    progress.begin("identifying")
+    assert progress.line() == ""
+
+    clock.time += 2.0
+    assert progress.line() == "identifying, 2 s so far"
+
+
+class Log(io.StringIO):
+    """A file that tells when it was written to."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.written = Event()
+
+    def flush(self) -> None:
+        self.written.set()
+
+
+def test_a_file_gets_one_line_for_each_work(clock: Clock) -> None:
+    log = Log()
+
+    with Progress(stream=log, now=clock) as progress:
+        for what in ("running", "identifying"):
+            log.written.clear()
+            progress.begin(what)
+            clock.time += 5.0
+            assert log.written.wait(timeout=60)
+
+    assert log.getvalue() == "running, 5 s so far\nidentifying, 5 s so far\n"
+
+
 def test_a_terminal_is_left_clean() -> None:
     screen, clock = Screen(), Clock()
 
-    with Progress("running", stream=screen, now=clock):
+    with Progress(stream=screen, now=clock) as progress:
+        progress.begin("running")
         clock.time += 10.0
         assert screen.second.wait(timeout=60)
 
@@ -100,7 +141,8 @@ def test_a_terminal_that_is_gone_ends_no_work() -> None:
     screen = Screen()
     screen.close()
 
-    with Progress("running", stream=screen) as progress:
+    with Progress(stream=screen) as progress:
+        progress.begin("running")
         progress.reached(1.0)
 
 
@@ -130,7 +172,7 @@ def test_compiling_is_told_once_and_only_when_something_is_compiled(
     def thrice(x):  # type: ignore[no-untyped-def]
         return 3 * x
 
-    progress = Progress("running", stream=io.StringIO())
+    progress = Progress(stream=io.StringIO())
     with told_when_compiling(progress):
         twice(1.0)
         thrice(1.0)

@@ -98,7 +98,7 @@ def test_the_experiment_in_the_folder_runs_again_to_the_same_samples(
 
 
 def test_the_seed_makes_the_noise(servobench: Command, short: Path, tmp_path: Path) -> None:
-    short.write_text(SHORT + "[device.settings]\ntorque_noise = 1e-5\n")
+    short.write_text(SHORT.replace('"3 s"', '"0.5 s"') + "[device.settings]\ntorque_noise = 1e-5\n")
     counts = []
     for number, seed in enumerate((1, 1, 2)):
         folder = tmp_path / str(number)
@@ -295,6 +295,23 @@ def test_a_device_that_fails_at_once_ends_with_4_and_no_traceback(
     assert ended.status == 4
     assert "fault of servobench" not in ended.err
     assert {"experiment.toml", "recording.mcap", "data.csv"} <= names(tmp_path / "run")
+
+
+def test_a_single_sample_is_a_refused_result_with_all_its_files(
+    servobench: Command,
+    short: Path,
+    tmp_path: Path,
+    breaking: type[Breaking],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(breaking, "last", 1)
+
+    ended = servobench("run", short, "--device", "breaking", "--out", tmp_path / "run", "--json")
+
+    assert (ended.status, ended.result["verdict"]) == (4, "refused")
+    assert ended.result["records"] == []
+    assert ended.result["operating_range"] == {"input": [None, None], "speed": [None, None]}
+    assert names(tmp_path / "run") == FILES
 
 
 def watched(monkeypatch: pytest.MonkeyPatch, watch: Callable[[Any], str | None]) -> None:

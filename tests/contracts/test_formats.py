@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from servobench.channels import Channel, DeviceInfo
+from servobench.channels import Channel
 from servobench.errors import FormatError, StorageError, UsageError
-from servobench.finding import info
 from servobench.formats.base import FORMATS, Format, load, save
 from servobench.recording.recording import Recording, Series, Source
 from tests.recording.samples import recordings, small
@@ -43,12 +42,6 @@ RECORDINGS = [
         series("ω [rad/s]", "rad/s", RANDOM.normal(size=500), T),
         series("comma, quote \" and\nline", "V", np.sign(RANDOM.normal(size=500)), T),
         series("# no comment", "°", np.full(500, np.nan), T),
-    ),
-    replace(
-        recording("numbers of NumPy", series("y", "rad", np.arange(3.0), None)),
-        input_before=np.float64(0.1),
-        findings=(info("example", "of rows", rows=(np.int64(1), np.int64(2))),),
-        info=DeviceInfo(name="rig", channels=(Channel(name="y", unit="counts", counter_bits=np.int64(24)),)),
     ),
     recording(
         "rates",

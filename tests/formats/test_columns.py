@@ -87,7 +87,8 @@ def test_a_bare_name_has_no_unit_at_its_end(name: str, bare: str) -> None:
     assert bare_name(name) == bare
 
 
-def test_long_lists_are_cut() -> None:
+def test_long_lists_are_cut_and_control_characters_reach_no_terminal() -> None:
+    assert quoted(["\x1b[2J"]) == "`?[2J`"
     assert quoted("abcd", most=2) == "`a`, `b` and 2 more"
 
 

@@ -10,11 +10,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from servobench.channels import Channel
 from servobench.errors import FormatError, UsageError
-from servobench.finding import Severity
+from servobench.finding import Severity, info
 from servobench.formats import text_table
 from servobench.formats.base import load, save
 from servobench.formats.csv import Csv
+from servobench.recording.recording import Recording, Series, Source
 from tests.formats.tables import codes, columns, finding, loaded, units
 from tests.recording.samples import small
 
@@ -319,6 +321,23 @@ def test_our_own_table_that_was_changed_is_an_error_and_not_another_recording(
 
     with pytest.raises(FormatError, match=r"run\.csv"):
         loaded(tmp_path, changed, "run.csv")
+
+
+def test_numbers_of_numpy_in_what_a_recording_knows_are_numbers(tmp_path: Path) -> None:
+    channel = Channel(name="y", unit="counts", counter_bits=int(np.int64(24)), minimum=np.float64(0.5))
+    told = info("example", "of rows", rows=(np.int64(1), np.int64(2)))  # type: ignore[arg-type]
+    recording = Recording(
+        name="run",
+        series=(Series(channel=channel, values=np.arange(3.0), t=None),),
+        source=Source(name="rig"),
+        findings=(told,),
+    )
+    save(recording, tmp_path / "a.csv")
+
+    (back,) = load(tmp_path / "a.csv")
+
+    assert back.findings == (told,)
+    assert back["y"].channel == channel
 
 
 def test_more_than_one_recording_has_no_place_in_a_table(tmp_path: Path) -> None:

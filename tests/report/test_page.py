@@ -221,7 +221,7 @@ def test_a_refused_result_says_first_why_and_what_to_measure_and_shows_the_data(
     headings = page.text("h2")
 
     assert refused.fit is None
-    assert headings[0] == "Why there is no model, and what else was found"
+    assert headings[0] == "Why it was refused, and what else was found"
     assert "record steps between at least two levels" in page.words
     assert "Data" in headings
     assert "Model" not in headings
@@ -371,3 +371,12 @@ def test_text_and_lines_have_the_contrast_of_wcag_aa(theme: int) -> None:
     for name in ("measured", "model"):
         assert contrast(colour[name], colour["paper"]) >= 3, name
         assert contrast(colour[name], colour["shade"]) >= 2.8, name
+
+
+def test_a_run_that_was_saved_keeps_its_title_and_names_its_file(good: Result, run: Recording) -> None:
+    saved = replace(run, source=replace(run.source, name="day 1/recording.mcap", format="mcap"))
+
+    page = Page(Report(saved, good).html())
+
+    assert page.text("h1") == ["Experiment ‘paper’ on twin"]
+    assert page.words.count("servobench identify 'day 1/recording.mcap' To cite") == 1

@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import sys
 from os import path
+from typing import TYPE_CHECKING
 
-TYPE_CHECKING = False  # the typing module costs a third of what an empty interpreter does
 if TYPE_CHECKING:
     from collections.abc import Sequence
 

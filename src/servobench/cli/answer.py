@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable
 from math import floor, isfinite
-from textwrap import wrap
 from typing import TYPE_CHECKING
 
 from rich.console import Console
-from rich.padding import Padding
-from rich.table import Table
 from rich.text import Text
 
-from servobench.cli.terminal import printable
+from servobench.cli.layout import show_table, show_wrapped
 from servobench.finding import Finding, Severity, Verdict
 
 if TYPE_CHECKING:
@@ -38,14 +36,14 @@ _MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 def show_result(console: Console, result: Result) -> None:
     """Print the parameters with their intervals, the transfer function, how well it fits, the verdict and the findings."""
     if result.fit is not None:
-        _show_table(console, _parameters(result.fit.estimates))
+        _show_parameters(console, result.fit.estimates)
         for line in _model(result):
-            _show_wrapped(console, Text("  "), line, hanging=4)
+            show_wrapped(console, Text("  "), line, hanging=4)
         console.print()
     if result.nominal:
-        _show_table(console, _comparisons(result.nominal))
+        _show_comparisons(console, result.nominal)
     style, sentence = _VERDICTS[result.verdict]
-    _show_wrapped(console, Text(f"{result.verdict}: ", style=style), sentence, hanging=0)
+    show_wrapped(console, Text(f"{result.verdict}: ", style=style), sentence, hanging=0)
     if result.findings:
         console.print()
         show_findings(console, result.findings)
@@ -61,17 +59,9 @@ def show_findings(console: Console, findings: Iterable[Finding]) -> None:
         sentences = [finding.sentence + _rows(finding) for finding in alike[severity, code]]
         for sentence in sentences[:_MOST_ALIKE]:
             symbol, style = _MARKS[severity]
-            _show_wrapped(console, Text.assemble("  ", (symbol, style), " "), sentence, hanging=4)
+            show_wrapped(console, Text.assemble("  ", (symbol, style), " "), sentence, hanging=4)
         if len(sentences) > _MOST_ALIKE:
             console.print(f"    and {len(sentences) - _MOST_ALIKE} more of this kind")
-
-
-def columns(*headings: str, right: Iterable[str] = ()) -> Table:
-    """Return a table without lines, its headings dimmed; the columns in `right` hold numbers."""
-    table = Table(box=None, padding=(0, 2, 0, 0), header_style="dim", pad_edge=False)
-    for heading in headings:
-        table.add_column(heading, justify="right" if heading in right else "left", overflow="fold")
-    return table
 
 
 def in_words(name: str) -> str:
@@ -79,22 +69,22 @@ def in_words(name: str) -> str:
     return name.replace("_", " ").replace("coulomb", "Coulomb")
 
 
-def _parameters(estimates: dict[str, Estimate]) -> Table:
+def _show_parameters(console: Console, estimates: dict[str, Estimate]) -> None:
     from servobench.report.numbers import rounded
 
     level = next(iter(estimates.values())).level
-    interval = f"{100 * level:g} % interval"
-    table = columns("parameter", "value", "±", interval, "unit", right=("value", "±", interval))
+    headings = ("parameter", "value", "±", f"{100 * level:g} % interval", "unit")
+    rows = []
     for name, estimate in estimates.items():
         low, high = estimate.interval
         half = 0.5 * (high - low)
         told = rounded(estimate.value, half, estimate.unit)
-        ends = rounded(
-            0.5 * (low + high), half, estimate.unit
-        )  # an interval need not lie evenly about its value
+        # An interval need not lie evenly about its value.
+        ends = rounded(0.5 * (low + high), half, estimate.unit)
         known = f"{ends.low} to {ends.high}" if told.half else "not known"
-        table.add_row(in_words(name), *map(_ascii_minus, (told.value, told.half, known)), told.unit)
-    return table
+        rows.append((in_words(name), *map(_ascii_minus, (told.value, told.half, known)), told.unit))
+    show_table(console, headings, rows, right=headings[1:4])
+    console.print()
 
 
 def _model(result: Result) -> list[str]:
@@ -114,51 +104,28 @@ def _percent(value: float) -> str:
     return f"{floor(100 * value) / 100:.2f} %" if isfinite(value) else "an unknown part"
 
 
-def _comparisons(nominal: Iterable[Comparison]) -> Table:
+def _show_comparisons(console: Console, nominal: Iterable[Comparison]) -> None:
     from servobench.report.numbers import handy_unit, plain
 
-    table = columns(
-        "data sheet",
-        "nominal",
-        "identified",
-        "difference",
-        "unit",
-        right=("nominal", "identified", "difference"),
-    )
+    headings = ("data sheet", "nominal", "identified", "difference", "unit")
+    rows = []
     for each in nominal:
         factor, unit = handy_unit(each.unit, max(abs(each.nominal), abs(each.identified)))
         values = (_ascii_minus(plain(value / factor)) for value in (each.nominal, each.identified))
-        ratio = each.identified / each.nominal if each.nominal else float("nan")
-        relative = (
-            f"{100 * (ratio - 1):+.1f} %" if 0 < ratio < 10 else ""
-        )  # beyond that it is no difference, but another thing
-        table.add_row(in_words(each.name), *values, relative, unit)
-    return table
+        rows.append((in_words(each.name), *values, _difference(each), unit))
+    show_table(console, headings, rows, right=headings[1:4])
+    console.print()
 
 
-def _show_table(console: Console, table: Table) -> None:
-    console.print(Padding(table, (0, 0, 1, 2), expand=False))
-
-
-def _show_wrapped(console: Console, head: Text, sentence: str, *, hanging: int) -> None:
-    """Print a sentence behind a head, its further lines behind that many blanks."""
-    # Wrapped here and not by the console, which fills lines with blanks and breaks long names apart.
-    first, *rest = wrap(
-        printable(sentence),
-        console.width,
-        initial_indent=head.plain,
-        subsequent_indent=" " * hanging,
-        break_long_words=False,
-        break_on_hyphens=False,
-    )
-    console.print(Text.assemble(head, first[len(head.plain) :]), soft_wrap=True)
-    for line in rest:
-        console.print(Text(line), soft_wrap=True)
+def _difference(comparison: Comparison) -> str:
+    """The relative difference; nothing where the two are so far apart that it says no more."""
+    ratio = comparison.identified / comparison.nominal if comparison.nominal else 0.0
+    return f"{100 * (ratio - 1):+.1f} %" if 0 < ratio < 10 else ""
 
 
 def _rows(finding: Finding) -> str:
     """The rows concerned, where the sentence doesn't tell them itself."""
-    if finding.rows is None or "row" in finding.sentence.lower() or "sample" in finding.sentence.lower():
+    if finding.rows is None or re.search(r"\b(rows?|samples?)\b", finding.sentence, re.IGNORECASE):
         return ""
     first, last = finding.rows
     return f" (row {first})" if first == last else f" (rows {first} to {last})"

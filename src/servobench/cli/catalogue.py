@@ -9,10 +9,9 @@ from typing import Annotated, Any, Literal, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 from rich.console import Console
-from rich.padding import Padding
 from rich.text import Text
 
-from servobench.cli.answer import columns
+from servobench.cli.layout import show_table, show_wrapped
 from servobench.errors import UnknownName
 from servobench.settings import In
 
@@ -31,13 +30,11 @@ def show_members(
     if name is not None and name not in members:
         raise UnknownName(kind, name, members)
     for each in [name] if name is not None else members:
-        console.print(Text.assemble((each, "bold"), f"  {_sentence(members[each])}"))
-        fields = settings[each].model_fields
+        show_wrapped(console, Text(f"{each}  ", style="bold"), _sentence(members[each]), hanging=0)
+        fields = settings[each].model_fields.items()
         if fields:
-            table = columns("setting", "default", "meaning")
-            for key, field in fields.items():
-                table.add_row(key, default_text(field), meaning(field))
-            console.print(Padding(table, (0, 0, 0, 2)))
+            rows = [(key, default_text(field), meaning(field)) for key, field in fields]
+            show_table(console, ("setting", "default", "meaning"), rows)
         console.print()
 
 

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from servobench.cli.failures import DONE, REFUSED
-from servobench.cli.progress import Progress, told_when_compiling
 from servobench.finding import Verdict
 
 if TYPE_CHECKING:
@@ -17,6 +16,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from servobench.cli.progress import Progress
     from servobench.errors import NotIdentifiable
     from servobench.recording.recording import Recording
     from servobench.result import Result
@@ -32,6 +32,7 @@ class Evidence:
 
 def concluded(
     evidence: Sequence[Evidence],
+    progress: Progress,
     *,
     structure: str = "auto",
     nominal: str | None = None,
@@ -45,13 +46,13 @@ def concluded(
     from servobench.identification import identify
     from servobench.measurement.measure import measure
 
-    with Progress("identifying") as progress, told_when_compiling(progress):
-        try:
-            data = [measure(each.recording, each.chain) for each in evidence]
-            others_data = [measure(each.recording, each.chain) for each in others]
-        except NotIdentifiable as error:
-            return _without_data([each.recording for each in evidence], error)
-        return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
+    progress.begin("identifying")
+    try:
+        data = [measure(each.recording, each.chain) for each in evidence]
+        others_data = [measure(each.recording, each.chain) for each in others]
+    except NotIdentifiable as error:
+        return _without_data([each.recording for each in evidence], error)
+    return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
 
 
 def deliver(
@@ -69,7 +70,7 @@ def deliver(
     `command` is the line that was typed, for the report. The result is printed even where the report can't be written.
     """
     from servobench.cli.answer import show_result
-    from servobench.cli.terminal import print_json
+    from servobench.cli.terminal import print_json, say
     from servobench.report.document import Report
 
     try:
@@ -77,12 +78,12 @@ def deliver(
             Report(recordings, result, command=command).write(report)
     finally:
         if heading:
-            console.print(f"{heading}\n", soft_wrap=True)
+            say(console, f"{heading}\n")
         show_result(console, result)
         if as_json:
             print_json(result.to_dict())
     if report is not None:
-        console.print(f"\nreport: {report}", soft_wrap=True)
+        say(console, f"\nreport: {report}")
 
 
 def status_of(result: Result) -> int:

@@ -24,15 +24,18 @@ def convert(
     The ending of OUT says which. What is written is what IN says: nothing is renamed, scaled or resampled.
     """
     from servobench.cli.answer import show_findings
+    from servobench.cli.progress import Progress
     from servobench.cli.recordings import chosen, loaded
-    from servobench.cli.terminal import output
+    from servobench.cli.terminal import output, say
     from servobench.errors import UsageError
     from servobench.formats.base import save
+    from servobench.report.numbers import counted
 
     if target.exists() and not overwrite:
         raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
-    recordings = chosen(loaded([source]), recording or ())
+    with Progress() as progress:
+        recordings = chosen(loaded([source], progress), recording or ())
     save(recordings, target)
     console = output()
-    console.print(f"{target}: {len(recordings)} recording(s) from {source}", soft_wrap=True)
+    say(console, f"{target}: {counted(len(recordings), 'recording')} from {source}")
     show_findings(console, (finding for each in recordings for finding in each.findings))

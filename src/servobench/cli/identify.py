@@ -74,21 +74,24 @@ def identify(
     deg/s, rpm, rev/s, counts/s, m/s).
     """
     from servobench.cli.conclusion import check_names, concluded, deliver, status_of
+    from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import chosen, loaded
-    from servobench.cli.terminal import words
+    from servobench.cli.terminal import messages, output
 
     check_names(structure, nominal)
     _check_can_hold_a_file(report)
     said = _Said(
         time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
     )
-    fitted = [said.of(each) for each in chosen(loaded(files), recording or ())]
-    others = [said.of(each) for each in loaded(validate_with or ())]
-    result = concluded(fitted, structure=structure, nominal=nominal, others=others)
+    with Progress() as progress:
+        fitted = [said.of(each) for each in chosen(loaded(files, progress), recording or ())]
+        others = [said.of(each) for each in loaded(validate_with or (), progress)]
+        with told_when_compiling(progress):
+            result = concluded(fitted, progress, structure=structure, nominal=nominal, others=others)
     deliver(
         result,
         [each.recording for each in fitted],
-        console=words(beside_json=as_json),
+        console=messages() if as_json else output(),
         as_json=as_json,
         report=report,
         command=context.obj or "",

@@ -9,7 +9,6 @@ import typer
 
 if TYPE_CHECKING:
     from rich.console import Console
-    from rich.table import Table
 
     from servobench.recording.recording import Recording, Series
 
@@ -19,59 +18,54 @@ def inspect(file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)]) 
 
     Its recordings and channels, what is wrong with their times and values, and what has to be said to identify them.
     """
+    from servobench.cli.progress import Progress
     from servobench.cli.recordings import loaded
-    from servobench.cli.terminal import output
+    from servobench.cli.terminal import output, say
+    from servobench.report.numbers import counted
 
-    recordings = loaded([file])
+    with Progress() as progress:
+        recordings = loaded([file], progress)
     console = output()
     source = recordings[0].source
-    console.print(f"{source.name}: {source.format}, {_counted(len(recordings), 'recording')}", soft_wrap=True)
-    console.print(f"SHA-256 {source.sha256}", style="dim", soft_wrap=True)
+    say(console, f"{source.name}: {source.format}, {counted(len(recordings), 'recording')}")
+    say(console, f"SHA-256 {source.sha256}")
     for recording in recordings:
         console.print()
         _show(console, recording)
 
 
 def _show(console: Console, recording: Recording) -> None:
-    from rich.padding import Padding
     from rich.text import Text
 
     from servobench.cli.answer import show_findings
-    from servobench.cli.terminal import printable
+    from servobench.cli.terminal import printable, say
 
     console.print(Text(printable(recording.name), style="bold"))
-    console.print(Padding(_channels(recording), (0, 0, 0, 2)))
+    _show_channels(console, recording)
     for line in _times(recording):
-        console.print(Padding(line, (0, 0, 0, 2)))
+        say(console, f"  {line}")
     if recording.stopped.reason != "unknown":
-        console.print(f"  ended: {recording.stopped.sentence}", soft_wrap=True)
+        say(console, f"  ended: {recording.stopped.sentence}")
     show_findings(console, recording.findings)
     for line in _support(recording):
-        console.print(printable(line), soft_wrap=True)
+        say(console, line)
 
 
-def _channels(recording: Recording) -> Table:
-    """The channels as a table; the counters of empty, infinite and missing values are left out where they are zero."""
+def _show_channels(console: Console, recording: Recording) -> None:
     import numpy as np
 
-    from servobench.cli.answer import columns
-    from servobench.cli.terminal import printable
+    from servobench.cli.layout import show_table
 
-    table = columns(
-        "channel", "unit", "samples", "smallest", "largest", "", right=("samples", "smallest", "largest")
-    )
+    headings = ("channel", "unit", "samples", "smallest", "largest", "")
+    rows = []
     for series in recording.series:
-        name = series.channel.name
         finite = series.values[np.isfinite(series.values)]
         ends = [f"{finite.min():.6g}", f"{finite.max():.6g}"] if len(finite) else ["-", "-"]
-        table.add_row(
-            printable(name),
-            printable(series.channel.unit or "?"),
-            str(len(series.values)),
-            *ends,
-            "; ".join(_remarks(recording, series, len(finite))),
+        remarks = "; ".join(_remarks(recording, series, len(finite)))
+        rows.append(
+            (series.channel.name, series.channel.unit or "?", str(len(series.values)), *ends, remarks)
         )
-    return table
+    show_table(console, headings, rows, right=headings[2:5])
 
 
 def _remarks(recording: Recording, series: Series, finite: int) -> list[str]:
@@ -103,7 +97,7 @@ def _times(recording: Recording) -> list[str]:
             f"times: {base.start:.6g} s to {base.end:.6g} s, every {base.median_step:.6g} s "
             f"(at least {base.shortest_step:.3g} s, 99 of 100 below {base.p99_step:.3g} s, at most {base.longest_step:.3g} s)"
         )
-    return lines or ["no times that are recognised"]
+    return list(dict.fromkeys(lines)) or ["no times that are recognised"]
 
 
 def _support(recording: Recording) -> list[str]:
@@ -115,7 +109,7 @@ def _support(recording: Recording) -> list[str]:
     try:
         data = measure(assign(recording))
     except MissingInformation as error:
-        return ["To identify it, say", *(f"  • {sentence}" for sentence in error.missing)]
+        return ["To identify it, more has to be known:", *(f"  • {sentence}" for sentence in error.missing)]
     except ServobenchError as error:
         return [f"It can't be identified as it is: {error}"]
     levels = len(set(data.u.tolist()))
@@ -130,7 +124,3 @@ def _support(recording: Recording) -> list[str]:
             "Nobody says how the speed was measured; if it was filtered or averaged, say so with --chain."
         )
     return lines
-
-
-def _counted(number: int, what: str) -> str:
-    return f"{number} {what}{'' if number == 1 else 's'}"

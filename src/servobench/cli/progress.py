@@ -6,6 +6,7 @@ import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import dataclass, replace
 from threading import Event, Lock, Thread
 from types import TracebackType
 from typing import Any, Self, TextIO
@@ -18,22 +19,43 @@ _PATIENCE = 1.0  # s; what takes less needs no word
 _INTERVAL = 0.25  # s
 
 
-class Progress:
-    """One line on standard error that says what is being done and how long it will take, from the second second on.
+@dataclass(frozen=True, kw_only=True)
+class _Work:
+    """What is being done since when [s], and the first and the latest (time [s], part that was done by then).
 
-    A thread of its own writes it: a motor's loop doesn't wait for a terminal. On a terminal the line is kept up to date and taken
-    away in the end; a file gets it once. `now` is the clock [s].
+    It is replaced as a whole, so that the thread that writes about it never sees a half of each of two.
     """
 
-    def __init__(
-        self, what: str, *, stream: TextIO | None = None, now: Callable[[], float] = time.monotonic
-    ) -> None:
-        self._what = what
+    what: str
+    start: float
+    first: tuple[float, float] | None = None
+    latest: tuple[float, float] | None = None
+
+    @property
+    def done(self) -> float:
+        """The part that is done, from 0 to 1."""
+        return self.latest[1] if self.latest else 0.0
+
+    def time_left(self, now: float) -> float | None:
+        """Return the time that is left at the pace so far [s]; None where nothing tells the pace."""
+        if self.first is None or self.latest is None or self.latest[1] <= self.first[1]:
+            return None
+        (started, before), (latest, done) = self.first, self.latest
+        return max(0.0, (1.0 - done) * (latest - started) / (done - before) - (now - latest))
+
+
+class Progress:
+    """One line on standard error that says what is being done and how long it will take, where it takes more than a second.
+
+    A thread of its own writes it: a motor's loop doesn't wait for a terminal. On a terminal the line is kept up to date and taken
+    away in the end; a file gets it once for each thing that is begun. `now` is the clock [s].
+    """
+
+    def __init__(self, *, stream: TextIO | None = None, now: Callable[[], float] = time.monotonic) -> None:
         self._stream = sys.stderr if stream is None else stream
         self._now = now
-        self._start = now()
-        self._first: tuple[float, float] | None = None
-        self._latest: tuple[float, float] | None = None
+        self._written = ""
+        self.begin("")
         self._width = 0
         self._over = Event()
         self._writing = Lock()
@@ -52,49 +74,48 @@ class Progress:
         if self._thread.is_alive():
             self._thread.join(timeout=1.0)
 
+    def begin(self, what: str) -> None:
+        """Say from now on that this is being done; nothing for an empty text."""
+        self._work = _Work(what=what, start=self._now())
+
     def reached(self, done: float) -> None:
         """Take note of the part of the work that is done, from 0 to 1."""
-        self._latest = (self._now(), done)
+        place = (self._now(), done)
         # The pace is counted from here: what comes before the first word is preparation.
-        self._first = self._first or self._latest
+        self._work = replace(self._work, first=self._work.first or place, latest=place)
 
     def note(self, sentence: str) -> None:
         """Print a sentence that stays, above the line."""
         with self._writing:
-            self._put("")
+            if is_terminal(self._stream):
+                self._put("")
             messages().print(Text(sentence, style="dim"), soft_wrap=True)
 
     def line(self) -> str:
         """Return what there is to say now; nothing before a second is over."""
-        now = self._now()
-        if now - self._start < 0.99 * _PATIENCE:  # a clock may be a little short of what was waited for
+        work, now = self._work, self._now()
+        if not work.what or now - work.start < _PATIENCE:
             return ""
-        left = self._time_left(now)
-        if left is None or self._latest is None:
-            return f"{self._what}, {duration(now - self._start)} so far"
-        return f"{self._what}, {100 * self._latest[1]:.0f} %, {duration(left)} left"
-
-    def _time_left(self, now: float) -> float | None:
-        """The time that is left at the pace so far [s]; None where nothing tells the pace."""
-        if self._first is None or self._latest is None or self._latest[1] <= self._first[1]:
-            return None
-        (started, before), (latest, done) = self._first, self._latest
-        return max(0.0, (1.0 - done) * (latest - started) / (done - before) - (now - latest))
+        left = work.time_left(now)
+        if left is None:
+            return f"{work.what}, {duration(now - work.start)} so far"
+        return f"{work.what}, {100 * work.done:.0f} %, {duration(left)} left"
 
     def _write(self) -> None:
         with suppress(OSError, ValueError):  # the terminal is gone; the work isn't
-            if is_terminal(self._stream):
-                self._keep_up_to_date()
-            elif not self._over.wait(_PATIENCE):
-                self._stream.write(f"{self.line()}\n")
-                self._stream.flush()
-
-    def _keep_up_to_date(self) -> None:
-        while not self._over.wait(_INTERVAL):
+            put = self._put if is_terminal(self._stream) else self._put_once
+            while not self._over.wait(_INTERVAL):
+                with self._writing:
+                    put(self.line())
             with self._writing:
-                self._put(self.line())
-        with self._writing:
-            self._put("")
+                put("")
+
+    def _put_once(self, line: str) -> None:
+        """Write the first line about each thing, and no other."""
+        if line and self._written != self._work.what:
+            self._written = self._work.what
+            self._stream.write(f"{line}\n")
+            self._stream.flush()
 
     def _put(self, line: str) -> None:
         """Write a line over the one before; blanks do where a terminal knows no other way."""

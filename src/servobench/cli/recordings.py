@@ -6,21 +6,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servobench.cli.progress import Progress
-
 if TYPE_CHECKING:
+    from servobench.cli.progress import Progress
     from servobench.recording.recording import Recording
 
 
-def loaded(files: Sequence[Path]) -> list[Recording]:
+def loaded(files: Sequence[Path], progress: Progress) -> list[Recording]:
     """Return all recordings in some files, in their order."""
     from servobench.formats.base import load
 
     recordings: list[Recording] = []
-    with Progress("reading") as progress:
-        for number, file in enumerate(files):
-            progress.reached(number / len(files))
-            recordings += load(file)
+    progress.begin("reading")
+    for number, file in enumerate(files):
+        progress.reached(number / len(files))
+        recordings += load(file)
     return recordings
 
 

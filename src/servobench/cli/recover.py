@@ -19,14 +19,15 @@ def recover(
     FILE is a torn recording (.mcap or .mcap.part); it stays as it is.
     """
     from servobench.cli.answer import show_findings
-    from servobench.cli.terminal import output
+    from servobench.cli.terminal import output, say
     from servobench.recording.recover import recover as recovered
+    from servobench.report.numbers import counted
 
     target = to or _beside(file)
     recordings = recovered(file, target)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
     console = output()
-    console.print(f"{target}: {len(recordings)} recording(s), {samples} samples", soft_wrap=True)
+    say(console, f"{target}: {counted(len(recordings), 'recording')}, {counted(samples, 'sample')}")
     show_findings(console, (finding for each in recordings for finding in each.findings))
 
 

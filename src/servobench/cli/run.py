@@ -19,11 +19,19 @@ from servobench.cli.failures import DEVICE_FAILED, DONE, INTERRUPTED, complain
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from servobench.cli.progress import Progress
     from servobench.cli.run_folder import RunFolder
     from servobench.devices.base import Device
     from servobench.experiment import Experiment
-    from servobench.recording.recording import Recording
+    from servobench.recording.recording import Recording, StopReason
     from servobench.result import Result
+
+_CUT_SHORT: dict[StopReason, int] = {
+    "interrupted": INTERRUPTED,
+    "fault": DEVICE_FAILED,
+    "device_lost": DEVICE_FAILED,
+}
+"""The exit status of a run that didn't end as asked."""
 
 
 def run(
@@ -70,16 +78,23 @@ def run(
     The folder of a run holds experiment.toml, recording.mcap, data.csv, result.json and report.html.
     """
     from servobench.cli.conclusion import check_names, deliver
+    from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run_folder import run_folder
-    from servobench.cli.terminal import words
+    from servobench.cli.terminal import messages, output
+    from servobench.report.numbers import counted
 
     asked = _experiment(experiment, device, seed)
     held_against = nominal or asked.nominal or None
     check_names(structure, held_against)
-    console = words(beside_json=as_json)
+    console = messages() if as_json else output()
     folder = run_folder(out, datetime.now())
-    recording = _carried_out(asked, _device(asked, experiment), folder, console)
-    result = _identified(recording, asked, structure, held_against or _own_data_sheet(recording))
+    with Progress() as progress, told_when_compiling(progress):
+        recording = _carried_out(asked, _device(asked, experiment), folder, console, progress)
+        result = _identified(
+            recording, asked, structure, held_against or _own_data_sheet(recording), progress
+        )
+    if recording.stopped.reason == "device_lost":
+        complain(recording.stopped.sentence)
     if result is not None:
         folder.write_result(result.to_dict())
         deliver(
@@ -89,7 +104,7 @@ def run(
             as_json=as_json,
             report=folder.report,
             command=context.obj or "",
-            heading=f"{len(recording['counts'].values)} samples; {recording.stopped.sentence}",
+            heading=f"{counted(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
         )
     raise typer.Exit(_status(recording, result))
 
@@ -125,32 +140,30 @@ def _device(asked: Experiment, file: Path | None) -> Device:
         raise explain(error, text, str(file or asked.device.name), ("device", "settings")) from None
 
 
-def _carried_out(asked: Experiment, device: Device, folder: RunFolder, console: Console) -> Recording:
+def _carried_out(
+    asked: Experiment, device: Device, folder: RunFolder, console: Console, progress: Progress
+) -> Recording:
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
     from servobench.cli.answer import show_findings
-    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.terminal import say
     from servobench.errors import DeviceLost
     from servobench.formats.base import save
     from servobench.loop.run import Progress as Place
     from servobench.loop.run import run as carry_out
 
-    lost = ""
+    def watch(place: Place) -> None:
+        if place.ticks:
+            progress.reached(place.tick / place.ticks)
+
     with _ended_like_ctrl_c(), device:
-        folder.begin(asked.to_toml())
-        console.print(_asked_in_words(asked), soft_wrap=True)
+        say(console, _asked_in_words(asked))
         show_findings(console, asked.findings())
-        with Progress("running") as progress, told_when_compiling(progress):
-
-            def watch(place: Place) -> None:
-                if place.ticks:
-                    progress.reached(place.tick / place.ticks)
-
-            try:
-                recording = carry_out(asked, device, to=folder.recording, watch=watch)
-            except DeviceLost as error:
-                recording, lost = error.recording, str(error)
-    if lost:
-        complain(lost)
+        folder.begin(asked.to_toml())
+        progress.begin("running" if asked.duration else "running until Ctrl-C")
+        try:
+            recording = carry_out(asked, device, to=folder.recording, watch=watch)
+        except DeviceLost as error:
+            recording = error.recording
     save(recording, folder.data)
     with folder.recording.open("rb") as file:
         checksum = hashlib.file_digest(file, "sha256").hexdigest()
@@ -177,25 +190,27 @@ def _ended_like_ctrl_c() -> Iterator[None]:
 
 
 def _identified(
-    recording: Recording, asked: Experiment, structure: str, nominal: str | None
+    recording: Recording, asked: Experiment, structure: str, nominal: str | None, progress: Progress
 ) -> Result | None:
     """The result; None where a run that was cut short left nothing that can be looked at."""
     from servobench.cli.conclusion import Evidence, concluded
     from servobench.errors import UsageError
 
     try:
-        return concluded([Evidence(recording, asked.chain)], structure=structure, nominal=nominal)
+        return concluded([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
     except UsageError as error:
-        if recording.stopped.reason == "finished":
+        if recording.stopped.reason not in _CUT_SHORT:
             raise
         complain(f"not identified: {error}")
         return None
 
 
 def _own_data_sheet(recording: Recording) -> str | None:
-    """The data sheet that the device itself names."""
-    settings = dict(recording.info.settings) if recording.info else {}
-    return settings.get("motor")
+    """The data sheet that the device itself names, as the twin does."""
+    from servobench.motor.parameters import DATA_SHEETS
+
+    named = dict(recording.info.settings).get("motor") if recording.info else None
+    return named if named in DATA_SHEETS else None
 
 
 def _asked_in_words(asked: Experiment) -> str:
@@ -212,8 +227,4 @@ def _status(recording: Recording, result: Result | None) -> int:
     """The exit status: how the run ended comes before what its data say."""
     from servobench.cli.conclusion import status_of
 
-    if recording.stopped.reason == "interrupted":
-        return INTERRUPTED
-    if recording.stopped.reason in {"fault", "device_lost"}:
-        return DEVICE_FAILED
-    return DONE if result is None else status_of(result)
+    return _CUT_SHORT.get(recording.stopped.reason, DONE if result is None else status_of(result))

@@ -6,6 +6,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
+from itertools import chain, count
 from pathlib import Path
 from typing import Any
 
@@ -67,7 +68,8 @@ class RunFolder:
     def write_result(self, result: Mapping[str, Any]) -> None:
         """Write the answer."""
         text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
-        self.result.write_text(text + "\n", encoding="utf-8", newline="\n")
+        # A byte in a file's name that is no text has no UTF-8 either; its escape is JSON, too.
+        self.result.write_text(text + "\n", encoding="utf-8", errors="backslashreplace", newline="\n")
 
 
 def run_folder(out: Path | None, now: datetime) -> RunFolder:
@@ -97,14 +99,18 @@ def run_folder(out: Path | None, now: datetime) -> RunFolder:
 def _fresh(now: datetime) -> Path:
     """A name that nothing has yet."""
     name = f"run-{now:%Y%m%d-%H%M%S}"
-    candidates = (Path(name), *(Path(f"{name}-{again}") for again in range(2, 1000)))
+    candidates = chain([Path(name)], (Path(f"{name}-{again}") for again in count(2)))
     return next(path for path in candidates if not path.exists())
 
 
 def _is_ours(folder: RunFolder) -> bool:
+    """Whether a run has written the folder; one that never began has no recording."""
     try:
-        text = folder.experiment.read_text(encoding="utf-8", errors="replace")
+        if not folder.experiment.read_text(encoding="utf-8", errors="replace").startswith(_OURS):
+            return False
         with folder.recording.open("rb") as file:
-            return text.startswith(_OURS) and file.read(len(_MAGIC)) == _MAGIC
+            return file.read(len(_MAGIC)) == _MAGIC
+    except FileNotFoundError:
+        return folder.experiment.exists()
     except OSError:
         return False

@@ -20,7 +20,9 @@ _SPELLED = {
     "Ω": "ohm", "ω": "omega", "τ": "tau", "µ": "u", "μ": "u", "°": "deg", "²": "^2", "³": "^3", "√": "sqrt ", "·": "*",
     "±": "+/-", "−": "-", "–": "-", "—": "-", "…": "...", "→": "->", "•": "-", "✗": "x", "×": "x", "≤": "<=", "≥": ">=",
     "’": "'", "‘": "'", "“": '"', "”": '"', "─": "-", "⁻": "^-",
+    "\u00a0": " ", "\u2009": " ", "\u202f": " ",
 }  # fmt: skip
+_BLANKS = "\n\u00a0\u2009\u202f"  # the line's end and the narrow or unbroken blanks between figures
 
 
 class OutputGone(StorageError):
@@ -45,13 +47,15 @@ def messages() -> Console:
     return _console(stderr=True)
 
 
-def words(*, beside_json: bool) -> Console:
-    """Return the console for what people read: standard output, or standard error where that belongs to JSON alone."""
-    return messages() if beside_json else output()
+def say(console: Console, line: str) -> None:
+    """Print a line as it is, not wrapped: a path in it is to be found again, and copied."""
+    console.print(printable(line), soft_wrap=True)
 
 
 def print_json(data: Mapping[str, Any]) -> None:
     """Print one JSON object on standard output, in ASCII, as no code page can hurt it; raises `OutputGone`."""
+    if sys.stdout is None:  # the process was started without an output
+        raise OutputGone
     try:
         sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
         sys.stdout.flush()
@@ -61,7 +65,7 @@ def print_json(data: Mapping[str, Any]) -> None:
 
 def printable(text: str) -> str:
     """Return a text without control characters: names from a foreign file must not steer the terminal."""
-    return "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in text)
+    return "".join(c if c.isprintable() or c in _BLANKS else ascii(c)[1:-1] for c in text)
 
 
 def spell_what_cannot_be_encoded() -> None:

@@ -19,6 +19,7 @@ from servobench.registry import Registry
 class FittedRecord:
     """One record behind a fit: its data, the nuisance parameters (Q,), the prediction and the residual y - prediction (M,).
 
+    `innovations` (M,) are what the estimator minimised, of unit variance: white where its noise model is right.
     `valid` (M,) is False where the chain still looks back before the record; those samples carry no weight.
     """
 
@@ -26,6 +27,7 @@ class FittedRecord:
     nuisance: Array
     prediction: Array
     residual: Array
+    innovations: Array
     valid: np.ndarray[tuple[int], np.dtype[np.bool_]]
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,48 +33,64 @@ class OutputError:
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
     ) -> Fit:
         """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
-        return fit_at(
-            structure,
-            data,
-            best_minimum(structure, data, structure.guesses(data) if starts is None else starts),
-        )
+        return fitted(structure, data, best_minimum(structure, data, starts or structure.guesses(data)))
 
 
 ESTIMATORS.member("output_error")(OutputError())
 
 
-def fit_at(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
-    """Return the fit that a minimum stands for, with its covariance and what has to be said about it."""
+def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
+    """Return the fit that a minimum of the squared residuals stands for."""
+    variance, covariance = uncertainty(structure, data, minimum)
+    sd = float(np.sqrt(variance))
+    records = simulations(structure, data, minimum.theta)
+    return Fit(
+        model=Model(structure=structure, theta=minimum.theta[: len(structure.parameters)], data=data[0]),
+        covariance=covariance,
+        estimator="output_error",
+        structure=STRUCTURES.name_of(structure),
+        converged=minimum.converged,
+        status=minimum.status,
+        residual_sd=sd,
+        records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
+        findings=tuple(remarks(structure, data, minimum)),
+    )
+
+
+def simulations(structure: Structure, data: Sequence[Dataset], theta: Array) -> tuple[FittedRecord, ...]:
+    """Return each record simulated with its part of the joint vector."""
+    places = Layout(structure, tuple(data)).columns()
+    shared = len(structure.parameters)
+    records = []
+    for record, place in zip(data, places, strict=True):
+        prediction = structure.predict(theta[place], record)
+        residual = record.y - prediction.y
+        records.append(
+            FittedRecord(
+                data=record,
+                nuisance=theta[place[shared:]],
+                prediction=prediction.y,
+                residual=residual,
+                innovations=residual,
+                valid=prediction.valid,
+            )
+        )
+    return tuple(records)
+
+
+def uncertainty(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> tuple[float, Array]:
+    """Return the variance of the residuals and the covariance (P, P) of the shared parameters at a minimum.
+
+    Raises `NotIdentifiable` where there are no more samples than unknowns.
+    """
     layout = Layout(structure, tuple(data))
-    places = layout.columns()
     h, _ = normal_equations(layout, minimum.predictions)
     used = sum(int(p.valid.sum()) for p in minimum.predictions)
     freedom = used - len(minimum.theta)
     if freedom <= 0:
         raise NotIdentifiable(f"{used} samples for {len(minimum.theta)} unknowns: record for longer")
     variance = minimum.cost / freedom
-    shared = layout.shared
-    covariance = _covariance(layout, minimum, h, variance)
-    return Fit(
-        model=Model(structure=structure, theta=minimum.theta[:shared], data=data[0]),
-        covariance=covariance[:shared, :shared],
-        estimator="output_error",
-        structure=STRUCTURES.name_of(structure),
-        converged=minimum.converged,
-        status=minimum.status,
-        residual_sd=float(np.sqrt(variance)),
-        records=tuple(
-            FittedRecord(
-                data=record,
-                nuisance=minimum.theta[place[shared:]],
-                prediction=prediction.y,
-                residual=record.y - prediction.y,
-                valid=prediction.valid,
-            )
-            for record, prediction, place in zip(data, minimum.predictions, places, strict=True)
-        ),
-        findings=tuple(_findings(structure, data, minimum)),
-    )
+    return variance, _covariance(layout, minimum, h, variance)[: layout.shared, : layout.shared]
 
 
 def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> Array:
@@ -110,14 +127,7 @@ def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord
     starts = [np.concatenate([theta, guess[len(theta) :]]) for guess in structure.guesses([data])]
     free = np.arange(len(starts[0])) >= len(theta)
     minimum = best_minimum(structure, [data], starts, free)
-    prediction = minimum.predictions[0]
-    return FittedRecord(
-        data=data,
-        nuisance=minimum.theta[len(theta) :],
-        prediction=prediction.y,
-        residual=data.y - prediction.y,
-        valid=prediction.valid,
-    )
+    return simulations(structure, [data], minimum.theta)[0]
 
 
 def _unmodelled(layout: Layout, minimum: Minimum) -> Array:
@@ -141,8 +151,8 @@ def _scores(layout: Layout, minimum: Minimum) -> list[Array]:
     return scores
 
 
-def _findings(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
-    """What the search itself has to say."""
+def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
+    """Return what the search itself has to say."""
     found = []
     if not minimum.converged:
         found.append(

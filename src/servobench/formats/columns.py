@@ -70,7 +70,7 @@ def heading(text: str) -> Heading:
 
     What stands in brackets and is no unit stays a part of the name.
     """
-    text = "".join(letter if letter.isprintable() else "?" for letter in " ".join(text.split()))
+    text = _printable(" ".join(text.split()))
     bracket = _bracket(text)
     if bracket is not None:
         name, inside = bracket
@@ -146,9 +146,14 @@ def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]
 
 def quoted(names: Iterable[str], most: int = 12) -> str:
     """Return names as a list for a sentence; what goes beyond `most` is only counted."""
-    names = list(names)
+    names = [_printable(name) for name in names]
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(f"`{name}`" for name in names[:most]) + more
+
+
+def _printable(text: str) -> str:
+    """A text without control characters, which a file must not send to a terminal."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
 def recording_of(

@@ -78,6 +78,10 @@ class Structure(Protocol):
         """Return the prediction for the parameter vector theta (P + Q,), with its exact Jacobian."""
         ...
 
+    def sliding(self, theta: Array, data: Dataset) -> Array:
+        """Return 1 where the shaft slides at a sample of the output and 0 where it sticks, shape (M,); theta as for `predict`."""
+        ...
+
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return what the prediction may be wrong by for reasons the structure knows of but can't resolve, as columns (M, E).
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array
+from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.transfer_function import TransferFunction
@@ -122,7 +123,7 @@ class FirstOrder:
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
-        y, jacobian = self.response(theta, data)
+        y, jacobian = self.response(theta, data, data.shaft_kind)
         count = len(self.parameters)
         own = [5, 6] if data.kind == "position" else [6]
         through = data.chain.linear
@@ -146,8 +147,8 @@ class FirstOrder:
         p[kernels.COLUMNS - len(start) :] = start
         return p
 
-    def response(self, theta: Array, data: Dataset) -> tuple[Array, Array]:
-        """Return what goes into the chain, a position or a speed (M,), and its derivatives (M, 7).
+    def response(self, theta: Array, data: Dataset, kind: Kind) -> tuple[Array, Array]:
+        """Return the position or the speed at the samples (M,), before any chain, and its derivatives (M, 7).
 
         The columns are the derivatives by (K, τ, u₀, u_c, d, θ₀, ω₀).
         """
@@ -155,19 +156,16 @@ class FirstOrder:
 
         p = self.vector(theta, data)
         y, jacobian = np.empty(len(data.t_output)), np.empty((len(data.t_output), kernels.COLUMNS))
-        speed_out = 1.0 if data.shaft_kind == "speed" else 0.0
-        kernels.response(
-            data.t_input,
-            data.u,
-            data.input_before,
-            data.t_output,
-            p,
-            float(self.friction),
-            speed_out,
-            y,
-            jacobian,
-        )
+        t, u, before = data.t_input, data.u, data.input_before
+        speed = 1.0 if kind == "speed" else 0.0
+        kernels.response(t, u, before, data.t_output, p, float(self.friction), speed, y, jacobian)
         return y, jacobian
+
+    def sliding(self, theta: Array, data: Dataset) -> Array:
+        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+        if not self.friction:
+            return np.ones(len(data.y))
+        return np.asarray(self.response(theta, data, "speed")[0] != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""

@@ -109,15 +109,19 @@ def step_response(system: TransferFunction, t: Array) -> Array:
     Exact at any times: y(t) = C ∫ e^(Ax) B dx + D, where the integral is a block of one matrix exponential (Van Loan 1978).
     """
     from scipy.linalg import expm
-    from scipy.signal import tf2ss
 
-    a, b, c, d = tf2ss(system.numerator, system.denominator)
-    order = len(a)
+    # The controllable canonical form: ẋ₁ = -a·x + u, ẋₖ₊₁ = xₖ, y = c·x + d u.
+    order = len(system.denominator) - 1
+    a = np.array(system.denominator) / system.denominator[0]
+    b = np.zeros(order + 1)
+    b[order + 1 - len(system.numerator) :] = np.array(system.numerator) / system.denominator[0]
     block = np.zeros((order + 1, order + 1))
-    block[:order, :order], block[:order, order:] = a, b
+    if order:
+        block[0] = [*-a[1:], 1.0]
+        block[1:order, : order - 1] = np.eye(order - 1)
     later = t - system.delay
     states = expm(block * np.maximum(later, 0.0)[:, None, None])[:, :order, order]
-    return np.where(later >= 0, states @ c[0] + d[0, 0], 0.0)
+    return np.where(later >= 0, states @ (b[1:] - b[0] * a[1:]) + b[0], 0.0)
 
 
 def _gradient(fit: Fit, function: Callable[[TransferFunction], Complex], output: Output) -> Complex:

@@ -16,7 +16,6 @@ from servobench.report.decimation import decimated
 from servobench.report.numbers import plain
 from servobench.report.palette import (
     BOTTOM,
-    FONT,
     LEFT,
     RIGHT,
     SECOND_SCALE,
@@ -26,6 +25,7 @@ from servobench.report.palette import (
     Style,
     axes,
     handy,
+    heading,
     legend,
     second_scale,
     sheet,
@@ -183,16 +183,7 @@ def _course(figure: Figure, course: Course, left: float, top: float, width: floa
     inner = width - LEFT - (SECOND_SCALE if second else RIGHT)
     y = top + 4.0
     if course.title:
-        total = figure.get_size_inches() * 72
-        figure.text(
-            left / total[0],
-            1 - (y + 14) / total[1],
-            course.title,
-            fontsize=FONT + 1,
-            fontweight="bold",
-            color=palette.ink,
-            parse_math=False,
-        )
+        heading(figure, left, y, course.title, palette)
         y += TITLE - 4
     ends = _time_span(course)
     for n, panel in enumerate(course.panels):

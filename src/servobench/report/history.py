@@ -23,10 +23,9 @@ _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")
 
 @dataclass(frozen=True, kw_only=True)
 class Happened:
-    """One recording: its name, why it ended (with the reason's word), and what else is known of the way it went."""
+    """One recording: its name, what is known of the way it went, and its channels, each as a row."""
 
     name: str
-    reason: str
     facts: tuple[Fact, ...]
     channels: tuple[tuple[str, ...], ...]
 
@@ -66,9 +65,8 @@ def told(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, float):
         return plain(value, 12)
-    return re.sub(
-        r"^(\S*\d) (?=\S+$)", rf"\1{SPACE}", str(value)
-    )  # no line ends between a number and its unit
+    # No line ends between a number and its unit.
+    return re.sub(r"^(\S*\d) (?=\S+$)", rf"\1{SPACE}", str(value))
 
 
 def happened(recording: Recording) -> Happened:
@@ -89,7 +87,6 @@ def happened(recording: Recording) -> Happened:
         facts.append(Fact(heading="Came through", text=recording.chain, code=True))
     return Happened(
         name=recording.name,
-        reason=recording.stopped.reason.replace("_", " "),
         facts=tuple(facts),
         channels=tuple(_channel_row(series) for series in recording.series),
     )
@@ -101,7 +98,7 @@ def happened_in(data: Dataset) -> Happened:
         heading="Samples", text=f"{counted(len(data.y), 'sample')} in {with_unit(data.duration, 's')}"
     )
     pace = Fact(heading="Sample time", text=f"{with_unit(data.sample_time, 's')} (median)")
-    return Happened(name=data.name, reason="", facts=(steps, pace), channels=())
+    return Happened(name=data.name, facts=(steps, pace), channels=())
 
 
 def side_by_side(runs: Sequence[Happened]) -> tuple[tuple[str, ...], ...]:
@@ -143,16 +140,15 @@ def command(recordings: Sequence[Recording]) -> str:
     The files of a run are called what they are called in its folder.
     """
     files = [recording for recording in recordings if recording.source.format != "run"]
+    if not recordings:
+        return ""
     if not files:
-        again = (
-            ["servobench run experiment.toml"]
-            if any(recording.experiment for recording in recordings)
-            else []
-        )
-        return "\n".join([*again, "servobench identify recording.mcap"]) if recordings else ""
+        was_asked = any(recording.experiment for recording in recordings)
+        again = "servobench run experiment.toml\n" if was_asked else ""
+        return f"{again}servobench identify recording.mcap"
     words = ["servobench", "identify", *dict.fromkeys(recording.source.name for recording in files)]
     first = files[0]
-    if first.source.format != "native":
+    if first.source.format != "mcap":  # which says itself what is what
         for option, name in (("--input", first.input), ("--output", first.output)):
             if name is not None:
                 unit = first[name].channel.unit

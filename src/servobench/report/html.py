@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
@@ -42,44 +42,75 @@ class Drawn:
 
 def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
     """Return the whole page as a text."""
-    fit = result.fit
-    runs = [history.happened(recording) for recording in recordings]
-    runs = runs or [history.happened_in(data) for data in result.data]
     return _template("page.html.j2").render(
         style=_source("style.css"),
-        title=words.title(result, recordings),
-        answer=words.answer(result),
-        reason=words.reason(result),
-        verdict=str(result.verdict),
-        verdict_word=VERDICTS[result.verdict],
-        severity_words={str(severity): word for severity, word in SEVERITIES.items()},
-        findings=tables.finding_groups(result.findings),
+        fit=result.fit,
+        system=result.transfer_function,
+        validation=result.validation,
+        provenance=result.provenance,
+        command=command or history.command(recordings),
         sentence=words.sentence,
         capital=tables.capital,
         explained=words.explained,
-        fit=fit,
-        lost=words.lost(fit) if fit else "",
-        math=transfer_function_math(fit) if fit else "",
-        system=result.transfer_function,
-        parameters=tables.parameter_rows(fit) if fit else (),
-        asked=[(recording, history.asked(recording)) for recording in _by_experiment(recordings)],
-        happened=runs,
-        side_by_side=history.side_by_side(runs),
-        course=_single(illustrations.data_and_model(result)) if result.data else None,
-        residuals=[_row(row) for row in illustrations.residuals(fit)] if fit else [],
-        bode=_single(model_illustrations.frequency_response(fit) if fit else None),
-        responses=_row((model_illustrations.step_response(fit), model_illustrations.poles(fit)))
-        if fit
-        else [],
-        nominal=tables.comparison_rows(result.nominal),
-        nominal_figure=_single(illustrations.against_nominal(result.nominal)),
-        validation=result.validation,
-        operating_range=tables.operating_range(result.operating_range, result.data[0]) if result.data else (),
-        made_with=tables.made_with(result),
-        made_on=history.made_on(recordings),
-        provenance=result.provenance,
-        command=command or history.command(recordings),
+        **_head(result, recordings),
+        **_history(result, recordings),
+        **_tables(result),
+        **_figures(result),
     )
+
+
+def _head(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
+    """The title, the verdict, the answer and the findings."""
+    return {
+        "title": words.title(result, recordings),
+        "verdict": str(result.verdict),
+        "verdict_word": VERDICTS[result.verdict],
+        "reason": words.reason(result),
+        "answer": words.answer(result),
+        "findings": tables.finding_groups(result.findings),
+        "severity_words": {str(severity): word for severity, word in SEVERITIES.items()},
+    }
+
+
+def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
+    """What was asked, what happened, and where it was recorded."""
+    runs = [history.happened(recording) for recording in recordings]
+    runs = runs or [history.happened_in(data) for data in result.data]
+    return {
+        "asked": [(recording, history.asked(recording)) for recording in _by_experiment(recordings)],
+        "happened": runs,
+        "side_by_side": history.side_by_side(runs),
+        "made_on": history.made_on(recordings),
+    }
+
+
+def _tables(result: Result) -> dict[str, Any]:
+    """The model in symbols and numbers, and what else stands in tables."""
+    fit, data = result.fit, result.data
+    return {
+        "math": transfer_function_math(fit) if fit else "",
+        "lost": words.lost(fit) if fit else "",
+        "parameters": tables.parameter_rows(fit) if fit else (),
+        "nominal": tables.comparison_rows(result.nominal),
+        "operating_range": tables.operating_range(result.operating_range, data[0]) if data else (),
+        "made_with": tables.made_with(result),
+    }
+
+
+def _figures(result: Result) -> dict[str, Any]:
+    """All figures, drawn."""
+    data = {
+        "course": _single(illustrations.data_and_model(result)) if result.data else None,
+        "nominal_figure": _single(illustrations.against_nominal(result.nominal)),
+    }
+    fit = result.fit
+    if fit is None:
+        return data
+    return data | {
+        "residuals": [_row(row) for row in illustrations.residuals(fit)],
+        "bode": _single(model_illustrations.frequency_response(fit)),
+        "responses": _row((model_illustrations.step_response(fit), model_illustrations.poles(fit))),
+    }
 
 
 def _single(illustration: Illustration | None) -> Drawn | None:

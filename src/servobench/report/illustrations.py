@@ -13,6 +13,7 @@ from servobench.channels import Array
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.measurement.dataset import Dataset
 from servobench.report import figures
+from servobench.report.bands import TWO_SIDED
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Difference, Panel
 from servobench.report.numbers import counted, handy_unit, percent, plain, with_unit
@@ -80,7 +81,7 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
         Difference(
             name=comparison.name.replace("_", " "),
             percent=100 * (comparison.identified / comparison.nominal - 1),
-            half=100 * 1.959964 * comparison.sd / abs(comparison.nominal),
+            half=100 * TWO_SIDED * comparison.sd / abs(comparison.nominal),
         )
         for comparison in comparisons
         if comparison.nominal
@@ -200,7 +201,7 @@ def _correlation(fit: Fit) -> Illustration | None:
         return None
     lags = np.arange(1, longest + 1)
     rho = np.array([sum(float(e[lag:] @ e[:-lag]) for e in centred) for lag in lags]) / power
-    bound = 1.959964 / np.sqrt(sum(map(len, centred)))
+    bound = TWO_SIDED / np.sqrt(sum(map(len, centred)))
     outside = int(np.count_nonzero(np.abs(rho) > bound))
     largest = int(np.argmax(np.abs(rho)))
     return Illustration(

@@ -20,6 +20,7 @@ from servobench.report.palette import (
     Palette,
     Style,
     axes,
+    handy,
     second_scale,
     sheet,
     whole,
@@ -61,7 +62,7 @@ def bode(
     _decibels(magnitude, db, unit, palette)
     _degree_ticks(phase, degrees, np.degrees(band.phase_half))
     if corner is not None:
-        _note(magnitude, corner, f" 1/τ = {plain(corner, 3)} rad/s", palette)
+        _note(magnitude, corner, f"1/τ = {plain(corner, 3)} rad/s", palette)
     x_label(phase, "angular frequency (rad/s)", palette)
     return figure
 
@@ -70,28 +71,13 @@ def step(band: StepBand, unit: str, mark: tuple[float, float] | None, style: Sty
     """Return a step response with its 95 % band; `mark` (t [s], y) is where 63.2 % are reached."""
     palette = style.palette
     figure = sheet(style, 250)
-    ax = axes(figure, whole(style, 250), palette, f"Step response ({unit})")
-    ax.fill_between(band.t, band.y - band.half, band.y + band.half, color=palette.band, linewidth=0)
-    ax.plot(band.t, band.y, color=palette.model, linewidth=1.8)
+    factor, scaled = handy([band.y], unit)
+    ax = axes(figure, whole(style, 250), palette, f"Step response ({scaled})")
+    y, half = band.y / factor, band.half / factor
+    ax.fill_between(band.t, y - half, y + half, color=palette.band, linewidth=0)
+    ax.plot(band.t, y, color=palette.model, linewidth=1.8)
     if mark is not None:
-        t, y = mark
-        ax.plot(
-            [t, t, 0],
-            [min(0.0, float(band.y.min())), y, y],
-            color=palette.muted,
-            linewidth=1,
-            linestyle=(0, (2, 3)),
-        )
-        ax.plot([t], [y], marker="o", markersize=6, color=palette.model, linestyle="none")
-        below = -14 if band.y[-1] >= 0 else 14
-        ax.annotate(
-            f"63.2 % after {with_unit(t, 's', 3)}",
-            (t, y),
-            xytext=(9, below),
-            textcoords="offset points",
-            fontsize=FONT,
-            color=palette.muted,
-        )
+        _mark(ax, mark[0], mark[1] / factor, foot=min(0.0, float(y.min())), palette=palette)
     ax.set_xlim(band.t[0], band.t[-1])
     x_label(ax, "time (s)", palette)
     return figure
@@ -130,6 +116,20 @@ def pole_map(poles: Sequence[PoleBand], integrator: complex | None, style: Style
         ax.set_yticks([0])
     x_label(ax, "real part (1/s)", palette)
     return figure
+
+
+def _mark(ax: Axes, t: float, y: float, *, foot: float, palette: Palette) -> None:
+    """A point with dotted lines to both axes, and what it is."""
+    ax.plot([t, t, 0], [foot, y, y], color=palette.muted, linewidth=1, linestyle=(0, (2, 3)))
+    ax.plot([t], [y], marker="o", markersize=6, color=palette.model, linestyle="none")
+    ax.annotate(
+        f"63.2 % after {with_unit(t, 's', 3)}",
+        (t, y),
+        xytext=(9, -14 if y >= 0 else 14),
+        textcoords="offset points",
+        fontsize=FONT,
+        color=palette.muted,
+    )
 
 
 def _frequencies(
@@ -177,13 +177,25 @@ def _degree_ticks(ax: Axes, degrees: Array, half: Array) -> None:
     low, high = max(float((degrees - known).min()), -450.0), min(float((degrees + known).max()), 450.0)
     low, high = min(low, high - 90.0) - 6, high + 6
     ax.set_ylim(low, high)
-    ax.yaxis.set_major_locator(MultipleLocator(45 if high - low < 230 else 90))
+    ax.yaxis.set_major_locator(
+        MultipleLocator(next(step for step in (45, 90, 180) if high - low < 5.5 * step or step == 180))
+    )
 
 
 def _note(ax: Axes, x: float, text: str, palette: Palette) -> None:
-    """A note beside a vertical line, near its foot."""
-    ax.annotate(text, (x, 0.06), xycoords=("data", "axes fraction"), fontsize=FONT, color=palette.muted, va="bottom",
-                ha="left")  # fmt: skip
+    """A note beside a vertical line, near its foot, on the side where there is room."""
+    low, high = (float(np.log(end)) for end in ax.get_xlim())
+    left = np.log(x) > low + 0.6 * (high - low)
+    ax.annotate(
+        text,
+        (x, 0.06),
+        xytext=(-4 if left else 4, 0),
+        xycoords=("data", "axes fraction"),
+        textcoords="offset points",
+        ha="right" if left else "left",
+        fontsize=FONT,
+        color=palette.muted,
+    )
 
 
 def _real_span(parts: Sequence[float]) -> tuple[float, float]:

@@ -52,7 +52,7 @@ def step_response(fit: Fit) -> Illustration:
     slowest = max((1 / abs(pole.real) for pole in system.poles if pole.real != 0), default=1.0)
     t = np.linspace(0.0, max(system.delay, 0.0) + 5 * slowest, _POINTS)
     band = step_band(fit, t)
-    unit = fit.model.data.output_unit.removesuffix("/s") + "/s"
+    unit = f"{fit.model.data.position_unit}/s"
     input_unit = fit.model.data.input_unit
     mark = None
     if len(system.poles) == 1 and system.poles[0].real < 0:
@@ -65,7 +65,7 @@ def step_response(fit: Fit) -> Illustration:
         name="step",
         title=f"Response to a step of 1 {input_unit}",
         caption=f"Of the linear part, from rest; friction and offset are left out. {width}",
-        description=f"The speed rises to {final}. {width}",
+        description=f"The speed goes to {final}. {width}",
         draw=partial(model_figures.step, band, unit, mark),
     )
 
@@ -125,8 +125,8 @@ def _band_width(width: float, span: float, half: str) -> str:
 def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
     first, last = (20 * np.log10(band.magnitude[n]) for n in (0, -1))
     return (
-        f"{plain(first, 3)} dB at {with_unit(band.omega[0], 'rad/s', 2)} and {plain(last, 3)} dB at "
-        f"{with_unit(band.omega[-1], 'rad/s', 2)}, with 0 dB at 1 {system.unit}"
+        f"{plain(first, 3)} dB at {plain(band.omega[0], 2)} rad/s and {plain(last, 3)} dB at "
+        f"{plain(band.omega[-1], 2)} rad/s, with 0 dB at 1 {system.unit}"
     )
 
 

@@ -26,7 +26,6 @@ class Palette:
     ink: str
     muted: str
     rule: str
-    paper: str
     measured: str
     model: str
     band: str
@@ -38,7 +37,6 @@ LIGHT = Palette(
     ink="#1b2228",
     muted="#56616b",
     rule="#dfe3e6",
-    paper="#ffffff",
     measured="#7f8f9d",
     model="#0b5c9c",
     band="#bcd6ec",
@@ -116,6 +114,20 @@ def axes(figure: Figure, box: Box, palette: Palette, title: str) -> Axes:
         parse_math=False,
     )
     return ax
+
+
+def heading(figure: Figure, left: float, top: float, text: str, palette: Palette) -> None:
+    """Write a heading over several axes, so many pixels from the left and from the top of the figure."""
+    width, height = figure.get_size_inches() * _POINTS_PER_INCH
+    figure.text(
+        left / width,
+        1 - (top + 14) / height,
+        text,
+        fontsize=FONT + 1,
+        fontweight="bold",
+        color=palette.ink,
+        parse_math=False,
+    )
 
 
 def plain_ticks(ax: Axes) -> None:

@@ -150,4 +150,4 @@ def _signed(value: float) -> str:
 
 
 def _span(low: float, high: float) -> str:
-    return f"{plain(low, 3)} to {plain(high, 3)}"
+    return f"{plain(low, 3)} to {plain(high, 3)}" if low != high else plain(low, 3)
