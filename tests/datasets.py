@@ -41,6 +41,7 @@ def dataset(
     truth: Truth | None = None,
     hold: int = 50,
     chain: str = "",
+    torque_noise: float = 0.0,
     y: NDArray[np.float64] | None = None,
 ) -> Dataset:
     """Return a dataset of the reference motor: position from counts + 1/2, or what a chain makes of it."""
@@ -49,7 +50,9 @@ def dataset(
     u = square(t, random.random()) if kind == "square" else prbs(samples, hold, random)
     stages = Chain.parse(chain)
     if y is None:
-        angle = march(truth or Truth(), u, sample_time, angle=random.random() * QUANTUM)[:, 2]
+        noise = {"torque_noise": torque_noise, "step": 5e-5, "seed": seed} if torque_noise else {}
+        start = random.random() * QUANTUM
+        angle = march(truth or Truth(), u, sample_time, angle=start, **noise)[:, 2]
         y = stages((np.floor(angle / QUANTUM) + 0.5) * QUANTUM, t)
     what = stages.yields("position")
     return Dataset(

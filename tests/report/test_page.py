@@ -324,7 +324,8 @@ def test_a_parameter_that_the_data_don_t_tell_has_no_interval(good: Result) -> N
     words = Page(Report(None, replace(good, fit=replace(fit, covariance=covariance))).html()).words
 
     assert "the data don’t tell" in words
-    assert "The 95 % band isn't known" in words
+    assert "The 95 % band of the phase isn't known" in words
+    assert "The 95 % band of the magnitude is thinner than the line" in words
 
 
 def test_options_and_quoted_names_in_a_finding_are_set_as_code(good: Result) -> None:

@@ -54,7 +54,6 @@ class PoleBand:
 
 def frequency_band(fit: Fit, omega: Array, output: Output = "speed") -> FrequencyBand:
     """Return the frequency response of the fit's linear part at ω (N,) [rad/s], with its band."""
-
     system = fit.model.transfer_function(output)
     response = system.frequency_response(omega)
     # dG/G: its real part changes the magnitude's logarithm, its imaginary part the phase.
@@ -63,8 +62,8 @@ def frequency_band(fit: Fit, omega: Array, output: Output = "speed") -> Frequenc
         omega=omega,
         magnitude=np.abs(response),
         phase=_continuous_phase(system, omega),
-        magnitude_half=TWO_SIDED * _sd(gradient.real, fit.covariance),
-        phase_half=TWO_SIDED * _sd(gradient.imag, fit.covariance),
+        magnitude_half=TWO_SIDED * _sd(_without_rounding(gradient.real, gradient), fit.covariance),
+        phase_half=TWO_SIDED * _sd(_without_rounding(gradient.imag, gradient), fit.covariance),
     )
 
 
@@ -135,7 +134,7 @@ def _gradient(fit: Fit, function: Callable[[TransferFunction], Complex], output:
     columns = []
     for n, value in enumerate(model.theta):
         size = max(1e-3 * abs(float(value)), 1e-9)
-        width = min(0.01 * sd[n], size) if np.isfinite(sd[n]) and sd[n] > 0 else 1e-3 * size
+        width = min(0.01 * sd[n], size) if np.isfinite(sd[n]) and sd[n] > 0 else size
         after, before = (function(_shifted(model, n, side * width, output)) for side in (1.0, -1.0))
         columns.append((after - before) / (2 * width))
     return np.column_stack(columns)
@@ -150,6 +149,14 @@ def _shifted(model: Model, n: int, by: float, output: Output) -> TransferFunctio
 def _matched(poles: Complex, order: Complex) -> Complex:
     """The poles in the order of those that they are nearest to: the order of a conjugate pair is arbitrary."""
     return np.array([poles[np.argmin(np.abs(poles - pole))] for pole in order], dtype=np.complex128)
+
+
+def _without_rounding(part: Array, gradient: Complex) -> Array:
+    """The real or imaginary part of a gradient, with zeros where nothing but rounding is left of it.
+
+    Or a delay that nobody knows would take the magnitude's band with it, which it has no part in.
+    """
+    return np.where(np.abs(part) > 1e-5 * np.abs(gradient), part, 0.0)
 
 
 def _sd(gradient: Array, covariance: Array) -> Array:

@@ -99,16 +99,15 @@ def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
     within = within if within.any() else np.ones_like(within)
     db = float(20 / np.log(10) * band.magnitude_half[within].max())
     degrees = float(np.degrees(band.phase_half[within].max()))
-    if not np.isfinite(db + degrees):
-        return "The 95 % band isn't known, as the data don't determine all parameters."
-    magnitude = _seen_as(2 * db, float(np.ptp(20 * np.log10(band.magnitude))))
-    phase = _seen_as(2 * degrees, float(np.ptp(np.degrees(band.phase))))
-    if magnitude == phase:
-        return f"The 95 % band is {phase}: at most ±{plain(db, 2)} dB and ±{plain(degrees, 2)}°."
-    return (
-        f"The 95 % band of the magnitude is {magnitude}, at most ±{plain(db, 2)} dB; that of the phase is {phase}, at most "
-        f"±{plain(degrees, 2)}°."
-    )
+    magnitude = _band_part("magnitude", db, float(np.ptp(20 * np.log10(band.magnitude))), " dB")
+    phase = _band_part("phase", degrees, float(np.ptp(np.degrees(band.phase))), "°")
+    return f"{magnitude} {phase}"
+
+
+def _band_part(what: str, half: float, span: float, unit: str) -> str:
+    if not np.isfinite(half):
+        return f"The 95 % band of the {what} isn't known, as the data don't determine all parameters."
+    return f"The 95 % band of the {what} is {_seen_as(2 * half, span)}, at most ±{plain(half, 2)}{unit}."
 
 
 def _seen_as(width: float, span: float) -> str:
