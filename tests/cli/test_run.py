@@ -41,6 +41,12 @@ def short(tmp_path: Path) -> Path:
     return file
 
 
+@pytest.fixture
+def quick_report(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Write an empty page in place of the report, whose figures take longer than all the rest of a run."""
+    monkeypatch.setattr("servobench.report.document.Report.html", lambda _: "<!doctype html>")
+
+
 def names(folder: Path) -> set[str]:
     return {path.name for path in folder.iterdir()}
 
@@ -61,6 +67,7 @@ def test_the_default_run_finds_what_the_twin_was_made_of(finished_run: Path) -> 
     assert [each["name"] for each in result["nominal"]] == ["gain", "time_constant", "delay"]
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_json_is_what_the_folder_holds_and_nothing_else_is_on_standard_output(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -72,6 +79,7 @@ def test_json_is_what_the_folder_holds_and_nothing_else_is_on_standard_output(
     assert f"report: {tmp_path / 'run' / 'report.html'}" in ended.err
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_words_tell_what_was_asked_and_where_the_report_is(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -84,6 +92,7 @@ def test_words_tell_what_was_asked_and_where_the_report_is(
     assert "data sheet" in ended.out
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_the_experiment_in_the_folder_runs_again_to_the_same_samples(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -115,6 +124,7 @@ def test_the_seed_makes_the_noise(
     assert counts[0] == counts[1] != counts[2]
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_a_second_run_takes_the_place_of_the_first_and_leaves_other_files(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -144,6 +154,7 @@ def test_a_folder_that_is_no_run_s_is_refused_and_left_as_it_is(
     assert names(folder) == {"experiment.toml", "recording.mcap"}
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_an_unfinished_recording_is_not_overwritten(servobench: Command, short: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
     servobench("run", short, "--out", folder)
@@ -156,6 +167,7 @@ def test_an_unfinished_recording_is_not_overwritten(servobench: Command, short: 
     assert (folder / "recording.mcap.part").exists()
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_an_empty_folder_and_a_new_one_in_a_new_one_will_do(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -242,6 +254,7 @@ def test_another_device_than_the_file_s_doesn_t_get_its_settings(
     assert "resistance" not in ended.err
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_a_chain_of_the_experiment_is_what_its_recording_is_looked_at_through(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -393,6 +406,7 @@ def test_a_run_in_which_the_motor_stands_still_is_refused_with_all_its_files(
     assert names(tmp_path / "run") == FILES
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_what_is_odd_about_an_experiment_is_said_before_it_runs(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
@@ -403,6 +417,7 @@ def test_what_is_odd_about_an_experiment_is_said_before_it_runs(
     assert ended.out.index("what is beyond is clipped") < ended.out.index("1500 samples")
 
 
+@pytest.mark.usefixtures("quick_report")
 def test_replay_runs_a_recording_again(servobench: Command, finished_run: Path, tmp_path: Path) -> None:
     file = tmp_path / "replay.toml"
     recording = (finished_run / "recording.mcap").as_posix()

@@ -112,7 +112,7 @@ def test_data_behind_a_chain_are_refused_by_name() -> None:
 
 
 def test_the_filter_agrees_with_a_dense_gaussian_likelihood() -> None:
-    """Another route: the covariance matrix of all samples, integrated Ornstein-Uhlenbeck plus white noise, and its determinant."""
+    """Another route: the covariance matrix of all samples and its determinant."""
     from servobench.estimators.disturbance import profile
 
     random = np.random.default_rng(4)
