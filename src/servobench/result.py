@@ -87,6 +87,22 @@ class Result:
         """The transfer function from the input to the speed, None where there is no fit."""
         return self.fit.model.transfer_function("speed") if self.fit else None
 
+    def __str__(self) -> str:
+        """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
+        from servobench.rounding import rounded
+
+        lines = []
+        for name, e in self.fit.estimates.items() if self.fit else ():
+            half = 0.5 * (e.interval[1] - e.interval[0])
+            lines.append(f"{name.replace('_', ' '):16} {rounded(e.value, half, e.unit)}")
+        if self.transfer_function is not None:
+            lines.append(f"G(s) = {self.transfer_function}, in {self.transfer_function.unit}")
+        lines.append(str(self.verdict))
+        lines += [f"- {finding.severity}: {finding.sentence}" for finding in self.findings]
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data of the schema `servobench.result/1`; numbers are finite or None."""
         fit, system = self.fit, self.transfer_function

@@ -70,7 +70,7 @@ def in_words(name: str) -> str:
 
 
 def _show_parameters(console: Console, estimates: dict[str, Estimate]) -> None:
-    from servobench.report.numbers import rounded
+    from servobench.rounding import rounded
 
     level = next(iter(estimates.values())).level
     headings = ("parameter", "value", "±", f"{100 * level:g} % interval", "unit")
@@ -105,7 +105,7 @@ def _percent(value: float) -> str:
 
 
 def _show_comparisons(console: Console, nominal: Iterable[Comparison]) -> None:
-    from servobench.report.numbers import handy_unit, plain
+    from servobench.rounding import handy_unit, plain
 
     headings = ("data sheet", "nominal", "identified", "difference", "unit")
     rows = []

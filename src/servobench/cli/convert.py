@@ -29,7 +29,7 @@ def convert(
     from servobench.cli.terminal import output, say
     from servobench.errors import UsageError
     from servobench.formats.base import save
-    from servobench.report.numbers import counted
+    from servobench.rounding import counted
 
     if target.exists() and not overwrite:
         raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")

@@ -21,7 +21,7 @@ def inspect(file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)]) 
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import loaded
     from servobench.cli.terminal import output, say
-    from servobench.report.numbers import counted
+    from servobench.rounding import counted
 
     with Progress() as progress:
         recordings = loaded([file], progress)

@@ -21,7 +21,7 @@ def recover(
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import output, say
     from servobench.recording.recover import recover as recovered
-    from servobench.report.numbers import counted
+    from servobench.rounding import counted
 
     target = to or _beside(file)
     recordings = recovered(file, target)

@@ -81,7 +81,7 @@ def run(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run_folder import run_folder
     from servobench.cli.terminal import messages, output
-    from servobench.report.numbers import counted
+    from servobench.rounding import counted
 
     asked = _experiment(experiment, device, seed)
     held_against = nominal or asked.nominal or None

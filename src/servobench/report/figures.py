@@ -13,7 +13,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.report.decimation import decimated
-from servobench.report.numbers import plain
+from servobench.rounding import plain
 from servobench.report.palette import (
     BOTTOM,
     LEFT,

@@ -14,7 +14,7 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
-from servobench.report.numbers import SPACE, counted, grouped, plain, with_unit
+from servobench.rounding import SPACE, counted, grouped, plain, with_unit
 from servobench.report.tables import Fact, capital
 
 _NOTHING: tuple[Any, ...] = ("", {}, [])  # what a setting that isn't set looks like

@@ -9,7 +9,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.report.bands import coefficient_halves
-from servobench.report.numbers import plain
+from servobench.rounding import plain
 from servobench.transfer_function import TransferFunction
 
 SYMBOLS = {"gain": "K", "time_constant": "τ", "delay": "d", "coulomb_voltage": "u_c", "offset_voltage": "u_0"}

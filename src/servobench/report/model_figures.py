@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.report.bands import FrequencyBand, PoleBand, StepBand
-from servobench.report.numbers import plain, with_unit
+from servobench.rounding import plain, with_unit
 from servobench.report.palette import (
     BOTTOM,
     FONT,

@@ -11,7 +11,7 @@ from servobench.estimators.base import Fit
 from servobench.report import model_figures
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.illustrations import Illustration
-from servobench.report.numbers import plain, rounded, with_unit
+from servobench.rounding import plain, rounded, with_unit
 from servobench.stability import stability
 from servobench.transfer_function import TransferFunction
 

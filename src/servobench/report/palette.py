@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from servobench.channels import Array
-from servobench.report.numbers import handy_unit, plain
+from servobench.rounding import handy_unit, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -12,7 +12,7 @@ from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
 from servobench.report.bands import TWO_SIDED
 from servobench.report.history import experiment_table
-from servobench.report.numbers import Rounded, counted, percent, rounded
+from servobench.rounding import Rounded, counted, percent, rounded
 from servobench.result import Result
 
 if TYPE_CHECKING:

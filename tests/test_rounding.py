@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from servobench.report.numbers import counted, handy_unit, percent, plain, rounded, with_unit
+from servobench.rounding import counted, handy_unit, percent, plain, rounded, with_unit
 
 
 @pytest.mark.parametrize(
