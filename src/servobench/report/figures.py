@@ -13,7 +13,6 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.report.decimation import decimated
-from servobench.rounding import plain
 from servobench.report.palette import (
     BOTTOM,
     LEFT,
@@ -32,6 +31,7 @@ from servobench.report.palette import (
     whole,
     x_label,
 )
+from servobench.rounding import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -14,8 +14,8 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
-from servobench.rounding import SPACE, counted, grouped, plain, with_unit
 from servobench.report.tables import Fact, capital
+from servobench.rounding import SPACE, counted, grouped, plain, with_unit
 
 _NOTHING: tuple[Any, ...] = ("", {}, [])  # what a setting that isn't set looks like
 _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")

@@ -9,7 +9,6 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.report.bands import FrequencyBand, PoleBand, StepBand
-from servobench.rounding import plain, with_unit
 from servobench.report.palette import (
     BOTTOM,
     FONT,
@@ -26,6 +25,7 @@ from servobench.report.palette import (
     whole,
     x_label,
 )
+from servobench.rounding import plain, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

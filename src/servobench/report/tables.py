@@ -12,8 +12,8 @@ from servobench.finding import Finding, Severity
 from servobench.measurement.dataset import Dataset
 from servobench.report.bands import TWO_SIDED
 from servobench.report.mathml import symbol
-from servobench.rounding import Rounded, plain, rounded, with_unit
 from servobench.result import Comparison, OperatingRange, Result
+from servobench.rounding import Rounded, plain, rounded, with_unit
 
 _RPM = 30 / np.pi  # in 1 rad/s
 

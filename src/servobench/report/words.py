@@ -12,8 +12,8 @@ from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
 from servobench.report.bands import TWO_SIDED
 from servobench.report.history import experiment_table
-from servobench.rounding import Rounded, counted, percent, rounded
 from servobench.result import Result
+from servobench.rounding import Rounded, counted, percent, rounded
 
 if TYPE_CHECKING:
     from markupsafe import Markup
