@@ -18,6 +18,7 @@ from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
+from servobench.plausibility import about_data, about_fit
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
 
@@ -42,7 +43,7 @@ def identify(
     records = (data,) if isinstance(data, Dataset) else tuple(data)
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
-    findings += [*_about_input(records), *(finding for record in records for finding in _about_data(record))]
+    findings += about_data(records)
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     fit: Fit | None = None
     validation: Validation | None = None
@@ -56,7 +57,7 @@ def identify(
             findings += [
                 *chosen.findings,
                 *fit.findings,
-                *_about_fit(fit),
+                *about_fit(fit),
                 *validate(fit),
                 *_about_validation(validation),
             ]
@@ -96,37 +97,6 @@ def _check_together(records: Sequence[Dataset]) -> None:
             raise UsageError(
                 f"the records can't be fitted together: their {what.replace('_', ' ')}s are {' and '.join(found)}"
             )
-
-
-def _about_input(records: Sequence[Dataset]) -> list[Finding]:
-    """Whether the input ever changes: from one record to the next is enough."""
-    levels = np.concatenate([np.append(record.u, record.input_before) for record in records])
-    if np.ptp(levels) > 0:
-        return []
-    return [
-        refusal(
-            "input-constant",
-            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so nothing tells gain and friction apart; "
-            "record steps between at least two levels.",
-            parameters=("gain", "coulomb_voltage"),
-        )
-    ]
-
-
-def _about_data(data: Dataset) -> list[Finding]:
-    """What can be said before any fit."""
-    found = []
-    if data.kind == "speed" and not data.chain:
-        found.append(
-            warning(
-                "chain-unknown",
-                f"{data.name}: nobody says how this speed was measured. Counts that were differenced lag by half a sample "
-                f"({500 * data.sample_time:.3g} ms), and a filter or an average before the recording adds its own lag to the "
-                "delay and the time constant; say what it is with --chain, or record the position.",
-                parameters=("time_constant", "delay"),
-            )
-        )
-    return found
 
 
 def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choice:
@@ -187,118 +157,6 @@ def _better(one: Fit, other: Fit) -> bool:
     """Whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
     samples = sum(int(record.valid.sum()) for record in one.records)
     return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
-
-
-def _about_offset(fit: Fit) -> list[Finding]:
-    estimate = fit["coulomb_voltage"]
-    unit = estimate.unit
-    together = info(
-        "friction-and-offset-together",
-        "The motor turned one way only, so Coulomb friction and an offset can't be told apart: coulomb_voltage is their sum. "
-        "Let it turn both ways to separate them.",
-        parameters=("coulomb_voltage",),
-    )
-    if abs(estimate.value) <= 3 * estimate.sd:
-        return [together]
-    return [
-        together,
-        info(
-            "offset-found",
-            f"{estimate.value:.4g} {unit} of the input are lost before the motor turns; a model without this offset would get "
-            "the gain wrong.",
-            parameters=("coulomb_voltage", "gain"),
-        ),
-    ]
-
-
-def _about_fit(fit: Fit) -> list[Finding]:
-    """What the estimates themselves give to think."""
-    data = fit.records[0].data
-    found = []
-    for name in ("gain", "time_constant"):
-        estimate = fit[name]
-        relative = estimate.sd / abs(estimate.value) if estimate.value else np.inf
-        if not relative < 0.5:
-            found.append(
-                refusal(
-                    "parameter-unknown",
-                    f"The data don't tell the {name.replace('_', ' ')}: {estimate.value:.3g} {estimate.unit} with a standard "
-                    f"deviation of {estimate.sd:.3g}; record steps between several levels, each longer than the motor takes.",
-                    parameters=(name,),
-                )
-            )
-        elif relative > 0.05:
-            found.append(
-                warning(
-                    "parameter-uncertain",
-                    f"The {name.replace('_', ' ')} is known to ±{196 * relative:.0f} % only.",
-                    parameters=(name,),
-                )
-            )
-    tau, delay = fit["time_constant"], fit["delay"]
-    if tau.value < 2 * data.sample_time:
-        found.append(
-            warning(
-                "sampling-too-slow",
-                f"The time constant, {tau.value:.3g} s, is less than two sample times of {data.sample_time:.3g} s: "
-                "sample faster.",
-                parameters=("time_constant",),
-            )
-        )
-    if tau.value > 0.5 * max(record.data.duration for record in fit.records):
-        found.append(
-            warning(
-                "record-too-short",
-                f"The time constant, {tau.value:.3g} s, is longer than half of the longest record: record for longer.",
-                parameters=("time_constant", "gain"),
-            )
-        )
-    at_bound = any(finding.parameters == ("delay",) for finding in fit.findings)
-    if not at_bound and delay.value < -3 * delay.sd and delay.value < -0.6 * data.sample_time:
-        found.append(
-            warning(
-                "delay-negative",
-                f"The output comes {-delay.value:.3g} s before the input that causes it: the two columns are out of step.",
-                parameters=("delay",),
-            )
-        )
-    if fit["gain"].value < 0:
-        found.append(
-            info(
-                "sign-negative",
-                "A positive input turns the motor in the negative direction.",
-                parameters=("gain",),
-            )
-        )
-    if fit.fit_percent < 50:
-        found.append(
-            warning(
-                "fit-poor",
-                f"The simulation explains only {fit.fit_percent:.0f} % of the output: this isn't the right model, or these "
-                "aren't the right columns.",
-            )
-        )
-    if fit.structure == "first_order_one_way":
-        found += _about_offset(fit)
-    return [*found, *_local(fit)]
-
-
-def _local(fit: Fit) -> list[Finding]:
-    """Whether the input stayed near one level, so that the gain belongs to that level only."""
-    inputs = np.concatenate([record.data.u for record in fit.records])
-    low, high = (float(level) for level in np.percentile(inputs, (1, 99)))
-    largest = max(abs(low), abs(high))
-    if high - low >= 0.5 * largest:
-        return []
-    unit = fit.records[0].data.input_unit
-    return [
-        warning(
-            "gain-local",
-            f"The input stayed between {low:.3g} and {high:.3g} {unit}: the gain and the offset belong to this operating point, "
-            "and nothing is known of the motor elsewhere.",
-            parameters=("gain", "coulomb_voltage"),
-        )
-    ]
 
 
 def _validation(
