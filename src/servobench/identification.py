@@ -14,6 +14,7 @@ from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.estimators.prediction_error import THRESHOLD, PredictionError, disturbance_test
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
+from servobench.missing_terms import missing_terms
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
@@ -59,6 +60,7 @@ def identify(
                 *fit.findings,
                 *about_fit(fit),
                 *validate(fit),
+                *missing_terms(fit),
                 *_about_validation(validation),
             ]
             comparisons = _compare(fit, nominal)

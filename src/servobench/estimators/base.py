@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from servobench.channels import Array
+from servobench.estimators.disturbance import Disturbance
 from servobench.finding import Finding
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Model, Structure
@@ -47,7 +48,8 @@ class Fit:
     """What an estimator gives: a model, and how well it is known.
 
     `covariance` (P, P) belongs to the model's parameters; `status` says in one sentence how the search ended, `converged` whether
-    it did. `residual_sd` is in the unit of the output.
+    it did. `residual_sd` is in the unit of the output;
+    `disturbance` is the noise model, None for white measurement noise alone.
     """
 
     model: Model
@@ -58,6 +60,7 @@ class Fit:
     status: str
     residual_sd: float
     records: tuple[FittedRecord, ...]
+    disturbance: Disturbance | None = None
     findings: tuple[Finding, ...] = ()
 
     def __getitem__(self, name: str) -> Estimate:

@@ -25,7 +25,7 @@ def sandwich(h: Array, scores: Sequence[Array]) -> Array:
     for s in scores:
         influence = s @ bread
         lag = andrews_lag(influence)
-        meat += _long_run(s, lag)
+        meat += long_run(s, lag)
     return np.asarray(bread @ meat @ bread, dtype=np.float64)
 
 
@@ -73,8 +73,8 @@ def inverse(h: Array) -> Array:
     return out
 
 
-def _long_run(s: Array, lag: int) -> Array:
-    """Γ₀ + Σ (1 - l/(lag+1)) (Γ_l + Γ_l') of scores s (N, P), by Fourier transform."""
+def long_run(s: Array, lag: int) -> Array:
+    """Return Γ₀ + Σ (1 - l/(lag+1)) (Γ_l + Γ_l') of scores s (N, P), by Fourier transform."""
     n = len(s)
     size = 1 << int(np.ceil(np.log2(max(2 * n, 2))))
     spectrum = np.fft.rfft(s, size, axis=0)

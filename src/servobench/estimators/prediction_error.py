@@ -74,6 +74,7 @@ class PredictionError:
             converged=minimum.converged,
             status=minimum.status,
             residual_sd=float(np.sqrt(found.disturbance.variance)),
+            disturbance=found.disturbance,
             records=_with_innovations(simulations(structure, data, theta), model),
             findings=(*remarks(structure, data, minimum), _told(found, data[0])),
         )
