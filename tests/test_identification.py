@@ -153,3 +153,43 @@ def test_counts_and_metres_keep_their_units() -> None:
     assert result.fit["gain"].unit == "counts/(s·V)"
     assert result.transfer_function is not None
     assert result.transfer_function.unit == "counts/(s·V)"
+
+
+def test_friction_is_found_behind_a_long_delay_too() -> None:
+    """30 ms are 15 samples: without friction the gain would be 10 % wrong, and trusted."""
+    data = dataset(seed=1, kind="prbs", hold=20)
+    late = replace(data, t_output=data.t_output + 0.03)
+    result = identify(late)
+    assert "friction-found" in codes(result)
+    assert result.fit is not None
+    assert result.fit["gain"].value == pytest.approx(23.6967, rel=2e-3)
+    assert result.fit["delay"].value == pytest.approx(0.03, rel=0.02)
+
+
+def test_friction_that_would_help_is_doubted() -> None:
+    """A motor that saturates above 2 V, driven at 1 and 3 V: the line through two levels has a negative offset."""
+    from tests.motor.reference import march
+
+    data = dataset(seed=1)
+    angle = march(Truth(), np.minimum(data.u, 2.5), 0.002)[:, 2]
+    result = identify(replace(data, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM))
+    assert "offset-negative" in codes(result)
+    assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
+    from servobench.finding import info
+
+    data = dataset(seed=1, kind="prbs")
+    slow = replace(
+        data,
+        t_input=data.t_input * 1000,
+        t_output=data.t_output * 1000,
+        findings=(info("time-recognised", "`t` is taken as the time, in s."),),
+    )
+    assert "time-unit-doubtful" in codes(identify(slow))
+    assert "time-unit-doubtful" not in codes(identify(replace(slow, findings=())))
+
+
+def test_two_levels_of_the_input_are_told() -> None:
+    assert "two-levels" in codes(identify(dataset(seed=1)))

@@ -113,9 +113,7 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
         with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
     except NotIdentifiable:
         return _Choice(fit=frictionless)
-    estimate = with_friction["coulomb_voltage"]
-    needed = estimate.value > 3 * estimate.sd and _better(with_friction, frictionless)
-    if needed:
+    if _better(with_friction, frictionless):
         sentence = (
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
             f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless['gain'].value:.4g} instead of "

@@ -13,12 +13,15 @@ from servobench.measurement.dataset import Dataset
 
 def about_data(records: Sequence[Dataset]) -> list[Finding]:
     """Return what can be said of the data before any fit."""
-    return [*_input_constant(records), *(finding for record in records for finding in _chain_unknown(record))]
+    own = (
+        finding for record in records for doubt in (_chain_unknown, _time_unit) for finding in doubt(record)
+    )
+    return [*_input_constant(records), *own]
 
 
 def about_fit(fit: Fit) -> list[Finding]:
     """Return what the estimates themselves give to think."""
-    doubts = (_uncertain, _time_scale, _delay, _sense, _poor, _one_way, _local)
+    doubts = (_uncertain, _time_scale, _delay, _sense, _poor, _one_way, _local, _levels)
     return [finding for doubt in doubts for finding in doubt(fit)]
 
 
@@ -51,6 +54,18 @@ def _chain_unknown(data: Dataset) -> list[Finding]:
             )
         )
     return found
+
+
+def _time_unit(data: Dataset) -> list[Finding]:
+    """Whether times that are seconds by convention only would make a motor of minutes."""
+    by_convention = any(finding.code == "time-recognised" for finding in data.findings)
+    if not by_convention or data.sample_time < 0.5:
+        return []
+    sentence = (
+        f"{data.name}: taken in seconds, as its name is usually meant, the time column makes samples {data.sample_time:.3g} s "
+        "apart, which is slow for a motor; if it is in milliseconds, say so with --time COL:ms."
+    )
+    return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
 
 
 def _uncertain(fit: Fit) -> list[Finding]:
@@ -140,6 +155,12 @@ def _one_way(fit: Fit) -> list[Finding]:
     )
     if abs(estimate.value) <= 3 * estimate.sd:
         return [together]
+    if estimate.value < 0:
+        sentence = (
+            f"The friction voltage comes out negative, {estimate.value:.3g} {unit}: friction never helps. The motor isn't linear "
+            "over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
+        )
+        return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
     return [
         together,
         info(
@@ -165,5 +186,21 @@ def _local(fit: Fit) -> list[Finding]:
             f"The input stayed between {low:.3g} and {high:.3g} {unit}: the gain and the offset belong to this operating point, "
             "and nothing is known of the motor elsewhere.",
             parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _levels(fit: Fit) -> list[Finding]:
+    """Whether two points are all that the line through the levels has."""
+    levels = np.unique(np.round(np.concatenate([record.data.u for record in fit.records]), 9))
+    if len(levels) != 2:
+        return []
+    unit = fit.records[0].data.input_unit
+    return [
+        info(
+            "two-levels",
+            f"The input has two levels only, {levels[0]:g} and {levels[1]:g} {unit}: nothing shows whether the motor is linear "
+            "between them; a staircase or a multisine would.",
+            parameters=("gain",),
         )
     ]
