@@ -207,6 +207,8 @@ class Twin:
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")
         solver = SOLVERS[self.settings.solver].prepare(self._physics, sample_time, self.settings.solver_step)
+        # The first call compiles or loads the kernels, which takes longer than many a tick; it is thrown away.
+        solver.advance(MotorState(0.0, 0.0, 0.0), 1.0, sample_time)
         self._random = np.random.default_rng(seed)
         self._plant = Plant(
             self._physics,
