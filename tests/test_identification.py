@@ -193,3 +193,21 @@ def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
 
 def test_two_levels_of_the_input_are_told() -> None:
     assert "two-levels" in codes(identify(dataset(seed=1)))
+
+
+def test_a_model_that_fails_on_another_motor_is_doubted() -> None:
+    """Another motor, 20 % slower to turn: its position runs away from the model's."""
+    other = dataset(seed=2, kind="prbs", truth=Truth(inertia=3e-5))
+    result = identify(dataset(seed=1, kind="prbs"), validate_on=[other])
+    assert {"validation-worse", "validation-poor"} & codes(result)
+    assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_recording_given_twice_is_told() -> None:
+    from servobench.recording.recording import Source
+
+    data = replace(dataset(seed=1), source=Source(name="a.csv", sha256="ab"))
+    assert "data-repeated" in codes(identify([data, data]))
+    assert "data-repeated" not in codes(
+        identify([data, replace(data, source=Source(name="b.csv", sha256="cd"))])
+    )

@@ -61,7 +61,7 @@ def identify(
                 *about_fit(fit),
                 *validate(fit),
                 *missing_terms(fit),
-                *_about_validation(validation),
+                *_about_validation(fit, validation),
             ]
             comparisons = _compare(fit, nominal)
     except NotIdentifiable as error:
@@ -165,7 +165,7 @@ def _validation(
     return validate_with(fit, others) if others else cross_validate(method, data, fit)
 
 
-def _about_validation(validation: Validation | None) -> list[Finding]:
+def _about_validation(fit: Fit, validation: Validation | None) -> list[Finding]:
     if validation is None:
         return [
             info(
@@ -178,6 +178,15 @@ def _about_validation(validation: Validation | None) -> list[Finding]:
             warning(
                 "validation-poor",
                 f"On data that it wasn't fitted to, the model explains only {validation.fit_percent:.0f} % of the output.",
+            )
+        ]
+    missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
+    if unseen > max(2.0, 5 * missing):
+        return [
+            warning(
+                "validation-worse",
+                f"The model explains {fit.fit_percent:.1f} % of what it was fitted to, and only {validation.fit_percent:.1f} % "
+                "of what it wasn't: another motor, another operating point, or a model that fits chance.",
             )
         ]
     return []

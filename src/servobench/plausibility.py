@@ -16,7 +16,7 @@ def about_data(records: Sequence[Dataset]) -> list[Finding]:
     own = (
         finding for record in records for doubt in (_chain_unknown, _time_unit) for finding in doubt(record)
     )
-    return [*_input_constant(records), *own]
+    return [*_input_constant(records), *_repeated(records), *own]
 
 
 def about_fit(fit: Fit) -> list[Finding]:
@@ -38,6 +38,18 @@ def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
             parameters=("gain", "coulomb_voltage"),
         )
     ]
+
+
+def _repeated(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether the same recording is there twice: it would count twice, and the intervals come out too narrow."""
+    seen: set[tuple[str, str]] = set()
+    for record in records:
+        key = (record.source.sha256, record.name)
+        if record.source.sha256 and key in seen:
+            sentence = f"{record.name} is given more than once: it tells nothing new, and makes the intervals too narrow."
+            return [warning("data-repeated", sentence)]
+        seen.add(key)
+    return []
 
 
 def _chain_unknown(data: Dataset) -> list[Finding]:

@@ -266,3 +266,27 @@ def test_the_table_of_a_run_gives_the_result_of_its_recording(
     by_recording = servobench("identify", finished_run / "recording.mcap", "--json").result
 
     assert by_table["parameters"] == by_recording["parameters"]
+
+
+def test_a_report_is_never_written_over_a_recording(tmp_path: Path) -> None:
+    import subprocess
+    import sys
+
+    recording = tmp_path / "a.csv"
+    recording.write_text("t,u,y\n" + "".join(f"{0.01 * k},{1 + k // 50 % 2},{k}\n" for k in range(200)))
+    before = recording.read_bytes()
+    words = [
+        sys.executable,
+        "-m",
+        "servobench",
+        "identify",
+        str(recording),
+        "--output",
+        "y:rad",
+        "--report",
+        str(recording),
+    ]
+    done = subprocess.run(words, capture_output=True, text=True, check=False)
+    assert done.returncode == 2
+    assert "would be lost" in done.stderr
+    assert recording.read_bytes() == before

@@ -165,3 +165,8 @@ def test_a_twin_that_is_entered_again_wants_a_new_start() -> None:
         twin.read()
     with twin, pytest.raises(UsageError, match="start"):
         twin.read()
+
+
+def test_an_encoder_without_counts_is_refused() -> None:
+    with pytest.raises(UsageError, match="counts_per_rev"):
+        Twin(TwinSettings(counts_per_rev=0))

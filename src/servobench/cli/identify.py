@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -80,6 +81,7 @@ def identify(
 
     check_names(structure, nominal)
     _check_can_hold_a_file(report)
+    _check_is_no_input(report, [*files, *(validate_with or ())])
     said = _Said(
         time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
     )
@@ -118,6 +120,14 @@ class _Said:
             recording, time=self.time, input=self.input, output=self.output, sample_time=self.sample_time
         )
         return with_chain(assigned, self.chain)
+
+
+def _check_is_no_input(report: Path | None, inputs: Sequence[Path]) -> None:
+    """Raise `UsageError` where the report would be written over a recording."""
+    from servobench.errors import UsageError
+
+    if report is not None and any(report.resolve() == Path(each).resolve() for each in inputs):
+        raise UsageError(f"--report {report}: is one of the recordings, and would be lost; give another name")
 
 
 def _seconds(text: str | None) -> float | None:

@@ -142,6 +142,10 @@ class Twin:
         self._physics = Physics.of(self.settings.parameters, self.settings.amplifier_resistance)
         if self.settings.solver_step is not None and self.settings.solver_step <= 0:
             raise UsageError(f"twin: solver_step is {self.settings.solver_step:g} s; expected more than 0")
+        if self.settings.counts_per_rev is not None and self.settings.counts_per_rev <= 0:
+            raise UsageError(
+                f"twin: counts_per_rev is {self.settings.counts_per_rev:g}; expected more than 0"
+            )
         if self.settings.delay < 0:
             raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
         self._open = False
