@@ -58,7 +58,7 @@ def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> F
 
 
 def simulations(structure: Structure, data: Sequence[Dataset], theta: Array) -> tuple[FittedRecord, ...]:
-    """Return each record simulated with its part of the joint vector."""
+    """Return each record simulated with its part of the joint vector; without a noise model its innovations are its residuals."""
     places = Layout(structure, tuple(data)).columns()
     shared = len(structure.parameters)
     records = []
