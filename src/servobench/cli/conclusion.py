@@ -35,6 +35,7 @@ def concluded(
     progress: Progress,
     *,
     structure: str = "auto",
+    estimator: str = "auto",
     nominal: str | None = None,
     others: Sequence[Evidence] = (),
 ) -> Result:
@@ -52,7 +53,7 @@ def concluded(
         others_data = [measure(each.recording, each.chain) for each in others]
     except NotIdentifiable as error:
         return _without_data([each.recording for each in evidence], error)
-    return identify(data, structure=structure, nominal=nominal, validate_on=others_data)
+    return identify(data, structure=structure, estimator=estimator, nominal=nominal, validate_on=others_data)
 
 
 def deliver(
@@ -91,13 +92,16 @@ def status_of(result: Result) -> int:
     return REFUSED if result.verdict is Verdict.REFUSED else DONE
 
 
-def check_names(structure: str, nominal: str | None) -> None:
-    """Raise `UnknownName` for a structure or a data sheet that there isn't, before any work is done."""
+def check_names(structure: str, estimator: str, nominal: str | None) -> None:
+    """Raise `UnknownName` for a structure, an estimator or a data sheet that there isn't, before any work is done."""
+    from servobench.estimators.base import ESTIMATORS
     from servobench.models.base import STRUCTURES
     from servobench.motor.parameters import data_sheet
 
     if structure != "auto":
         STRUCTURES[structure]
+    if estimator != "auto":
+        ESTIMATORS[estimator]
     if nominal is not None:
         data_sheet(nominal)
 

@@ -60,6 +60,10 @@ def identify(
     structure: Annotated[
         str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that the data need.")
     ] = "auto",
+    estimator: Annotated[
+        str,
+        typer.Option(metavar="NAME", help="The method; auto takes the one that the noise in the data needs."),
+    ] = "auto",
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
     ] = False,
@@ -79,7 +83,7 @@ def identify(
     from servobench.cli.recordings import chosen, loaded
     from servobench.cli.terminal import messages, output
 
-    check_names(structure, nominal)
+    check_names(structure, estimator, nominal)
     _check_can_hold_a_file(report)
     _check_is_no_input(report, [*files, *(validate_with or ())])
     said = _Said(
@@ -89,7 +93,9 @@ def identify(
         fitted = [said.of(each) for each in chosen(loaded(files, progress), recording or ())]
         others = [said.of(each) for each in loaded(validate_with or (), progress)]
         with told_when_compiling(progress):
-            result = concluded(fitted, progress, structure=structure, nominal=nominal, others=others)
+            result = concluded(
+                fitted, progress, structure=structure, estimator=estimator, nominal=nominal, others=others
+            )
     deliver(
         result,
         [each.recording for each in fitted],

@@ -85,7 +85,7 @@ def run(
 
     asked = _experiment(experiment, device, seed)
     held_against = nominal or asked.nominal or None
-    check_names(structure, held_against)
+    check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
     folder = run_folder(out, datetime.now())
     with Progress() as progress, told_when_compiling(progress):

@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.estimators.disturbance import Disturbance
-from servobench.finding import Finding
+from servobench.finding import Finding, refusal
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Model, Structure
 from servobench.registry import Registry
@@ -49,7 +49,8 @@ class Fit:
 
     `covariance` (P, P) belongs to the model's parameters; `status` says in one sentence how the search ended, `converged` whether
     it did. `residual_sd` is in the unit of the output;
-    `disturbance` is the noise model, None for white measurement noise alone.
+    `disturbance` is the noise model, None for white measurement noise alone. `intervals` holds the 95 % intervals of those
+    parameters for which value ± 1.96 sd wouldn't do, such as one near a bound.
     """
 
     model: Model
@@ -61,6 +62,7 @@ class Fit:
     residual_sd: float
     records: tuple[FittedRecord, ...]
     disturbance: Disturbance | None = None
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
 
     def __getitem__(self, name: str) -> Estimate:
@@ -69,13 +71,13 @@ class Fit:
 
     @property
     def estimates(self) -> dict[str, Estimate]:
-        """The estimates by name, each with its 95 % interval, value ± 1.96 sd."""
+        """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`."""
         sd = np.sqrt(np.diag(self.covariance))
         return {
             name: Estimate(
                 value=float(value),
                 sd=float(s),
-                interval=(float(value - 1.959964 * s), float(value + 1.959964 * s)),
+                interval=self.intervals.get(name, (float(value - 1.959964 * s), float(value + 1.959964 * s))),
                 level=0.95,
                 unit=unit,
             )
@@ -97,9 +99,36 @@ def fit_percent(records: Sequence[FittedRecord]) -> float:
     return 100.0 * (1.0 - float(np.sqrt(misfit / total))) if total > 0 else float("nan")
 
 
+@dataclass(frozen=True, kw_only=True)
+class Abilities:
+    """What a method of identification can do; `hindrance` holds data and structure against it.
+
+    `method` says in one sentence what it does, `noise` what noise it is right for, `interval` what its intervals are worth:
+    docs/which-estimator.md is written from them.
+    """
+
+    method: str
+    noise: str
+    interval: str
+    position: bool
+    speed: bool
+    chain: bool
+    irregular_times: bool
+    several_records: bool
+    closed_loop: bool
+    delay: bool
+    friction: bool
+    disturbance: bool
+
+
 @runtime_checkable
 class Estimator(Protocol):
     """A method of identification."""
+
+    @property
+    def abilities(self) -> Abilities:
+        """What the method can do."""
+        ...
 
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
         """Return None where the method can do this, or a refusal that says why it can't."""
@@ -114,6 +143,35 @@ class Estimator(Protocol):
         parameters of each record. Raises `NotIdentifiable` where the data don't determine the parameters.
         """
         ...
+
+
+def hindrance(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+    """Return a refusal that names what data or structure need and the estimator of that name can't do; None where it can all."""
+    needs = {
+        "a position": any(record.kind == "position" for record in data) and not can.position,
+        "a speed": any(record.kind == "speed" for record in data) and not can.speed,
+        "data behind a measurement chain": any(record.chain for record in data) and not can.chain,
+        "irregular times": not can.irregular_times and not all(is_regular(record) for record in data),
+        "several records at once": len(data) > 1 and not can.several_records,
+        "friction with rest and reversals": structure.friction and not can.friction,
+    }
+    lacking = [what for what, lacks in needs.items() if lacks]
+    if not lacking:
+        return None
+    return refusal(
+        "estimator-unsuited",
+        f"{name} can't work on {' or '.join(lacking)}; output_error can (docs/which-estimator.md lists what each one can do).",
+    )
+
+
+def is_regular(data: Dataset) -> bool:
+    """Return whether input and output come at the same times, evenly spaced to a thousandth of the sample time."""
+    if len(data.t_input) != len(data.t_output) or len(data.t_output) < 2:
+        return False
+    step = data.duration / (len(data.t_output) - 1)
+    even = data.t_output[0] + step * np.arange(len(data.t_output))
+    late = np.abs(np.concatenate([data.t_output - even, data.t_input - even]))
+    return bool(late.max() <= 1e-3 * step)
 
 
 ESTIMATORS: Registry[Estimator] = Registry("estimator", "servobench.estimators")

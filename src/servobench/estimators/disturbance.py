@@ -101,6 +101,11 @@ class Whitened:
         """Those of the structure."""
         return self.structure.parameters
 
+    @property
+    def friction(self) -> bool:
+        """That of the structure."""
+        return self.structure.friction
+
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Those of the structure."""
         return self.structure.nuisance(data)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Fit, FittedRecord
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.covariance import conservative, inverse, plain, sandwich
 from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
 from servobench.finding import Finding, info, warning
@@ -25,9 +25,24 @@ class OutputError:
     ones and of those that allow for coloured residuals. Records share the parameters; each has its own start state.
     """
 
+    abilities = Abilities(
+        method="simulates the model from the input alone and minimises what is left of the output, chain and delay included",
+        noise="white noise of the measurement, such as an encoder's rounding",
+        interval="covers; allows for coloured residuals, a little narrow where a random torque acts",
+        position=True,
+        speed=True,
+        chain=True,
+        irregular_times=True,
+        several_records=True,
+        closed_loop=True,
+        delay=True,
+        friction=True,
+        disturbance=False,
+    )
+
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
         """Return None: any structure that predicts will do."""
-        return None
+        return hindrance("output_error", self.abilities, structure, data)
 
     def fit(
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None

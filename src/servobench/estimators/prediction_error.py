@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Fit, FittedRecord
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.disturbance import Profile, Whitened, profile, whitened
 from servobench.estimators.least_squares import Layout, minimise
 from servobench.estimators.output_error import OutputError, remarks, simulations, uncertainty
@@ -30,26 +30,35 @@ class PredictionError:
     found by least squares on the innovations (Ljung 1999, chapter 7).
     """
 
+    abilities = Abilities(
+        method="predicts each sample from those before it with a Kalman filter, and minimises the innovations",
+        noise="a random torque on the motor, and white noise of the measurement; both levels are found",
+        interval="covers under a random torque",
+        position=True,
+        speed=True,
+        chain=False,
+        irregular_times=True,
+        several_records=True,
+        closed_loop=True,
+        delay=True,
+        friction=True,
+        disturbance=True,
+    )
+
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
         """Return a refusal for data behind a measurement chain, or a structure whose speed has no time constant."""
         names = {parameter.name for parameter in structure.parameters}
         if "time_constant" not in names:
             return refusal("estimator-unsuited", "prediction_error needs a structure with a time constant.")
-        if any(record.chain for record in data):
-            return refusal(
-                "estimator-unsuited",
-                "prediction_error works on a plain position or speed, and these data come through a measurement chain: "
-                "use output_error, or give the position itself.",
-            )
-        return None
+        return hindrance("prediction_error", self.abilities, structure, data)
 
     def fit(
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
     ) -> Fit:
         """Return the fit, from where output error ends or from start vectors; raises `NotIdentifiable`."""
-        hindrance = self.supports(structure, data)
-        if hindrance is not None:
-            raise NotIdentifiable(hindrance.sentence.rstrip("."))
+        lacking = self.supports(structure, data)
+        if lacking is not None:
+            raise NotIdentifiable(lacking.sentence.rstrip("."))
         start = OutputError().fit(structure, data, starts)
         return self.fit_after(start)
 

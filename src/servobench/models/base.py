@@ -59,6 +59,11 @@ class Structure(Protocol):
         """The P parameters that all records share."""
         ...
 
+    @property
+    def friction(self) -> bool:
+        """Whether the shaft can stick and slide, so that the response isn't linear."""
+        ...
+
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Return the Q nuisance parameters of a record: start position, start speed, start states of filters."""
         ...
