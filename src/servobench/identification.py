@@ -11,7 +11,12 @@ import numpy as np
 from servobench._version import __version__
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Estimator, Fit
-from servobench.estimators.prediction_error import THRESHOLD, PredictionError, disturbance_test
+from servobench.estimators.prediction_error import (
+    THRESHOLD,
+    PredictionError,
+    disturbance_test,
+    rounding_explains,
+)
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import missing_terms
@@ -129,9 +134,12 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
 def _allowing_for_disturbance(fit: Fit) -> Fit:
     """The fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
 
+    Where every count is where it should be there is nothing to allow for.
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error with its allowance for
     any colour is the safer of two wrong noise models.
     """
+    if rounding_explains(fit):
+        return fit
     test = disturbance_test(fit)
     if test is None or test.likelihood_ratio <= THRESHOLD:
         return fit

@@ -111,9 +111,9 @@ def test_data_behind_a_chain_are_refused_by_name() -> None:
     assert identify(data, estimator="prediction_error").verdict == Verdict.REFUSED
 
 
-def test_the_filter_agrees_with_a_dense_gaussian_likelihood() -> None:
-    """Another route: the covariance matrix of all samples and its determinant."""
-    from servobench.estimators.disturbance import profile
+def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
+    """Another route: the covariance matrix of all samples, its determinant, and generalised least squares."""
+    from servobench.estimators.disturbance import Blocks, Linearised, profile
 
     random = np.random.default_rng(4)
     t = np.cumsum(random.uniform(0.001, 0.006, 60))
@@ -124,14 +124,41 @@ def test_the_filter_agrees_with_a_dense_gaussian_likelihood() -> None:
     response = np.where(t[:, None] > middle, tau * (1 - np.exp(-(t[:, None] - middle) / tau)), 0.0)
     covariance = q * response @ response.T * (grid[1] - grid[0]) + r * np.eye(60)
     residual = np.linalg.cholesky(covariance) @ random.standard_normal(60)
-    data = replace(dataset(seed=1, samples=60), t_output=t, y=residual, quantum=None)
+    jacobian = np.column_stack([np.ones(60), t, np.sin(9 * t)])
 
-    def negative_log_likelihood(ratio: float) -> float:
+    def deviance(ratio: float) -> tuple[float, np.ndarray]:
         shape = ratio * response @ response.T * (grid[1] - grid[0]) + np.eye(60)
-        variance = residual @ np.linalg.solve(shape, residual) / 60
-        return float(0.5 * (60 + 60 * np.log(variance) + np.linalg.slogdet(shape)[1]))
+        information = jacobian.T @ np.linalg.solve(shape, jacobian)
+        change = np.linalg.solve(information, jacobian.T @ np.linalg.solve(shape, residual))
+        left = residual - jacobian @ change
+        variance = left @ np.linalg.solve(shape, left) / 57
+        determinants = np.linalg.slogdet(shape)[1] + np.linalg.slogdet(information)[1]
+        return float(57 * np.log(variance) + determinants), change
 
-    found = profile([residual], [data], [np.ones(60)], tau)
-    expected = 2 * (negative_log_likelihood(0.0) - negative_log_likelihood(found.disturbance.ratio))
+    near = Linearised(
+        blocks=(Blocks(np.arange(60), np.ones(60), t, np.ones(60)),),
+        columns=(np.column_stack([residual, jacobian]),),
+        places=(np.arange(3),),
+        free=np.ones(3, dtype=bool),
+        kind="position",
+        sample_time=float(np.median(np.diff(t))),
+    )
+    found = profile(near, tau)
+    best, change = deviance(found.best.ratio)
     # The quadrature's 4000 points are good to 1e-3 of the covariance.
-    assert found.likelihood_ratio == pytest.approx(expected, rel=2e-3)
+    assert found.likelihood_ratio == pytest.approx(deviance(0.0)[0] - best, rel=2e-3)
+    assert found.best.change == pytest.approx(change, rel=2e-3)
+    assert deviance(0.8 * found.best.ratio)[0] > best < deviance(1.25 * found.best.ratio)[0]
+
+
+def test_blocks_break_at_gaps_and_stops() -> None:
+    from servobench.estimators.disturbance import blocks_of
+
+    data = dataset(seed=1, samples=20)
+    keep = np.delete(np.arange(20), [7, 8, 9])
+    moving = np.where(keep >= 15, 0.0, 1.0)
+    found = blocks_of(replace(data, t_output=data.t_output[keep], y=data.y[keep]), moving, 0.0081)
+    assert found.counts.tolist() == [4, 3, 4, 1, 4, 1]  # samples 0-3, 4-6; 10-13, 14; 15-18, 19
+    assert found.times[1] == pytest.approx(0.01)
+    assert found.moving.tolist() == [1, 1, 1, 1, 0, 0]
+    assert found.means(data.y[keep])[1] == pytest.approx(data.y[4:7].mean())

@@ -16,12 +16,13 @@ def innovations(
     tau: float,
     ratio: float,
     moving: Array,
+    noise: Array,
     of_position: float,
     of_speed: float,
     x: Array,
     spread: Array,
 ) -> None:
-    """Turn columns x (M, K) into their innovations, each divided by its standard deviation, for measurement noise of variance 1.
+    """Turn columns x (M, K) into their innovations, each over its standard deviation; the measurement's variance is `noise` (M,).
 
     The state is (θ, ω): ω decays with τ and is driven by white acceleration of intensity `ratio`, θ is its integral; what is
     measured is `of_position` θ + `of_speed` ω. Where `moving` (M,) is 0 the shaft sticks: its speed is zero and stays so.
@@ -32,10 +33,11 @@ def innovations(
     p11 = p12 = p22 = 0.0
     th = np.zeros(columns)
     w = np.zeros(columns)
+    h_last, a, g, q11, q12, q22 = -1.0, 1.0, 0.0, 0.0, 0.0, 0.0
     for k in range(len(t)):
         c1 = of_position * p11 + of_speed * p12
         c2 = of_position * p12 + of_speed * p22
-        s = of_position * c1 + of_speed * c2 + 1.0
+        s = of_position * c1 + of_speed * c2 + noise[k]
         spread[k] = s
         g1, g2, scale = c1 / s, c2 / s, 1.0 / math.sqrt(s)
         for n in range(columns):
@@ -54,17 +56,19 @@ def innovations(
                 w[n] = 0.0
             continue
         h = t[k + 1] - t[k]
-        z = h / tau
-        b = -math.expm1(-z)
-        a, g = 1.0 - b, tau * b
-        q22 = -0.5 * tau * math.expm1(-2.0 * z)
-        q12 = 0.5 * g * g
-        # The closed form cancels for short steps, where the series is exact to rounding: its next term is z⁴/30 of the first.
-        q11 = (
-            h * h * h * (1 / 3 - z / 4 + 7 * z * z / 60 - z * z * z / 24)
-            if z < 1e-3
-            else tau * tau * (h - 2 * g + q22)
-        )
+        if abs(h - h_last) > 1e-9 * h:
+            h_last = h
+            z = h / tau
+            b = -math.expm1(-z)
+            a, g = 1.0 - b, tau * b
+            q22 = -0.5 * tau * math.expm1(-2.0 * z)
+            q12 = 0.5 * g * g
+            # The closed form cancels for short steps, where the series is exact to rounding: its next term is z⁴/30 of the first.
+            q11 = (
+                h * h * h * (1 / 3 - z / 4 + 7 * z * z / 60 - z * z * z / 24)
+                if z < 1e-3
+                else tau * tau * (h - 2 * g + q22)
+            )
         p11 = p11 + 2.0 * g * p12 + g * g * p22 + ratio * q11
         p12 = a * (p12 + g * p22) + ratio * q12
         p22 = a * a * p22 + ratio * q22
