@@ -24,6 +24,7 @@ from servobench.estimators.disturbance import (
     whitened,
 )
 from servobench.estimators.least_squares import Layout, minimise
+from servobench.estimators.near_bounds import intervals_near_bounds
 from servobench.estimators.output_error import OutputError, remarks, simulations, uncertainty
 from servobench.finding import Finding, info, refusal
 from servobench.measurement.dataset import Dataset
@@ -89,16 +90,18 @@ class PredictionError:
             if not remaining or np.all(np.abs(change) <= _SETTLED * np.sqrt(np.diag(covariance))):
                 break
             found, blocks = _profiled(structure, data, theta, found)
+        covariance = found.widened(covariance)
         records, disturbance = _with_innovations(structure, data, theta, found.disturbance)
         return replace(
             start,
             model=replace(start.model, theta=theta[: len(covariance)]),
-            covariance=found.widened(covariance),
+            covariance=covariance,
             estimator="prediction_error",
             converged=minimum.converged,
             status=minimum.status,
             residual_sd=float(np.sqrt(disturbance.variance)),
             disturbance=disturbance,
+            intervals=intervals_near_bounds(model, model.whitened_data, minimum, covariance),
             records=records,
             findings=(*remarks(structure, data, minimum), _told(found, data[0])),
         )
