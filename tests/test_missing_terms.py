@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Literal
 
 import numba
 import numpy as np
@@ -20,27 +21,34 @@ H, STEPS = 0.002, 200
 
 
 @numba.njit(cache=True)  # type: ignore[untyped-decorator]
-def _odd_motor(u, stribeck, drag, lopsided, out):  # type: ignore[no-untyped-def]
+def _odd_motor(u, stribeck, drag, lopsided, warming, ageing, ripple, cycles, gap, out):  # type: ignore[no-untyped-def]
     """A first-order motor of 23.8 rad/(s·V) and 0.1 s with what the model doesn't know, in steps of 10 µs."""
     gain, tau, coulomb = 23.8, 0.1, 0.16
     dt = H / STEPS
-    w = theta = 0.0
+    w = theta = load = 0.0
     for n in range(len(u)):
-        out[n] = theta
+        load = min(max(load, theta - 0.5 * gap), theta + 0.5 * gap)
+        out[n] = load
+        gone = n / len(u)
         for _ in range(STEPS):
-            lost = coulomb * (1.0 + stribeck * np.exp(-((w / 6.0) ** 2)))
-            push = u[n] * (1.0 + lopsided * np.sign(w)) - drag * w * abs(w)
-            free = w + dt / tau * (gain * push - w)
-            stop = dt / tau * gain * lost
+            lost = coulomb * (1.0 + stribeck * np.exp(-((w / 6.0) ** 2))) * (1.0 + ageing * gone)
+            push = u[n] * (1.0 + lopsided * np.sign(w)) - drag * w * abs(w) + ripple * np.sin(cycles * theta)
+            rate = (
+                dt / tau / (1.0 + warming * gone)
+            )  # more resistance: less torque from the input, and less braking
+            free = w + rate * (gain * push - w)
+            stop = rate * gain * lost
             new = free - min(stop, max(-stop, free))
             theta += 0.5 * dt * (w + new)
             w = new
 
 
-def odd(seed: int, *, stribeck: float = 0.0, drag: float = 0.0, lopsided: float = 0.0) -> Dataset:
-    data = dataset(seed=seed, kind="prbs", y=np.zeros(5000))
+def odd(seed: int, kind: Literal["square", "prbs"] = "prbs", **what: float) -> Dataset:
+    data = dataset(seed=seed, kind=kind, y=np.zeros(5000))
     angle: NDArray[np.float64] = np.empty(5000)
-    _odd_motor(data.u, stribeck, drag, lopsided, angle)
+    names = ("stribeck", "drag", "lopsided", "warming", "ageing", "ripple", "cycles", "gap")
+    assert set(what) <= set(names)
+    _odd_motor(data.u, *(what.get(name, 0.0) for name in names), angle)
     return replace(data, y=(np.floor((angle + 1e-3) / QUANTUM) + 0.5) * QUANTUM)
 
 
@@ -61,12 +69,25 @@ def test_a_motor_that_is_as_the_model_says_is_trusted(seed: int) -> None:
         ("friction-depends-on-speed", {"stribeck": 0.3}),
         ("drag-not-linear", {"drag": 2e-5}),  # 0.09 V of 3 V at full speed
         ("directions-differ", {"lopsided": 0.02}),
+        ("motor-changes", {"warming": 0.02}),
+        ("friction-changes", {"ageing": 0.1}),
+        ("ripple", {"ripple": 0.02, "cycles": 6.0}),
+        ("backlash", {"gap": 2 * QUANTUM}),
     ],
 )
 def test_what_the_model_lacks_is_named(code: str, what: dict[str, float]) -> None:
     result = identify(odd(1, **what))
     assert code in doubts(result)
     assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_ripple_shows_in_a_motor_that_turns_one_way_only() -> None:
+    assert "ripple" in doubts(identify(odd(1, "square", ripple=0.02, cycles=3.0)))
+
+
+def test_the_ripple_that_is_there_is_the_one_that_is_told() -> None:
+    (finding,) = (f for f in identify(odd(1, ripple=0.02, cycles=6.0)).findings if f.code == "ripple")
+    assert "6 times a revolution" in finding.sentence
 
 
 @pytest.mark.parametrize("kind", ["square", "prbs"])

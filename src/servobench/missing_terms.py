@@ -1,17 +1,18 @@
 """Is something missing from the model's structure? A score test for each term that motors are known to have and a model may lack.
 
-Each term is an extra input e(t) that depends on what the motor does: what it would add to the output is a column c beside the
-Jacobian J. If the structure is right, the innovations r (of unit variance) have no part of c that J can't have as well:
+Each term is an extra input e(t) that depends on what the motor does, or something that the sensor adds: what it would add to the
+output is a column c beside the Jacobian J. If the structure is right, the innovations r (of unit variance) have no part of c
+that J can't have as well:
 
-    t = c⊥·r / |c⊥|,   c⊥ = c - J (J'J)⁻¹ J'c
+    t² = (C⊥'r)' (C⊥'C⊥)⁻¹ C⊥'r,   C⊥ = C - J (J'J)⁻¹ J'C
 
-is standard normal (Rao 1948). No parameter is fitted again. The rounding of an ideal encoder is not quite white, which is why the
-limit lies well above what chance gives.
+is χ² with as many degrees of freedom as the term has columns (Rao 1948). No parameter is fitted again. The rounding of an ideal
+encoder is not quite white, which is why the limit lies well above what chance gives.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,71 +23,195 @@ from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.disturbance import whitened
 from servobench.finding import Finding, warning
 
-_LIMIT = 5.0  # standard deviations
+_LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 _SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
+_RIPPLES = range(1, 17)  # times a revolution
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a motor did, at the same times: input and speed over their largest values, position, and how far the record is gone.
+
+    `gone` runs from -1 to 1; the position is in its own unit.
+    """
+
+    input: Array
+    speed: Array
+    position: Array
+    gone: Array
+
+
+@dataclass(frozen=True, kw_only=True)
 class Term:
-    """A term that a model may lack: its finding's code, a sentence, and e from input and speed, each over its largest value."""
+    """A term that a model may lack: its finding's code, a sentence, and what it adds to the input or to the output."""
 
     code: str
     sentence: str
-    extra: Callable[[Array, Array], Array]
+    to_input: Callable[[Motion], tuple[Array, ...]] | None = None
+    to_output: Callable[[Motion], tuple[Array, ...]] | None = None
+
+
+def _ripple(cycles: int) -> Term:
+    return Term(
+        code="ripple",
+        sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an eccentric encoder), which the "
+        "model doesn't know; where the motor lingers at one angle it moves gain and time constant.",
+        to_input=lambda m: (np.sin(cycles * m.position), np.cos(cycles * m.position)),
+    )
 
 
 TERMS = (
     Term(
-        "friction-depends-on-speed",
-        "Friction is not the same at all speeds: near standstill it differs from what the model takes everywhere (Stribeck), "
-        "which moves gain and time constant.",
-        lambda _u, w: -np.sign(w) * np.exp(-np.abs(w) / 0.1),
+        code="friction-depends-on-speed",
+        sentence="Friction is not the same at all speeds: near standstill it differs from what the model takes everywhere "
+        "(Stribeck), which moves gain and time constant.",
+        to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.1),),
     ),
     Term(
-        "drag-not-linear",
-        "The speed doesn't follow the input in proportion: drag grows faster or slower than the speed, so that the gain "
+        code="drag-not-linear",
+        sentence="The speed doesn't follow the input in proportion: drag grows faster or slower than the speed, so that the gain "
         "belongs to this range of speeds only.",
-        lambda _u, w: -w * np.abs(w),
+        to_input=lambda m: (-m.speed * np.abs(m.speed),),
     ),
     Term(
-        "directions-differ",
-        "The motor answers differently in its two directions; one gain for both is a mean of the two.",
-        lambda u, w: u * np.sign(w),
+        code="directions-differ",
+        sentence="The motor answers differently in its two directions; one gain for both is a mean of the two.",
+        to_input=lambda m: (m.input * np.sign(m.speed),),
     ),
+    Term(
+        code="motor-changes",
+        sentence="The motor wasn't the same at the end of the record as at its beginning: it warmed up, or its friction or its "
+        "supply changed. What was found is a mean over the record.",
+        to_input=lambda m: (m.input * m.gone, m.speed * m.gone),
+    ),
+    Term(
+        code="friction-changes",
+        sentence="Friction, or the input's offset, wasn't the same at the end of the record as at its beginning.",
+        to_input=lambda m: (np.sign(m.speed) * m.gone, m.gone),
+    ),
+    Term(
+        code="backlash",
+        sentence="The output lags behind whenever the motion turns round, as behind a gear with backlash: near a reversal the "
+        "model is wrong, and gain and time constant suffer from it.",
+        to_output=lambda m: (np.sign(m.speed),),
+    ),
+    *(_ripple(cycles) for cycles in _RIPPLES),
 )
 
 
 def missing_terms(fit: Fit) -> list[Finding]:
-    """Return a finding for each term that the data ask for and the structure lacks."""
+    """Return a finding for each term that the data ask for and the structure lacks; of several ripples, the strongest."""
     largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
     if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return []
-    jacobians = [_jacobian(fit, record) for record in fit.records]
-    innovations = [record.innovations[record.valid] for record in fit.records]
-    found = []
-    for term in TERMS:
-        columns = [_column(fit, record, term, largest) for record in fit.records]
-        size = _score(columns, jacobians, innovations, len(fit.model.theta))
-        if abs(size) > _LIMIT:
-            sentence = f"{term.sentence} ({abs(size):.0f} standard deviations.)"
-            found.append(warning(term.code, sentence, parameters=("gain", "time_constant")))
-    return found
+    test = _Test(fit, largest)
+    strongest: dict[str, tuple[float, Term]] = {}
+    for term, size in test.sizes():
+        if size > max(_LIMIT, strongest.get(term.code, (0.0, term))[0]):
+            strongest[term.code] = (size, term)
+    return [
+        warning(
+            code,
+            f"{term.sentence} ({size:.0f} standard deviations.)",
+            parameters=("gain", "time_constant"),
+        )
+        for code, (size, term) in strongest.items()
+    ]
 
 
-def _column(fit: Fit, record: FittedRecord, term: Term, largest: float) -> Array:
-    """What the term adds to the innovations of a record, (valid,), from the response to a small extra input."""
-    data = record.data
-    speed = record.prediction if data.kind == "speed" else np.gradient(record.prediction, data.t_output)
-    t = np.union1d(data.t_input, data.t_output)
-    held = np.searchsorted(data.t_input, t, side="right") - 1
-    u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
-    top = float(np.abs(speed).max(initial=0.0)) or 1.0
-    e = term.extra(u / largest, np.interp(t, data.t_output, speed) / top)
-    theta = np.concatenate([fit.model.theta, record.nuisance])
-    plain = replace(data, t_input=t, u=u)
-    driven = replace(data, t_input=t, u=u + _SMALL * largest * e)
-    added = fit.model.structure.predict(theta, driven).y - fit.model.structure.predict(theta, plain).y
-    return _in_innovations(fit, record, added)
+class _Test:
+    """The score test of one fit: the parts that all terms share."""
+
+    def __init__(self, fit: Fit, largest: float) -> None:
+        self.fit = fit
+        self.runs = [_Run(fit, record, largest) for record in fit.records]
+        jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
+        scale = np.linalg.norm(jacobian, axis=0)
+        self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
+        self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
+
+    def sizes(self) -> Iterator[tuple[Term, float]]:
+        """Each term that could show in these data, and how many standard deviations the innovations have of it."""
+        in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
+        for term in TERMS:
+            if term.code == "ripple" and not in_radians:
+                continue
+            columns = [run.columns(term) for run in self.runs]
+            yield term, self._size(np.concatenate(columns))
+
+    def _size(self, columns: Array) -> float:
+        """√t² as standard deviations of a normal number that is as improbable, for white innovations or for their own colour.
+
+        The colour is looked at only where white innovations would call for the term.
+        """
+        norms = np.linalg.norm(columns, axis=0)
+        rest = columns - self.basis @ (self.basis.T @ columns)
+        # What is left of a column that the Jacobian explains is rounding error.
+        told = np.isfinite(norms) & (np.linalg.norm(rest, axis=0) > 1e-6 * norms)
+        rest = rest[:, told] / norms[told]
+        if not rest.shape[1]:
+            return 0.0
+        total = self.innovations @ rest
+        size = _normal_equivalent(total, rest.T @ rest)
+        if size <= _LIMIT:
+            return size
+        score = rest * self.innovations[:, None]
+        return min(size, _normal_equivalent(total, long_run(score, andrews_lag(score))))
+
+
+def _normal_equivalent(total: Array, spread: Array) -> float:
+    """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
+    from scipy.special import chdtrc, ndtri
+
+    chi2 = float(total @ np.linalg.lstsq(spread, total, rcond=1e-9)[0])
+    return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
+
+
+class _Run:
+    """One record, simulated once without any term."""
+
+    def __init__(self, fit: Fit, record: FittedRecord, largest: float) -> None:
+        data = record.data
+        self.fit, self.record, self.largest = fit, record, largest
+        self.theta = np.concatenate([fit.model.theta, record.nuisance])
+        self.times = np.union1d(data.t_input, data.t_output)
+        held = np.searchsorted(data.t_input, self.times, side="right") - 1
+        self.u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
+        self.plain = replace(data, t_input=self.times, u=self.u)
+        self.without = fit.model.structure.predict(self.theta, self.plain).y
+        self.motion = self._motion()
+
+    def columns(self, term: Term) -> Array:
+        """What the term adds to the innovations, as columns (valid, K)."""
+        added = []
+        if term.to_input is not None:
+            for extra in term.to_input(self.motion):
+                driven = replace(self.plain, u=self.u + _SMALL * self.largest * extra)
+                added.append(self.fit.model.structure.predict(self.theta, driven).y - self.without)
+        if term.to_output is not None and self.record.data.kind == "position":
+            data = self.record.data
+            now = np.searchsorted(self.times, data.t_output)
+            added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
+        columns = np.column_stack(added) if added else np.zeros((len(self.without), 1))
+        return _in_innovations(self.fit, self.record, columns)
+
+    def _motion(self) -> Motion:
+        """The motion as the model simulates it, at the times of the input and the output."""
+        data, t = self.record.data, self.times
+        if data.kind == "speed":
+            speed = np.interp(t, data.t_output, self.record.prediction)
+            steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+            position = np.concatenate([[0.0], np.cumsum(steps)])
+        else:
+            position = np.interp(t, data.t_output, self.record.prediction)
+            speed = np.interp(t, data.t_output, np.gradient(self.record.prediction, data.t_output))
+        top = float(np.abs(speed).max(initial=0.0)) or 1.0
+        return Motion(
+            input=self.u / self.largest,
+            speed=speed / top,
+            position=position,
+            gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
+        )
 
 
 def _jacobian(fit: Fit, record: FittedRecord) -> Array:
@@ -101,23 +226,6 @@ def _in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
     theta = np.concatenate([fit.model.theta, record.nuisance])
     sliding = fit.model.structure.sliding(theta, record.data)
     return whitened(x, record.data, sliding, fit.disturbance)[record.valid]
-
-
-def _score(columns: list[Array], jacobians: list[Array], innovations: list[Array], shared: int) -> float:
-    """t of a term over all records; its spread is the larger of that for white innovations and that for their own colour."""
-    column, jacobian = np.concatenate(columns), _joint(jacobians, shared)
-    norm = float(np.linalg.norm(column))
-    if norm == 0 or not np.isfinite(norm):
-        return 0.0
-    scale = np.linalg.norm(jacobian, axis=0)
-    basis = jacobian[:, scale > 0] / scale[scale > 0]
-    rest = column - basis @ np.linalg.lstsq(basis, column, rcond=1e-12)[0]
-    # What is left of a column that the Jacobian explains is rounding error.
-    if float(np.linalg.norm(rest)) <= 1e-6 * norm:
-        return 0.0
-    score = rest * np.concatenate(innovations)
-    spread = max(float(rest @ rest), float(long_run(score[:, None], andrews_lag(score[:, None]))[0, 0]))
-    return float(score.sum() / np.sqrt(spread))
 
 
 def _joint(jacobians: list[Array], shared: int) -> Array:
