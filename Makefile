@@ -7,7 +7,7 @@ UV ?= uv
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help demo test check bench docs lock clean environment
+.PHONY: help demo test check bench accuracy docs lock clean environment
 
 help:  ## list the chores
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -28,6 +28,9 @@ check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 
 bench: $(INSTALLED)  ## measure speed, accuracy and coverage
 	$(BIN)/python bench/run.py $(ARGS)
+
+accuracy: $(INSTALLED)  ## accuracy beside the bound, coverage, verdicts, over many runs; ARGS='--runs 100 --rows encoder'; hours
+	$(BIN)/python bench/accuracy.py $(ARGS)
 
 docs: $(INSTALLED)  ## check links, anchors and decision records (the pages themselves are read as Markdown)
 	$(BIN)/python tools/check_docs.py
