@@ -127,6 +127,15 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
         return _Choice(
             fit=with_friction, findings=(info("friction-found", sentence, parameters=("coulomb_voltage",)),)
         )
+    if _moved(with_friction, frictionless):
+        sentence = (
+            "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
+            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better known than it is."
+        )
+        return _Choice(
+            fit=with_friction,
+            findings=(info("friction-possible", sentence, parameters=("coulomb_voltage",)),),
+        )
     sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
     return _Choice(fit=frictionless, findings=(info("friction-not-found", sentence),))
 
@@ -165,6 +174,14 @@ def _better(one: Fit, other: Fit) -> bool:
     """Whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
     samples = sum(int(record.valid.sum()) for record in one.records)
     return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
+
+
+def _moved(one: Fit, other: Fit) -> bool:
+    """Whether the other fit's gain or time constant is out by more than its own standard deviation if the one is right.
+
+    Then leaving a parameter out would claim to know more than the data tell.
+    """
+    return any(abs(one[n].value - other[n].value) > other[n].sd for n in ("gain", "time_constant"))
 
 
 def _validation(

@@ -43,12 +43,17 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A term that a model may lack: its finding's code, a sentence, and what it adds to the input or to the output."""
+    """A term that a model may lack: its finding's code, a sentence, and what it adds to the input or to the output.
+
+    `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations.
+    """
 
     code: str
     sentence: str
     to_input: Callable[[Motion], tuple[Array, ...]] | None = None
     to_output: Callable[[Motion], tuple[Array, ...]] | None = None
+    curved: str | None = None
+    limit: float = _LIMIT
 
 
 def _ripple(cycles: int) -> Term:
@@ -95,6 +100,14 @@ TERMS = (
         "model is wrong, and gain and time constant suffer from it.",
         to_output=lambda m: (np.sign(m.speed),),
     ),
+    # A fast pole 1/(1 + s d) is a delay d to first order; to second order it adds d²/2 times the second derivative by the delay.
+    Term(
+        code="fast-pole",
+        sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
+        "which a first-order model takes into its time constant.",
+        curved="delay",
+        limit=3.5,
+    ),
     *(_ripple(cycles) for cycles in _RIPPLES),
 )
 
@@ -107,7 +120,7 @@ def missing_terms(fit: Fit) -> list[Finding]:
     test = _Test(fit, largest)
     strongest: dict[str, tuple[float, Term]] = {}
     for term, size in test.sizes():
-        if size > max(_LIMIT, strongest.get(term.code, (0.0, term))[0]):
+        if size > max(term.limit, strongest.get(term.code, (0.0, term))[0]):
             strongest[term.code] = (size, term)
     return [
         warning(
@@ -137,9 +150,9 @@ class _Test:
             if term.code == "ripple" and not in_radians:
                 continue
             columns = [run.columns(term) for run in self.runs]
-            yield term, self._size(np.concatenate(columns))
+            yield term, self._size(np.concatenate(columns), term.limit)
 
-    def _size(self, columns: Array) -> float:
+    def _size(self, columns: Array, limit: float) -> float:
         """√t² as standard deviations of a normal number that is as improbable, for white innovations or for their own colour.
 
         The colour is looked at only where white innovations would call for the term.
@@ -153,7 +166,7 @@ class _Test:
             return 0.0
         total = self.innovations @ rest
         size = _normal_equivalent(total, rest.T @ rest)
-        if size <= _LIMIT:
+        if size <= limit:
             return size
         score = rest * self.innovations[:, None]
         return min(size, _normal_equivalent(total, long_run(score, andrews_lag(score))))
@@ -192,8 +205,21 @@ class _Run:
             data = self.record.data
             now = np.searchsorted(self.times, data.t_output)
             added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
+        if term.curved in self.fit.model.names:
+            added.append(self._curvature(self.fit.model.names.index(term.curved)))
         columns = np.column_stack(added) if added else np.zeros((len(self.without), 1))
         return _in_innovations(self.fit, self.record, columns)
+
+    def _curvature(self, at: int) -> Array:
+        """What the second derivative by a parameter, a tenth of a sample time either way, adds to the output."""
+        data, step = self.record.data, np.zeros(len(self.theta))
+        step[at] = 0.1 * data.sample_time
+        predict = self.fit.model.structure.predict
+        return np.asarray(
+            predict(self.theta + step, data).y
+            - 2 * self.record.prediction
+            + predict(self.theta - step, data).y
+        )
 
     def _motion(self) -> Motion:
         """The motion as the model simulates it, at the times of the input and the output."""
