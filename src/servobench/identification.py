@@ -130,7 +130,8 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
     if _moved(with_friction, frictionless):
         sentence = (
             "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
-            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better known than it is."
+            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better "
+            "known than it is."
         )
         return _Choice(
             fit=with_friction,
