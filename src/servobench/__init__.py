@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from servobench.experiment import Experiment
     from servobench.formats.base import load, save
     from servobench.identification import identify
+    from servobench.interop import from_control, from_scipy, to_control, to_scipy
     from servobench.loop.run import run
     from servobench.measurement.measure import measure
     from servobench.recording.recording import Recording
@@ -27,6 +28,7 @@ if TYPE_CHECKING:
     from servobench.signals.sine import Sine
     from servobench.signals.square import Square
     from servobench.signals.step import Step
+    from servobench.simulation import predict, residuals, simulate
     from servobench.transfer_function import TransferFunction
 
 __all__ = [
@@ -44,11 +46,18 @@ __all__ = [
     "TransferFunction",
     "__version__",
     "connect",
+    "from_control",
+    "from_scipy",
     "identify",
     "load",
     "measure",
+    "predict",
+    "residuals",
     "run",
     "save",
+    "simulate",
+    "to_control",
+    "to_scipy",
 ]
 
 _HOMES = {
@@ -65,11 +74,18 @@ _HOMES = {
     "Step": "servobench.signals.step",
     "TransferFunction": "servobench.transfer_function",
     "connect": "servobench.devices.base",
+    "from_control": "servobench.interop",
+    "from_scipy": "servobench.interop",
     "identify": "servobench.identification",
     "load": "servobench.formats.base",
     "measure": "servobench.measurement.measure",
+    "predict": "servobench.simulation",
+    "residuals": "servobench.simulation",
     "run": "servobench.loop.run",
     "save": "servobench.formats.base",
+    "simulate": "servobench.simulation",
+    "to_control": "servobench.interop",
+    "to_scipy": "servobench.interop",
 }
 
 

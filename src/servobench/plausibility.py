@@ -83,8 +83,11 @@ def _time_unit(data: Dataset) -> list[Finding]:
 def _uncertain(fit: Fit) -> list[Finding]:
     """Whether gain and time constant are known at all, and how well."""
     found = []
+    told = any(finding.code == "scatter-unknown" for finding in fit.findings)
     for name in ("gain", "time_constant"):
         estimate = fit[name]
+        if told and not np.isfinite(estimate.sd):
+            continue
         relative = estimate.sd / abs(estimate.value) if estimate.value else np.inf
         if not relative < 0.5:
             found.append(

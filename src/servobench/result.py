@@ -4,12 +4,20 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
 
+from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, Verdict, verdict
 from servobench.measurement.dataset import Dataset
+from servobench.models.base import Output
+from servobench.propagation import Derived, derived, loop_margins
 from servobench.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    import control
+    import scipy.signal
 
 SCHEMA = "servobench.result/1"
 
@@ -87,6 +95,51 @@ class Result:
         """The transfer function from the input to the speed, None where there is no fit."""
         return self.fit.model.transfer_function("speed") if self.fit else None
 
+    @cached_property
+    def derived(self) -> dict[str, Derived]:
+        """Poles, bandwidth, rise time, and the margins under unit position feedback, each with its interval.
+
+        See `propagation.derived`; empty where there is no fit.
+        """
+        return derived(self.fit) if self.fit else {}
+
+    def margins(
+        self, controller: TransferFunction | Any = None, around: Output = "position"
+    ) -> dict[str, Derived]:
+        """Return the margins of a loop around the motor, each with its interval; see `propagation.loop_margins`.
+
+        `controller` is a `TransferFunction` or a python-control system; without one it is unit feedback. Raises
+        `NotIdentifiable` where there is no fit.
+        """
+        return loop_margins(self._known(), controller, around)
+
+    def to_control(
+        self, output: Output = "speed", *, pade_order: int | None = None
+    ) -> control.TransferFunction:
+        """Return the transfer function as a `control.TransferFunction`; see `interop.to_control` for the delay.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        from servobench.interop import to_control
+
+        return to_control(self._known().model.transfer_function(output), pade_order=pade_order)
+
+    def to_scipy(self, output: Output = "speed", *, pade_order: int | None = None) -> scipy.signal.lti:
+        """Return the transfer function as a `scipy.signal.lti`; see `interop.to_scipy` for the delay.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        from servobench.interop import to_scipy
+
+        return to_scipy(self._known().model.transfer_function(output), pade_order=pade_order)
+
+    def _known(self) -> Fit:
+        if self.fit is None:
+            raise NotIdentifiable(
+                "this result has no model, its findings say why: identify again with other data or another structure"
+            )
+        return self.fit
+
     def __str__(self) -> str:
         """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
         from servobench.rounding import rounded
@@ -122,6 +175,10 @@ class Result:
                 "output": system.output,
                 "delay": system.delay,
                 "unit": system.unit,
+            },
+            "derived": {
+                name: {"value": d.value, "interval": list(d.interval), "level": d.level, "unit": d.unit, "method": d.method}
+                for name, d in self.derived.items()
             },
             "fit_percent": {
                 "training": fit.fit_percent if fit else None,

@@ -9,8 +9,8 @@ from servobench.report.bands import (
     frequency_band,
     pole_bands,
     step_band,
-    step_response,
 )
+from servobench.responses import step_response
 from servobench.transfer_function import TransferFunction
 from tests.report.makers import fit_of
 

@@ -175,7 +175,7 @@ def profile(near: Linearised, tau: float, around: float | None = None) -> Profil
     The restricted likelihood (Patterson and Thompson 1971), -2 ln L = (n - p) ln r + Σ ln S + ln |J'S⁻¹J| with r profiled,
     allows for the parameters having been fitted. It is taken on a grid of ln(q/r), then on a finer one that spans what is
     likely; `around` is the ln(q/r) of an earlier answer.
-    No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in 5 % of the records without one, and
+    No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without one, and
     5.41 in 1 % (Self and Liang 1987).
     """
     levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
@@ -231,6 +231,14 @@ def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -
     each = Blocks(np.arange(len(x)), np.ones(len(x)), data.t_output, moving)
     out, _ = _innovations(x.reshape(len(x), -1), each, data.kind, disturbance.tau, disturbance.ratio)
     return np.asarray((out / np.sqrt(disturbance.variance)).reshape(x.shape), dtype=np.float64)
+
+
+def innovation_sd(data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+    """Return the standard deviation of each sample's innovation (M,) [unit of the output]."""
+    n = len(data.t_output)
+    each = Blocks(np.arange(n), np.ones(n), data.t_output, moving)
+    _, spread = _innovations(np.empty((n, 0)), each, data.kind, disturbance.tau, disturbance.ratio)
+    return np.asarray(np.sqrt(disturbance.variance * spread), dtype=np.float64)
 
 
 def of_each_sample(

@@ -108,8 +108,13 @@ def _figures(result: Result) -> dict[str, Any]:
         return data
     return data | {
         "residuals": [_row(row) for row in illustrations.residuals(fit)],
-        "bode": _single(model_illustrations.frequency_response(fit)),
-        "responses": _row((model_illustrations.step_response(fit), model_illustrations.poles(fit))),
+        "bode": _single(model_illustrations.frequency_response(fit, result.derived)),
+        "responses": _row(
+            (
+                model_illustrations.step_response(fit, result.derived),
+                model_illustrations.poles(fit, result.derived),
+            )
+        ),
     }
 
 

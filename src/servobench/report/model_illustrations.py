@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping
 from functools import partial
 
 import numpy as np
 
 from servobench.estimators.base import Fit
-from servobench.report import model_figures
+from servobench.propagation import Derived
+from servobench.report import model_figures, words
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, rounded, with_unit
@@ -19,7 +21,7 @@ _POINTS = 400  # of a curve over frequency or time
 _LINE_WIDTH = 1.8 / 150  # of a curve, as a part of its panel's height
 
 
-def frequency_response(fit: Fit) -> Illustration | None:
+def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration | None:
     """Return magnitude and phase over frequency, with their bands and the range that the data can tell of.
 
     None for a model without a gain, which has no magnitude that a logarithm could be taken of.
@@ -33,20 +35,23 @@ def frequency_response(fit: Fit) -> Illustration | None:
     band = frequency_band(fit, np.geomspace(low, high, _POINTS))
     corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
     told = _band_words(band, seen)
+    bandwidth = words.quantity(
+        "The bandwidth, at which the magnitude has fallen to 0.707 of that at rest, is", derived["bandwidth"]
+    )
     knee = f" The corner is at {with_unit(corner, 'rad/s', 4)}." if corner is not None else ""
     return Illustration(
         name="bode",
         title="Frequency response from the input to the speed",
         caption=(
-            f"{told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above half the "
-            f"sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
-        ),
+            f"{bandwidth} {told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above "
+            f"half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
+        ).lstrip(),
         description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
         draw=partial(model_figures.bode, band, system.unit, seen, corner),
     )
 
 
-def step_response(fit: Fit) -> Illustration:
+def step_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
     """Return the speed after a step of one unit of input."""
     system = fit.model.transfer_function("speed")
     slowest = max((1 / abs(pole.real) for pole in system.poles if pole.real != 0), default=1.0)
@@ -64,14 +69,17 @@ def step_response(fit: Fit) -> Illustration:
     return Illustration(
         name="step",
         title=f"Response to a step of 1 {input_unit}",
-        caption=f"Of the linear part, from rest; friction and offset are left out. {width}",
+        caption=(
+            "Of the linear part, from rest; friction and offset are left out. "
+            f"{words.quantity('The rise time from 10 to 90 % is', derived['rise_time'])} {width}"
+        ),
         description=f"The speed goes to {final}. {width}",
         draw=partial(model_figures.step, band, unit, mark),
     )
 
 
-def poles(fit: Fit) -> Illustration:
-    """Return the poles in the complex plane and what they mean for stability."""
+def poles(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
+    """Return the poles in the complex plane and what they mean for stability, also under feedback."""
     bands = pole_bands(fit)
     judged = stability(fit.model.transfer_function("speed"))
     reasons = re.sub(r"(?<=[ (±])-(?=\d)", "−", " ".join(judged.reasons))
@@ -80,7 +88,8 @@ def poles(fit: Fit) -> Illustration:
         title="Poles",
         caption=(
             f"From the input to the speed the motor is {judged.verdict}. {reasons} "
-            "The circle is the integrator from speed to position, which nobody estimated."
+            "The circle is the integrator from speed to position, which nobody estimated. "
+            f"{words.feedback(derived, fit.model.data)}"
         ),
         description=f"Pole map. {' '.join(map(_pole_words, bands))}",
         draw=partial(model_figures.pole_map, bands, 0j),

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -67,10 +68,21 @@ def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
             name=parameter.name.replace("_", " "),
             symbol=symbol(parameter.name),
             meaning=parameter.meaning,
-            estimate=rounded(estimate.value, TWO_SIDED * estimate.sd, estimate.unit),
+            estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
         )
         for parameter, estimate in zip(fit.model.structure.parameters, fit.estimates.values(), strict=True)
     )
+
+
+def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> Rounded:
+    """Return a value with half of its interval and the interval's ends, which need not lie evenly about it."""
+    low, high = interval
+    half = 0.5 * (high - low)
+    told = rounded(value, half, unit)
+    if not math.isfinite(half):
+        return told
+    ends = rounded(0.5 * (low + high), half, unit)
+    return replace(told, low=ends.low, high=ends.high) if ends.unit == told.unit else told
 
 
 def finding_groups(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], ...]:

@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Severity, Verdict
+from servobench.measurement.dataset import Dataset
+from servobench.propagation import Derived
 from servobench.recording.recording import Recording
-from servobench.report.bands import TWO_SIDED
 from servobench.report.history import experiment_table
 from servobench.result import Result
-from servobench.rounding import Rounded, counted, percent, rounded
+from servobench.rounding import SPACE, Rounded, counted, percent, plain, rounded, with_unit
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -74,6 +76,31 @@ def lost(fit: Fit) -> str:
     return " and ".join(word for name, word in names.items() if name in fit.model.names)
 
 
+def feedback(derived: Mapping[str, Derived], data: Dataset) -> str:
+    """Return what unit feedback of the position would do, with its margins."""
+    phase, gain = derived["phase_margin"], derived["gain_margin"]
+    loop = f"unit feedback of the position (1 {data.input_unit} for each {data.position_unit})"
+    if phase.value <= 0 or gain.value <= 1:
+        return f"With {loop} the loop would be unstable."
+    margin = (
+        f"the phase margin is {_with_interval(_scaled(phase, math.degrees), '°')} at "
+        f"{_with_interval(derived['gain_crossover'], 'rad/s')}"
+        if math.isfinite(phase.value)
+        else "the loop never gets to a gain of 1"
+    )
+    if not math.isfinite(gain.value):
+        least = _decibels(gain.interval[0])
+        limit = f" ({plain(least, 3)} dB at least)" if math.isfinite(least) else ""
+        return f"With {loop} {margin}, and no gain makes it unstable{limit}."
+    at = with_unit(derived["phase_crossover"].value, "rad/s", 3)
+    return f"With {loop} {margin}, the gain margin {_with_interval(_scaled(gain, _decibels), 'dB')} at {at}."
+
+
+def quantity(what: str, derived: Derived) -> str:
+    """Return a sentence with a quantity and its interval; an empty one where there is none."""
+    return f"{what} {_with_interval(derived, derived.unit)}." if math.isfinite(derived.value) else ""
+
+
 def _model_sentence(fit: Fit) -> str:
     estimates = fit.estimates
     data = fit.model.data
@@ -92,9 +119,35 @@ def _model_sentence(fit: Fit) -> str:
 
 
 def _interval(estimate: Estimate, unit: str = "") -> Rounded:
-    return rounded(estimate.value, TWO_SIDED * estimate.sd, unit or estimate.unit)
+    low, high = estimate.interval
+    return rounded(estimate.value, 0.5 * (high - low), unit or estimate.unit)
 
 
 def _experiment_name(recording: Recording) -> str:
     own = experiment_table(recording).get("experiment", {})
     return str(own.get("name", "")) if isinstance(own, dict) else ""
+
+
+def _with_interval(derived: Derived, unit: str) -> str:
+    """A value with its interval: as ± where it lies evenly about it, or else as its ends."""
+    low, high = derived.interval
+    half = 0.5 * (high - low)
+    if derived.method == "first order" or math.isnan(half):
+        return _degrees(str(rounded(derived.value, half, unit)))
+    value, least, most = (_degrees(with_unit(x, unit, 3)) for x in (derived.value, low, high))
+    return f"{value} (95 %: {least} to {most})" if math.isfinite(high) else f"{value} (95 %: {least} or more)"
+
+
+def _degrees(text: str) -> str:
+    """The same with the degree sign where it belongs, at its number."""
+    return text.replace(f"{SPACE}°", "°")
+
+
+def _scaled(derived: Derived, scale: Callable[[float], float]) -> Derived:
+    """The same quantity on another scale, which grows with the old one."""
+    low, high = derived.interval
+    return replace(derived, value=scale(derived.value), interval=(scale(low), scale(high)))
+
+
+def _decibels(factor: float) -> float:
+    return 20 * math.log10(factor) if factor > 0 else math.nan if math.isnan(factor) else -math.inf

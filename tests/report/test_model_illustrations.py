@@ -1,0 +1,84 @@
+"""What is said of a model under its figures: bandwidth, rise time, and the margins of feedback, each with its interval."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.estimators.base import FittedRecord
+from servobench.propagation import derived
+from servobench.report.model_illustrations import frequency_response, poles, step_response
+from tests.report.makers import dataset, fit_of
+
+SD = np.array([0.02, 1e-4, 0.01, 2e-5])
+FEEDBACK = "With unit feedback of the position (1 V for each rad)"
+
+
+def caption(theta: tuple[float, ...], sd: np.ndarray = SD) -> str:
+    fit = fit_of(theta, np.diag(sd**2))
+    return poles(fit, derived(fit)).caption
+
+
+def test_bandwidth_and_rise_time_stand_under_their_figures() -> None:
+    data = dataset(samples=50)
+    nothing = np.zeros(50)
+    record = FittedRecord(
+        data=data,
+        nuisance=np.zeros(2),
+        prediction=data.y,
+        residual=nothing,
+        innovations=nothing,
+        valid=nothing == 0,
+    )
+    fit = replace(fit_of((20.0, 0.1, 0.3, 0.002), np.diag(SD**2)), records=(record,))
+
+    bode, step = frequency_response(fit, derived(fit)), step_response(fit, derived(fit))
+
+    # 1/τ and τ ln 9, both known to 0.1 % · 1.96
+    assert bode is not None
+    assert "0.707 of that at rest, is 10.000 ± 0.020 rad/s." in bode.caption.replace("\u00a0", " ")
+    assert "The rise time from 10 to 90 % is 0.21972 ± 0.00043 s." in step.caption.replace("\u00a0", " ")
+
+
+def test_the_margins_of_unit_feedback_stand_with_the_poles() -> None:
+    # τ²ω⁴ + ω² = K² at 12.496 rad/s, where π/2 - atan(ωτ) - ωd = 37.236°. tan(ωd) = 1/(ωτ) at 70.476 rad/s, where
+    # ω √(1 + ω²τ²)/K = 25.083 = 27.988 dB.
+    told = caption((20.0, 0.1, 0.3, 0.002)).replace("\u00a0", " ")
+
+    assert f"{FEEDBACK} the phase margin is 37.236 ±" in told
+    assert "° at 12.496 ±" in told
+    assert "the gain margin 27.99 ±" in told
+    assert told.endswith("at 70.5 rad/s.")
+
+
+@pytest.mark.parametrize(
+    ("theta", "sentence"),
+    [
+        ((20.0, 0.1, 0.3, -1e-3), "and no gain makes it unstable"),
+        ((20.0, 0.1, 0.3, 0.2), "the loop would be unstable."),
+        ((-20.0, 0.1, 0.3, 0.0), "the loop would be unstable."),
+    ],
+)
+def test_loops_without_a_limit_and_unstable_ones_are_said_to_be_so(
+    theta: tuple[float, ...], sentence: str
+) -> None:
+    assert sentence in caption(theta)
+
+
+def test_an_interval_that_isn_t_even_is_told_by_its_ends() -> None:
+    # The delay may be none: the gain margin has a lower end only.
+    told = caption((20.0, 0.1, 0.3, 0.002), np.array([0.02, 1e-4, 0.01, 4e-3])).replace("\u00a0", " ")
+
+    assert "the gain margin 28 dB (95 %:" in told
+    assert "dB or more)" in told
+
+
+def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
+    fit = replace(
+        fit_of((20.0, 0.1, 0.3, 0.002), np.diag(SD**2)), covariance=np.diag([4e-4, 1e-8, 1e-4, np.inf])
+    )
+
+    told = poles(fit, derived(fit)).caption.replace("\u00a0", " ")
+
+    assert "the phase margin is 37.2" in told
+    assert "nan" not in told
