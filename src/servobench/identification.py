@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -144,7 +144,7 @@ def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choi
 def _allowing_for_disturbance(fit: Fit) -> Fit:
     """The fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
 
-    Where every count is where it should be there is nothing to allow for.
+    Where every count is where it should be there is nothing to allow for, or nothing but rounding.
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error with its allowance for
     any colour is the safer of two wrong noise models.
     """
@@ -153,8 +153,31 @@ def _allowing_for_disturbance(fit: Fit) -> Fit:
     test = disturbance_test(fit)
     if test is None or test.likelihood_ratio <= THRESHOLD:
         return fit
+    counted = _by_counts(fit)
+    if counted is not None:
+        return counted
     allowing = PredictionError().fit_after(fit)
     return allowing if explains_the_colour(allowing) else fit
+
+
+def _by_counts(fit: Fit) -> Fit | None:
+    """The fit of the interval likelihood where rounding alone looks like a random torque; None where it isn't that.
+
+    Where speed and encoder beat slowly (nearly a whole number of counts in each few samples), rounding wanders like a shaft under
+    a random torque. But it leaves each count where it belongs, which a torque doesn't.
+    """
+    if not rounding_explains(fit, times=5.0):
+        return None
+    start = np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
+    data = [record.data for record in fit.records]
+    counted = ESTIMATORS["interval_likelihood"].fit(fit.model.structure, data, [start])
+    if not rounding_explains(counted, times=0.5):
+        return None
+    sentence = (
+        "The encoder's rounding comes and goes slowly in these data, as the speed is near a simple fraction of counts per sample. "
+        "The estimator interval_likelihood takes each count for what it is; to output_error it would look like a moving shaft."
+    )
+    return replace(counted, findings=(*counted.findings, info("rounding-beats", sentence)))
 
 
 def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
