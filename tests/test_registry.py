@@ -120,3 +120,18 @@ def test_a_plug_in_can_not_take_the_name_of_another_member(
 
     with pytest.raises(UsageError, match="two members of fruits are called 'pear'"):
         kind().names()
+
+
+def test_a_family_makes_members_from_their_names() -> None:
+    structures = Registry[tuple[int, int]]("structure", "servobench.signals")
+
+    def grid(name: str) -> tuple[int, int] | None:
+        first, _, second = name.partition("x")
+        return (int(first), int(second)) if first.isdigit() and second.isdigit() else None
+
+    structures.family("NxM", grid)
+    assert structures["3x4"] == (3, 4)
+    assert structures["3x4"] is structures["3x4"]
+    assert structures.name_of(structures["3x4"]) == "3x4"
+    with pytest.raises(UnknownName, match="NxM"):
+        structures["3by4"]

@@ -174,7 +174,7 @@ def _by_counts(fit: Fit) -> Fit | None:
     if not rounding_explains(counted, times=0.5):
         return None
     sentence = (
-        "The encoder's rounding comes and goes slowly in these data, as the speed is near a simple fraction of counts per sample. "
+        "The encoder's rounding comes and goes slowly in these data: the speed is near a simple fraction of counts per sample. "
         "The estimator interval_likelihood takes each count for what it is; to output_error it would look like a moving shaft."
     )
     return replace(counted, findings=(*counted.findings, info("rounding-beats", sentence)))

@@ -85,6 +85,8 @@ def _uncertain(fit: Fit) -> list[Finding]:
     found = []
     told = any(finding.code == "scatter-unknown" for finding in fit.findings)
     for name in ("gain", "time_constant"):
+        if name not in fit.model.names:
+            continue
         estimate = fit[name]
         if told and not np.isfinite(estimate.sd):
             continue
@@ -106,6 +108,8 @@ def _uncertain(fit: Fit) -> list[Finding]:
 
 def _time_scale(fit: Fit) -> list[Finding]:
     """Whether the time constant lies between the sample time and the length of the record."""
+    if "time_constant" not in fit.model.names:
+        return []
     tau = fit["time_constant"].value
     step = max(record.data.sample_time for record in fit.records)
     longest = max(record.data.duration for record in fit.records)
@@ -124,6 +128,8 @@ def _time_scale(fit: Fit) -> list[Finding]:
 
 def _delay(fit: Fit) -> list[Finding]:
     """Whether the output comes before its cause, and the search hasn't said so already."""
+    if "delay" not in fit.model.names:
+        return []
     delay, step = fit["delay"], fit.records[0].data.sample_time
     told = any(finding.parameters == ("delay",) for finding in fit.findings)
     if told or delay.value >= -3 * delay.sd or delay.value >= -0.6 * step:
@@ -133,6 +139,8 @@ def _delay(fit: Fit) -> list[Finding]:
 
 
 def _sense(fit: Fit) -> list[Finding]:
+    if "gain" not in fit.model.names:
+        return []
     if fit["gain"].value >= 0:
         return []
     return [

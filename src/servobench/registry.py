@@ -25,6 +25,8 @@ class Registry(Generic[T]):
         self.kind = kind
         self.package = package
         self._members: dict[str, T] = {}
+        self._families: dict[str, Callable[[str], T | None]] = {}
+        self._made: dict[str, T] = {}
         self._complete = False
 
     def member(self, name: str) -> Callable[[T], T]:
@@ -41,17 +43,25 @@ class Registry(Generic[T]):
 
         return add
 
+    def family(self, form: str, make: Callable[[str], T | None]) -> None:
+        """Add members without number that are made from their names; `form` shows such a name, `make` returns None for others."""
+        self._families[form] = make
+
     def names(self) -> tuple[str, ...]:
         """Return the names of all members, sorted."""
         self._load()
         return tuple(sorted(self._members))
 
     def __getitem__(self, name: str) -> T:
-        """Return the member of that name; raises `UnknownName`, which lists the known ones."""
+        """Return the member of that name, fixed or of a family; raises `UnknownName`, which lists the known ones."""
         self._load()
-        if name not in self._members:
-            raise UnknownName(self.kind, name, self._members)
-        return self._members[name]
+        if name in self._members:
+            return self._members[name]
+        for make in self._families.values():
+            made = self._made.get(name) or make(name)
+            if made is not None:
+                return self._made.setdefault(name, made)
+        raise UnknownName(self.kind, name, [*self._members, *self._families])
 
     def __iter__(self) -> Iterator[T]:
         return (self._members[name] for name in self.names())
@@ -62,7 +72,7 @@ class Registry(Generic[T]):
         Raises `UsageError` where it is no member of this kind.
         """
         self._load()
-        for name, member in self._members.items():
+        for name, member in {**self._members, **self._made}.items():
             if found is member or type(found) is member:
                 return name
         raise UsageError(

@@ -18,7 +18,6 @@ from numpy.typing import NDArray
 
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Estimator, Fit
-from servobench.estimators.instruments.closed_loop import with_reference
 from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
@@ -122,7 +121,7 @@ def dataset(
         t_out = np.concatenate([[0.0], t_out[np.diff(t_out, prepend=0.0) > 1e-4]])
     angle, speed = motion(t_in, u, t_out, delay)
     data = packed(t_in, u, t_out, angle, speed, kind, chain or Chain(), noise[: len(t_out)])
-    return with_reference(data, by.signal(t_in)) if by.controlled else data
+    return replace(data, reference=by.signal(t_in)) if by.controlled else data
 
 
 def packed(
@@ -331,7 +330,7 @@ def test_a_delay_that_is_not_estimated_has_no_interval_and_is_named(name: str) -
 def test_the_name_in_a_fit_is_the_estimators_own(name: str) -> None:
     found = fitted_to_some(ESTIMATORS[name], lambda by: [dataset(kind=preferred(CAN[name]), by=by)])
     assert found.estimator == name
-    assert found.structure in STRUCTURES.names()
+    assert STRUCTURES[found.structure] is found.model.structure
     assert found.covariance.shape == (len(found.model.theta),) * 2
 
 

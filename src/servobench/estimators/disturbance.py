@@ -175,8 +175,8 @@ def profile(near: Linearised, tau: float, around: float | None = None) -> Profil
     The restricted likelihood (Patterson and Thompson 1971), -2 ln L = (n - p) ln r + Σ ln S + ln |J'S⁻¹J| with r profiled,
     allows for the parameters having been fitted. It is taken on a grid of ln(q/r), then on a finer one that spans what is
     likely; `around` is the ln(q/r) of an earlier answer.
-    No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without one, and
-    5.41 in 1 % (Self and Liang 1987).
+    No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without
+    one, and 5.41 in 1 % (Self and Liang 1987).
     """
     levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
     best, sd = _mode(near, tau, levels)

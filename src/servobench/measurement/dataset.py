@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import UsageError
@@ -23,6 +24,7 @@ class Dataset:
     its start; the `applied` ones started from zero with the first sample, as they do in a prediction.
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
+    `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
     """
@@ -41,6 +43,7 @@ class Dataset:
     declared: Chain = field(default_factory=Chain)
     applied: Chain = field(default_factory=Chain)
     delay: float = 0.0
+    reference: Array | None = None
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -55,6 +58,12 @@ class Dataset:
                 )
             if (np.diff(t) <= 0).any():
                 raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
+        r = self.reference
+        if r is not None and (r.shape != self.u.shape or not np.isfinite(r).all()):
+            raise UsageError(
+                f"{self.name}: the reference has shape {r.shape}, the input {self.u.shape}; expected a finite value of the "
+                "reference for each value of the input"
+            )
 
     @property
     def chain(self) -> Chain:
@@ -140,4 +149,9 @@ class Dataset:
             declared=self.declared if keep_out[0] else self.chain,
             applied=self.applied if keep_out[0] else Chain(),
             delay=self.delay,
+            reference=None if self.reference is None else self.reference[self._held_at(t_input)],
         )
+
+    def _held_at(self, t: Array) -> NDArray[np.int64]:
+        """Which value of the input held at times t (K,)."""
+        return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)

@@ -1,0 +1,1 @@
+"""Parts of the estimators that work with instrumental variables."""
