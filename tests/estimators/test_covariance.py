@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servobench.estimators.covariance import andrews_lag, conservative, inverse, plain, sandwich
+from servobench.estimators.covariance import andrews_lag, conservative, inverse, long_run, plain, sandwich
 
 
 def test_the_inverse_does_not_depend_on_the_units_of_the_parameters() -> None:
@@ -56,3 +56,22 @@ def test_the_conservative_covariance_is_below_neither() -> None:
     both = conservative(first, second)
     np.testing.assert_allclose(np.diag(both), [4.0, 2.0])
     assert np.all(np.linalg.eigvalsh(both) > 0)
+
+
+@pytest.mark.parametrize("lag", [0, 1, 7, 59, 80])
+def test_the_long_run_variance_is_the_sum_over_all_pairs_with_bartletts_weights(lag: int) -> None:
+    s = np.cumsum(np.random.default_rng(4).normal(size=(60, 3)), axis=0)
+    expected = np.zeros((3, 3))
+    for k in range(60):
+        for n in range(60):
+            expected += max(0.0, 1.0 - abs(k - n) / (lag + 1)) * np.outer(s[k], s[n])
+    # Running sums round to 1e-16 of the largest, 60 times.
+    np.testing.assert_allclose(long_run(s, lag), expected, rtol=0, atol=1e-13 * np.abs(expected).max())
+
+
+def test_the_lag_is_andrews_for_one_series() -> None:
+    """For one AR(1) series: 1.1447 (α n)^(1/3) with α = 4 ρ² / ((1 - ρ)² (1 + ρ)²), equation 6.4."""
+    x = np.array([1.0, 0.5, 0.9, 0.1, 0.6, 0.8, 0.2, 0.7] * 50)
+    rho = np.sum(x[1:] * x[:-1]) / np.sum(x[:-1] ** 2)
+    alpha = 4 * rho**2 / ((1 - rho) ** 2 * (1 + rho) ** 2)
+    assert andrews_lag(x[:, None]) == min(int(np.ceil(1.1447 * (alpha * 400) ** (1 / 3))), 100)

@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -9,12 +12,16 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servobench.errors import NotIdentifiable
+from servobench.measurement.base import Chain, Kind
+from servobench.measurement.dataset import Dataset
 from servobench.models import kernels
 from servobench.models.base import STRUCTURES
+from servobench.models.first_order import FirstOrder
 from tests.datasets import dataset
 from tests.motor.reference import Truth, march
 
 N = 800
+ALL = np.arange(kernels.COLUMNS)
 
 
 def inputs(regular: bool) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
@@ -33,7 +40,7 @@ def response(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     t_in, t, u = inputs(regular)
     y, jacobian = np.empty(N), np.empty((N, kernels.COLUMNS))
-    kernels.response(t_in, u, 0.0, t, p, float(friction), float(speed), y, jacobian)
+    kernels.response(t_in, u, 0.0, t, p, float(friction), float(speed), ALL, y, jacobian)
     return y, jacobian
 
 
@@ -63,7 +70,7 @@ def test_a_step_from_rest_follows_the_closed_form() -> None:
     t = np.arange(200) * 0.002
     p = np.array([20.0, 0.1, 0.0, 0.0, 0.0005, 0.2, 0.0])
     y, jacobian = np.empty(200), np.empty((200, kernels.COLUMNS))
-    kernels.response(t[:1], np.array([2.0]), 0.0, t, p, 0.0, 0.0, y, jacobian)
+    kernels.response(t[:1], np.array([2.0]), 0.0, t, p, 0.0, 0.0, ALL, y, jacobian)
     s = np.maximum(t - 0.0005, 0.0)
     np.testing.assert_allclose(y, 0.2 + 40.0 * (s - 0.1 * (1 - np.exp(-s / 0.1))), atol=1e-12)
 
@@ -108,7 +115,7 @@ def test_a_sample_never_depends_on_an_input_that_acts_later(
     outputs = []
     for values in (u, changed):
         y, jacobian = np.empty(40), np.empty((40, kernels.COLUMNS))
-        kernels.response(t, values, 0.0, t, p, 1.0, 0.0, y, jacobian)
+        kernels.response(t, values, 0.0, t, p, 1.0, 0.0, ALL, y, jacobian)
         outputs.append(y)
     same = t <= t[20] + delay
     np.testing.assert_array_equal(outputs[0][same], outputs[1][same])
@@ -137,3 +144,85 @@ def test_an_output_that_never_moves_is_refused_with_what_to_look_at() -> None:
     assert STRUCTURES["first_order"].guesses([data])
     with pytest.raises(NotIdentifiable, match="blocked"):
         STRUCTURES["first_order"].guesses([still])
+
+
+FIRST_ORDER = [name for name in STRUCTURES.names() if isinstance(STRUCTURES[name], FirstOrder)]
+
+
+def record(kind: Kind, *, steady: bool, regular: bool, delay: float) -> Dataset:
+    """A record with reversals, rest and coasting; `steady` inputs hold for many samples, others change at each of them."""
+    t_in, t, u = inputs(regular)
+    random = np.random.default_rng(11)
+    return replace(
+        dataset(seed=1, samples=N),
+        t_input=np.sort(t_in),
+        u=u if steady else u + random.normal(0.0, 0.3, N),
+        t_output=t,
+        y=np.cumsum(random.normal(0.0, 0.1, N)),
+        kind=kind,
+        output_unit="rad" if kind == "position" else "rad/s",
+        quantum=None,
+        delay=delay,
+    )
+
+
+@pytest.mark.parametrize("delay", [-0.0031, 0.0, 0.00052, 0.0047])
+@pytest.mark.parametrize("steady", [True, False])
+@pytest.mark.parametrize("regular", [True, False])
+@pytest.mark.parametrize("kind", ["position", "speed"])
+@pytest.mark.parametrize("name", FIRST_ORDER)
+def test_normal_equations_without_a_jacobian_are_those_with_one(
+    name: str, kind: Kind, regular: bool, steady: bool, delay: float
+) -> None:
+    structure = STRUCTURES[name]
+    data = record(kind, steady=steady, regular=regular, delay=delay)
+    value = {"gain": 23.8, "time_constant": 0.0998, "coulomb_voltage": 0.16, "offset_voltage": 0.02}
+    start = [0.3, 5.0] if kind == "position" else [5.0]
+    theta = np.array([*(value.get(parameter.name, 0.0007) for parameter in structure.parameters), *start])
+    prediction = structure.predict(theta, data)
+    both = np.column_stack([prediction.jacobian, data.y - prediction.y])
+    expected = both.T @ both
+
+    h, g, cost = structure.normal(theta, data)  # type: ignore[attr-defined]
+
+    found = np.block([[h, g[:, None]], [g[None, :], np.array([[cost]])]])
+    # e^(-h/τ) is a product of up to 800 factors, each rounded to 2e-16: 2e-13 of the largest term. Terms that cancel in a sum
+    # over a piece (a ramp less what the shaft lags behind) are up to 100 times the sum.
+    scale = np.sqrt(np.outer(np.diag(expected), np.diag(expected)))
+    assert np.all(np.abs(found - expected) <= 2e-11 * scale)
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+@pytest.mark.parametrize("name", FIRST_ORDER)
+def test_a_chain_that_does_nothing_changes_no_guess(name: str, kind: Literal["square", "prbs"]) -> None:
+    """Plain data have a compiled way to a guess; through a chain each column is predicted by itself."""
+    data = dataset(seed=1, kind=kind)
+    plain = STRUCTURES[name].guesses([data, dataset(seed=2, kind=kind, samples=900)])
+    chained = STRUCTURES[name].guesses(
+        [
+            replace(record, applied=Chain.parse("scale 1"))
+            for record in (data, dataset(seed=2, kind=kind, samples=900))
+        ]
+    )
+    assert len(plain) == len(chained)
+    for one, other in zip(plain, chained, strict=True):
+        if name == "first_order_coulomb" and kind == "square":
+            # Turning one way, friction and offset are one; how they are shared out is rounding's choice.
+            one, other = (np.array([x[0], x[1], x[2] + x[3], x[4]]) for x in (one, other))
+        # The normal equations double the digits that near-collinear columns (ramp and response) cost: 1e-16 x 10⁴ x 10⁴.
+        np.testing.assert_allclose(one, other, rtol=1e-4, atol=1e-5)
+
+
+def test_the_samples_for_a_guess_fall_in_with_no_period_of_the_input() -> None:
+    """A sine with as many periods as there are samples in use: evenly spaced ones would all see the same phase."""
+    t = np.arange(24_000) * 0.0005
+    u = 3 * np.sin(2 * np.pi * 20.0 * t)
+    y, jacobian = np.empty(len(t)), np.empty((len(t), 0))
+    p = np.array([24.0, 0.1, 0.0, 0.0, 0.0003, 0.0, 0.0])
+    kernels.response(t, u, 0.0, t, p, 0.0, 0.0, ALL[:0], y, jacobian)
+    data = replace(dataset(seed=1, samples=10), t_input=t, u=u, t_output=t, y=y, quantum=None)
+
+    guess = STRUCTURES["first_order"].guesses([data])[0]
+
+    # The grid of τ is refined to 1.2 %, that of the delay is coarse: a third of a time constant is near enough for a search.
+    assert guess[:2] == pytest.approx([24.0, 0.1], rel=0.3)

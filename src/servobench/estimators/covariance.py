@@ -17,15 +17,17 @@ def plain(h: Array, residual_variance: float) -> Array:
 def sandwich(h: Array, scores: Sequence[Array]) -> Array:
     """Return H⁻¹ M H⁻¹ with M the long-run variance of the scores J_k r_k, each record's (N, P).
 
-    M = Γ₀ + Σ (1 - l/(L+1)) (Γ_l + Γ_l'), Bartlett weights (Newey and West 1987), the lag L from the scores' own colour
-    (Andrews 1991, equations 6.2 and 6.4, an AR(1) for each parameter).
+    M = Γ₀ + Σ (1 - l/(L+1)) (Γ_l + Γ_l'), Bartlett weights (Newey and West 1987), the lag L from the colour of what the scores do
+    to each parameter, H⁻¹ J_k r_k (Andrews 1991, equations 6.2 and 6.4, an AR(1) for each).
     """
-    bread = inverse(h)
-    meat = np.zeros_like(h)
+    return sandwiched(inverse(h), scores)
+
+
+def sandwiched(bread: Array, scores: Sequence[Array]) -> Array:
+    """Return B M B as `sandwich` does, B = H⁻¹ (P, P)."""
+    meat = np.zeros_like(bread)
     for s in scores:
-        influence = s @ bread
-        lag = andrews_lag(influence)
-        meat += long_run(s, lag)
+        meat += long_run(s, andrews_lag(s @ bread))
     return np.asarray(bread @ meat @ bread, dtype=np.float64)
 
 
@@ -43,17 +45,18 @@ def conservative(first: Array, second: Array) -> Array:
 
 def andrews_lag(x: Array) -> int:
     """Return the Bartlett lag that suits series x (N, P), from an AR(1) fitted to each; at most a quarter of N."""
+    from servobench.estimators import kernels
+
     n = len(x)
     if n < 4:
         return 0
-    now, before = x[1:], x[:-1]
-    power = np.sum(before**2, axis=0)
+    power, product = np.empty(x.shape[1]), np.empty(x.shape[1])
+    kernels.autocovariances(x, power, product)
     use = power > 0
-    rho = np.clip(np.sum(now * before, axis=0)[use] / power[use], -0.999, 0.999)
+    rho = np.clip(product[use] / power[use], -0.999, 0.999)
     # Every parameter counts the same, whatever its unit: weights 1/σ⁴.
     numerator = np.sum(4 * rho**2 / ((1 - rho) ** 6 * (1 + rho) ** 2) * (1 - rho) ** 4)
-    denominator = np.sum(np.ones_like(rho))
-    alpha = numerator / denominator if denominator else 0.0
+    alpha = numerator / len(rho) if len(rho) else 0.0
     return int(min(np.ceil(1.1447 * (alpha * n) ** (1 / 3)), n // 4))
 
 
@@ -74,14 +77,13 @@ def inverse(h: Array) -> Array:
 
 
 def long_run(s: Array, lag: int) -> Array:
-    """Return Γ₀ + Σ (1 - l/(lag+1)) (Γ_l + Γ_l') of scores s (N, P), by Fourier transform."""
-    n = len(s)
-    size = 1 << int(np.ceil(np.log2(max(2 * n, 2))))
-    spectrum = np.fft.rfft(s, size, axis=0)
-    weights = np.zeros(size)
-    weights[: lag + 1] = 1.0 - np.arange(lag + 1) / (lag + 1.0)
-    weights[size - lag :] = weights[1 : lag + 1][::-1]
-    window = np.fft.rfft(weights).real
-    smooth = np.fft.irfft(spectrum * window[:, None], size, axis=0)[:n]
-    total = s.T @ smooth
-    return np.asarray(0.5 * (total + total.T), dtype=np.float64)
+    """Return Γ₀ + Σ (1 - l/(lag+1)) (Γ_l + Γ_l') of scores s (N, P).
+
+    That is Σ w w' / (lag+1) with w the moving sums of lag+1 scores, the ends included: of two scores that are l apart, lag+1-l of
+    the sums hold both.
+    """
+    from servobench.estimators import kernels
+
+    w = np.empty((len(s) + lag, s.shape[1]))
+    kernels.moving_sums(s, lag, w)
+    return np.asarray(w.T @ w / (lag + 1), dtype=np.float64)

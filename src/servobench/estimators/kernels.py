@@ -75,3 +75,29 @@ def innovations(
         for n in range(columns):
             th[n] += g * w[n]
             w[n] *= a
+
+
+@compiled
+def autocovariances(x: Array, power: Array, product: Array) -> None:
+    """Fill power (P,) with Σ x_k-1² and product (P,) with Σ x_k x_k-1 of each column of x (N, P)."""
+    for c in range(x.shape[1]):
+        squares = products = 0.0
+        before = x[0, c]
+        for k in range(1, len(x)):
+            squares += before * before
+            products += before * x[k, c]
+            before = x[k, c]
+        power[c], product[c] = squares, products
+
+
+@compiled
+def moving_sums(s: Array, lag: int, w: Array) -> None:
+    """Fill w (N + lag, P) with the sums of lag + 1 neighbouring rows of s (N, P), those that reach beyond the ends included."""
+    for c in range(s.shape[1]):
+        total = 0.0
+        for k in range(len(w)):
+            if k < len(s):
+                total += s[k, c]
+            if k > lag:
+                total -= s[k - lag - 1, c]
+            w[k, c] = total

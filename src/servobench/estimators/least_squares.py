@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +29,15 @@ class Minimum:
     status: str
 
 
+@runtime_checkable
+class Summing(Protocol):
+    """A structure that can add up the normal equations of a record without holding its Jacobian, which is much faster."""
+
+    def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
+        """Return J'J, J'r and r'r, r = y - prediction, for theta (P + Q,); None where that data need `predict`."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Layout:
     """Where the parameters of each record stand in the joint vector: the shared ones first, then each record's own."""
@@ -41,12 +52,25 @@ class Layout:
 
     def columns(self) -> list[NDArray[np.int64]]:
         """Return, for each record, the places of its parameters in the joint vector."""
+        return self._places
+
+    @cached_property
+    def _places(self) -> list[NDArray[np.int64]]:
         places, start = [], self.shared
         for record in self.data:
             own = len(self.structure.nuisance(record))
-            places.append(np.r_[np.arange(self.shared), np.arange(start, start + own)])
+            places.append(np.append(np.arange(self.shared), np.arange(start, start + own)))
             start += own
         return places
+
+    def normal(self, theta: Array, record: Dataset) -> tuple[Array, Array, float]:
+        """Return J'J, J'r and r'r of a record for its own part of the joint vector, as fast as the structure can."""
+        summed = self._summing.normal(theta, record) if self._summing else None
+        return summed or _sums(record, self.structure.predict(theta, record))
+
+    @cached_property
+    def _summing(self) -> Summing | None:
+        return self.structure if isinstance(self.structure, Summing) else None
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and the upper bounds of the joint vector."""
@@ -55,40 +79,97 @@ class Layout:
         return np.append(lower, [p.lower for p in own]), np.append(upper, [p.upper for p in own])
 
 
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Point:
+    """A vector that a search came by: J'J, J'r and r'r of all records there, over the joint vector."""
+
+    theta: Array
+    h: Array
+    g: Array
+    cost: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Descent:
+    """How a search went: the best point it saw, a last change so small that nobody looked behind it, and how it ended."""
+
+    point: Point
+    change: Array
+    converged: bool
+    status: str
+
+
 def minimise(
     structure: Structure, data: Sequence[Dataset], start: Array, free: NDArray[np.bool_] | None = None
 ) -> Minimum:
-    """Return the minimum of the sum of squared residuals from a start vector; `free` says which entries may move (all).
+    """Return the minimum of the sum of squared residuals from a start vector; `free` says which entries may move (all)."""
+    return lowest(structure, data, (start,), free)
 
-    Levenberg (1944) and Marquardt (1963), with the damping of Nielsen (1999); a step that leaves the bounds is cut at them.
-    """
+
+def lowest(
+    structure: Structure,
+    data: Sequence[Dataset],
+    starts: Sequence[Array],
+    free: NDArray[np.bool_] | None = None,
+) -> Minimum:
+    """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
     layout = Layout(structure, tuple(data))
+    best = min((descent(layout, start, free) for start in starts), key=lambda found: found.point.cost)
+    theta = best.point.theta + best.change
+    predictions, cost = _evaluate(layout, theta)
+    if not cost <= best.point.cost * (1 + _ENOUGH**2):
+        # A kink lay within the last small change.
+        theta = best.point.theta
+        predictions, cost = _evaluate(layout, theta)
+    return Minimum(
+        theta=theta, predictions=predictions, cost=cost, converged=best.converged, status=best.status
+    )
+
+
+def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None) -> Descent:
+    """Go from a start vector to a minimum of the sum of squared residuals; `free` says which entries may move (all).
+
+    Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
+    to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
+    """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
-    theta = np.clip(start, lower, upper)
-    predictions, cost = _evaluate(layout, theta)
-    damping, growth = 1e-6, 2.0
+    point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
     for step in range(1, _STEPS + 1):
-        h, g = normal_equations(layout, predictions)
-        at_bound = ((theta <= lower) & (g < 0)) | ((theta >= upper) & (g > 0))
-        active = np.flatnonzero(moves & ~at_bound & (np.diag(h) > 0))
+        at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
+        active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > 0))
         if not len(active):
-            return _ended(theta, predictions, cost, True, "every parameter is at a bound")
-        change = np.zeros_like(theta)
-        change[active] = _damped_step(h[np.ix_(active, active)], g[active], damping)
-        trial = np.clip(theta + change, lower, upper)
-        new_predictions, new_cost = _evaluate(layout, trial)
-        if new_cost <= cost:
-            done = _small(h, trial - theta, cost, layout) or cost - new_cost <= 1e-13 * cost
-            theta, predictions, cost = trial, new_predictions, new_cost
-            damping, growth = max(damping / 5, 1e-12), 2.0
+            return _ended(point, None, True, "every parameter is at a bound")
+        change = np.zeros_like(point.theta)
+        change[active] = _damped_step(point.h[active[:, None], active], point.g[active], damping)
+        change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
+        if _small(change, point, layout):
+            return _ended(point, change, True, f"converged in {step} steps")
+        trial = at(layout, point.theta + change)
+        foretold = float(change @ (2 * point.g - point.h @ change))
+        if trial.cost <= point.cost:
+            gained = point.cost - trial.cost
+            done, point = gained <= 1e-13 * point.cost, trial
+            damping = max(damping * _following(gained, foretold), 1e-12)
             if done:
-                return _ended(theta, predictions, cost, True, f"converged in {step} steps")
+                return _ended(point, None, True, f"converged in {step} steps")
         else:
-            if _small(h, trial - theta, cost, layout):
-                return _ended(theta, predictions, cost, True, f"converged in {step} steps")
-            damping, growth = max(damping, 1e-9) * growth, 2 * growth
-    return _ended(theta, predictions, cost, False, f"did not settle within {_STEPS} steps")
+            damping = max(damping, 1e-3) * _after_a_rise(trial.cost, point.cost)
+    return _ended(point, None, False, f"did not settle within {_STEPS} steps")
+
+
+def at(layout: Layout, theta: Array) -> Point:
+    """Return the normal equations and the sum of squares at a joint vector."""
+    if len(layout.data) == 1:
+        h, g, cost = layout.normal(theta, layout.data[0])
+    else:
+        h, g, cost = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), 0.0
+        for record, place in zip(layout.data, layout.columns(), strict=True):
+            own_h, own_g, own_cost = layout.normal(theta[place], record)
+            h[place[:, None], place] += own_h
+            g[place] += own_g
+            cost += own_cost
+    return Point(theta=theta, h=h, g=g, cost=cost if np.isfinite(cost) else np.inf)
 
 
 def normal_equations(layout: Layout, predictions: Sequence[Prediction]) -> tuple[Array, Array]:
@@ -97,40 +178,64 @@ def normal_equations(layout: Layout, predictions: Sequence[Prediction]) -> tuple
     size = int(places[-1][-1]) + 1
     h, g = np.zeros((size, size)), np.zeros(size)
     for record, prediction, place in zip(layout.data, predictions, places, strict=True):
-        j = prediction.jacobian[prediction.valid]
-        r = (record.y - prediction.y)[prediction.valid]
-        h[np.ix_(place, place)] += j.T @ j
-        g[place] += j.T @ r
+        own_h, own_g, _ = _sums(record, prediction)
+        h[np.ix_(place, place)] += own_h
+        g[place] += own_g
     return h, g
 
 
+def jacobian_and_residual(record: Dataset, prediction: Prediction) -> tuple[Array, Array]:
+    """Return the Jacobian (V, P + Q) and the residual (V,) of the V samples that are valid."""
+    residual = record.y - prediction.y
+    if prediction.valid.all():
+        return prediction.jacobian, residual
+    return prediction.jacobian[prediction.valid], residual[prediction.valid]
+
+
+def _sums(record: Dataset, prediction: Prediction) -> tuple[Array, Array, float]:
+    """J'J, J'r and r'r of a record."""
+    j, r = jacobian_and_residual(record, prediction)
+    return j.T @ j, j.T @ r, float(r @ r)
+
+
 def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], float]:
-    places = layout.columns()
+    """The predictions at a joint vector, and their sum of squares."""
     predictions = tuple(
         layout.structure.predict(theta[place], record)
-        for record, place in zip(layout.data, places, strict=True)
+        for record, place in zip(layout.data, layout.columns(), strict=True)
     )
-    cost = sum(
-        float(np.sum((record.y - p.y)[p.valid] ** 2))
-        for record, p in zip(layout.data, predictions, strict=True)
-    )
+    residuals = [jacobian_and_residual(r, p)[1] for r, p in zip(layout.data, predictions, strict=True)]
+    cost = sum(float(r @ r) for r in residuals)
     return predictions, cost if np.isfinite(cost) else np.inf
+
+
+def _following(gained: float, foretold: float) -> float:
+    """What to multiply the damping by after a step that gained something."""
+    ratio = gained / foretold if foretold > 0 else 0.0
+    return 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
+
+
+def _after_a_rise(cost: float, before: float) -> float:
+    """What to multiply the damping by after a step that was refused: ten, and more where the cost rose by orders of magnitude."""
+    return 10 * min((cost / before) ** 0.25, 100.0) if before > 0 else 1000.0
 
 
 def _damped_step(h: Array, g: Array, damping: float) -> Array:
     """The step of (H + λ diag H) s = g, in scaled parameters, so that their units don't matter."""
     scale = 1.0 / np.sqrt(np.diag(h))
-    scaled = h * np.outer(scale, scale) + damping * np.eye(len(g))
+    scaled = h * (scale[:, None] * scale)
+    scaled.flat[:: len(g) + 1] += damping
     return np.asarray(scale * np.linalg.lstsq(scaled, scale * g, rcond=None)[0], dtype=np.float64)
 
 
-def _small(h: Array, change: Array, cost: float, layout: Layout) -> bool:
+def _small(change: Array, point: Point, layout: Layout) -> bool:
     """Whether a change moves the sum of squares by less than `_ENOUGH`² of the residual's variance."""
     samples = sum(len(record.y) for record in layout.data)
-    return float(change @ h @ change) <= _ENOUGH**2 * cost / max(samples, 1)
+    return float(change @ point.h @ change) <= _ENOUGH**2 * point.cost / max(samples, 1)
 
 
-def _ended(
-    theta: Array, predictions: tuple[Prediction, ...], cost: float, converged: bool, status: str
-) -> Minimum:
-    return Minimum(theta=theta, predictions=predictions, cost=cost, converged=converged, status=status)
+def _ended(point: Point, change: Array | None, converged: bool, status: str) -> Descent:
+    still = np.zeros_like(point.theta)
+    return Descent(
+        point=point, change=still if change is None else change, converged=converged, status=status
+    )

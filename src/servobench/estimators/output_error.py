@@ -11,11 +11,19 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
-from servobench.estimators.covariance import conservative, inverse, plain, sandwich
-from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
+from servobench.estimators.covariance import conservative, inverse, sandwiched
+from servobench.estimators.least_squares import (
+    Layout,
+    Minimum,
+    jacobian_and_residual,
+    lowest,
+    normal_equations,
+)
+from servobench.estimators.near_bounds import intervals_near_bounds
+from servobench.estimators.repetition import folded, period, repeats
 from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES, Model, Structure
+from servobench.models.base import STRUCTURES, Model, Prediction, Structure
 
 
 class OutputError:
@@ -58,7 +66,7 @@ def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> F
     """Return the fit that a minimum of the squared residuals stands for."""
     variance, covariance = uncertainty(structure, data, minimum)
     sd = float(np.sqrt(variance))
-    records = simulations(structure, data, minimum.theta)
+    records = simulations(structure, data, minimum.theta, minimum.predictions)
     return Fit(
         model=Model(structure=structure, theta=minimum.theta[: len(structure.parameters)], data=data[0]),
         covariance=covariance,
@@ -68,17 +76,27 @@ def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> F
         status=minimum.status,
         residual_sd=sd,
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
+        intervals=intervals_near_bounds(structure, data, minimum, covariance),
         findings=tuple(remarks(structure, data, minimum)),
     )
 
 
-def simulations(structure: Structure, data: Sequence[Dataset], theta: Array) -> tuple[FittedRecord, ...]:
-    """Return each record simulated with its part of the joint vector; without a noise model its innovations are its residuals."""
+def simulations(
+    structure: Structure,
+    data: Sequence[Dataset],
+    theta: Array,
+    predictions: Sequence[Prediction] | None = None,
+) -> tuple[FittedRecord, ...]:
+    """Return each record simulated with its part of the joint vector; without a noise model its innovations are its residuals.
+
+    `predictions` are those of the records with that vector, where somebody has made them already.
+    """
     places = Layout(structure, tuple(data)).columns()
     shared = len(structure.parameters)
+    if predictions is None:
+        predictions = [structure.predict(theta[place], r) for r, place in zip(data, places, strict=True)]
     records = []
-    for record, place in zip(data, places, strict=True):
-        prediction = structure.predict(theta[place], record)
+    for record, place, prediction in zip(data, places, predictions, strict=True):
         residual = record.y - prediction.y
         records.append(
             FittedRecord(
@@ -116,12 +134,18 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
     """
     lower, upper = layout.bounds()
     held = (minimum.theta <= lower) | (minimum.theta >= upper)
-    free = h * np.outer(~held, ~held)
-    covariance = conservative(plain(free, variance), sandwich(free, _scores(layout, minimum)))
-    shift = inverse(free) @ _unmodelled(layout, minimum)
-    covariance += shift @ shift.T
-    alone = np.diag(plain(h, variance))
-    covariance[held, held] = alone[held]
+    bread = inverse(h * np.outer(~held, ~held))
+    scores = _scores(layout, minimum)
+    covariance = conservative(variance * bread, sandwiched(bread, scores))
+    repeated = _folded(layout, minimum, scores)
+    if repeated:
+        covariance = conservative(covariance, sandwiched(bread, repeated))
+    unmodelled = _unmodelled(layout, minimum)
+    if unmodelled.size:
+        shift = bread @ unmodelled
+        covariance += shift @ shift.T
+    if held.any():
+        covariance[held, held] = variance * np.diag(inverse(h))[held]
     unknown = np.diag(h) == 0
     covariance[unknown, unknown] = np.inf
     return covariance
@@ -134,7 +158,7 @@ def best_minimum(
     free: NDArray[np.bool_] | None = None,
 ) -> Minimum:
     """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
-    return min((minimise(structure, data, start, free) for start in starts), key=lambda minimum: minimum.cost)
+    return lowest(structure, data, starts, free)
 
 
 def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord:
@@ -151,7 +175,8 @@ def _unmodelled(layout: Layout, minimum: Minimum) -> Array:
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
         errors = layout.structure.unmodelled(minimum.theta[place], record)
         block = np.zeros((len(minimum.theta), errors.shape[1]))
-        block[place] = prediction.jacobian[prediction.valid].T @ errors[prediction.valid]
+        if errors.size:
+            block[place] = prediction.jacobian[prediction.valid].T @ errors[prediction.valid]
         columns.append(block)
     return np.hstack(columns)
 
@@ -160,10 +185,24 @@ def _scores(layout: Layout, minimum: Minimum) -> list[Array]:
     """J_k r_k of each record over the joint vector, shape (N, P + ΣQ)."""
     scores = []
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
-        s = np.zeros((int(prediction.valid.sum()), len(minimum.theta)))
-        s[:, place] = (prediction.jacobian * (record.y - prediction.y)[:, None])[prediction.valid]
+        j, r = jacobian_and_residual(record, prediction)
+        s = j * r[:, None]
+        if len(layout.data) > 1:
+            s, own = np.zeros((len(r), len(minimum.theta))), s
+            s[:, place] = own
         scores.append(s)
     return scores
+
+
+def _folded(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[Array]:
+    """The scores of all records, summed over the input's periods where the residual repeats; none where no record's does."""
+    out, any_repeats = [], False
+    for record, prediction, s in zip(layout.data, minimum.predictions, scores, strict=True):
+        length = period(record) if len(s) == len(record.y) else None
+        again = length is not None and repeats(record.y - prediction.y, length)
+        any_repeats |= again
+        out.append(folded(s, length) if again and length is not None else s)
+    return out if any_repeats else []
 
 
 def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:

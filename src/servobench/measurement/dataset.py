@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -112,7 +113,7 @@ class Dataset:
         """The time from the first to the last sample of the output [s]; 0 for less than two samples."""
         return float(self.t_output[-1] - self.t_output[0]) if len(self.t_output) > 1 else 0.0
 
-    @property
+    @cached_property
     def sample_time(self) -> float:
         """The median time between samples of the output [s]; NaN for less than two samples."""
         return float(np.median(np.diff(self.t_output))) if len(self.t_output) > 1 else float("nan")

@@ -61,8 +61,9 @@ def _events(p: Array, lag: float, data: Dataset) -> tuple[Array, Array]:
         return t, t
     looks = np.minimum(t[:, None] + lag * _LOOKS, end)
     points = np.unique(np.append(looks, data.t_output[0]))
-    speed, unused = np.empty(len(points)), np.empty((len(points), kernels.COLUMNS))
-    kernels.response(data.t_input, data.u, data.input_before, points, p, 1.0, 1.0, speed, unused)
+    speed, none = np.empty(len(points)), np.empty((len(points), 0))
+    columns = np.empty(0, dtype=np.int64)
+    kernels.response(data.t_input, data.u, data.input_before, points, p, 1.0, 1.0, columns, speed, none)
     seen = speed[np.searchsorted(points, looks)]
     slope = abs(gain) / tau
     # Within the transient the speed itself is known no better than a part of what the change of the input does in a lag.
