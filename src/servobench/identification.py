@@ -19,7 +19,7 @@ from servobench.estimators.prediction_error import (
 )
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
-from servobench.missing_terms import missing_terms
+from servobench.missing_terms import fast_pole_doubt, missing_terms
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
@@ -59,6 +59,7 @@ def identify(
         if not refused:
             chosen = _choose(method, records, structure)
             fit = _allowing_for_disturbance(chosen.fit) if estimator == "auto" else chosen.fit
+            fit = replace(fit, covariance=fit.covariance + fast_pole_doubt(fit))
             validation = _validation(method, records, fit, validate_on)
             findings += [
                 *chosen.findings,

@@ -65,6 +65,15 @@ def _ripple(cycles: int) -> Term:
     )
 
 
+# A fast pole 1/(1 + s d) is a delay d to first order; to second order it adds d²/2 times the second derivative by the delay.
+_FAST_POLE = Term(
+    code="fast-pole",
+    sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
+    "which a first-order model takes into its time constant.",
+    curved="delay",
+    limit=3.5,
+)
+
 TERMS = (
     Term(
         code="friction-depends-on-speed",
@@ -100,14 +109,7 @@ TERMS = (
         "model is wrong, and gain and time constant suffer from it.",
         to_output=lambda m: (np.sign(m.speed),),
     ),
-    # A fast pole 1/(1 + s d) is a delay d to first order; to second order it adds d²/2 times the second derivative by the delay.
-    Term(
-        code="fast-pole",
-        sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
-        "which a first-order model takes into its time constant.",
-        curved="delay",
-        limit=3.5,
-    ),
+    _FAST_POLE,
     *(_ripple(cycles) for cycles in _RIPPLES),
 )
 
@@ -132,6 +134,38 @@ def missing_terms(fit: Fit) -> list[Finding]:
     ]
 
 
+def fast_pole_doubt(fit: Fit) -> Array:
+    """Return the covariance (P, P) that not knowing what the delay is made of adds to that of the parameters.
+
+    A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, c = d²/2 times
+    its second derivative by d, and the parameters are off by φ b, b = (J'J)⁻¹ J'c. What the innovations say of φ is a normal
+    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay.
+    """
+    shared = len(fit.model.theta)
+    none = np.zeros((shared, shared))
+    delay = fit.model["delay"] if "delay" in fit.model.names else 0.0
+    if delay <= 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
+        return none
+    test = _Test(fit, 1.0)
+    column = 0.5 * delay**2 * np.concatenate([run.columns(_FAST_POLE) for run in test.runs])[:, 0]
+    rest = column - test.basis @ (test.basis.T @ column)
+    power = float(rest @ rest)
+    if not power > 1e-20 * float(column @ column):
+        return none
+    score = (rest * test.innovations)[:, None]
+    spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
+    share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
+    off = np.linalg.lstsq(test.jacobian / test.scale, column, rcond=1e-12)[0] / test.scale
+    return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
+
+
+def _squared_share(mean: float, sd: float) -> float:
+    """E[φ²] of a normal φ that is known to lie between 0 and 1."""
+    nodes = np.linspace(0.0, 1.0, 201)
+    weights = np.exp(-0.5 * ((nodes - mean) / sd) ** 2 + 0.5 * ((np.clip(mean, 0.0, 1.0) - mean) / sd) ** 2)
+    return float(np.sum(weights * nodes**2) / np.sum(weights))
+
+
 class _Test:
     """The score test of one fit: the parts that all terms share."""
 
@@ -140,6 +174,7 @@ class _Test:
         self.runs = [_Run(fit, record, largest) for record in fit.records]
         jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
         scale = np.linalg.norm(jacobian, axis=0)
+        self.jacobian, self.scale = jacobian, np.where(scale > 0, scale, 1.0)
         self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
         self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
 
@@ -211,15 +246,12 @@ class _Run:
         return _in_innovations(self.fit, self.record, columns)
 
     def _curvature(self, at: int) -> Array:
-        """What the second derivative by a parameter, a tenth of a sample time either way, adds to the output."""
+        """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way."""
         data, step = self.record.data, np.zeros(len(self.theta))
         step[at] = 0.1 * data.sample_time
         predict = self.fit.model.structure.predict
-        return np.asarray(
-            predict(self.theta + step, data).y
-            - 2 * self.record.prediction
-            + predict(self.theta - step, data).y
-        )
+        after, before = predict(self.theta + step, data).y, predict(self.theta - step, data).y
+        return np.asarray((after - 2 * self.record.prediction + before) / step[at] ** 2)
 
     def _motion(self) -> Motion:
         """The motion as the model simulates it, at the times of the input and the output."""

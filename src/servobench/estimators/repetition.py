@@ -18,7 +18,7 @@ _REPEATS = 0.1  # correlation of the residual with itself a period before; chanc
 
 
 def period(data: Dataset) -> int | None:
-    """Return after how many samples the input of a record repeats, at least twice; None where it doesn't or the times are uneven."""
+    """Return after how many samples a record's input repeats, twice at least; None where it doesn't or the times are uneven."""
     u, t = data.u, data.t_output
     n = len(u)
     if n < 4 or len(t) != n or np.ptp(u) == 0 or np.ptp(np.diff(t)) > 1e-3 * data.sample_time:
