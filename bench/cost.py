@@ -20,6 +20,7 @@ from figures import Figure, shown
 
 import servobench as sb
 from servobench.estimators.output_error import OutputError
+from servobench.estimators.prediction_error import PredictionError
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
 from tests.datasets import dataset
@@ -99,6 +100,17 @@ def main() -> list[Figure]:
             against_scipy(what, structure, data),
             repeated(f"identify, {what}", everything, IDENTIFICATIONS, at_most=300.0),
         ]
+    disturbed = dataset(seed=1, torque_noise=1e-5)
+    start = OutputError().fit(STRUCTURES["first_order_one_way"], [disturbed])
+    figures.append(
+        repeated(
+            "prediction error after output error, torque 1e-5 N·m/√Hz",
+            lambda: PredictionError().fit_after(start),
+            FITS // 4,
+            at_most=60.0,
+            goal="below 20",
+        )
+    )
     return figures
 
 

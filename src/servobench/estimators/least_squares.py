@@ -225,7 +225,11 @@ def _damped_step(h: Array, g: Array, damping: float) -> Array:
     scale = 1.0 / np.sqrt(np.diag(h))
     scaled = h * (scale[:, None] * scale)
     scaled.flat[:: len(g) + 1] += damping
-    return np.asarray(scale * np.linalg.lstsq(scaled, scale * g, rcond=None)[0], dtype=np.float64)
+    try:
+        step = np.linalg.solve(scaled, scale * g)
+    except np.linalg.LinAlgError:  # parameters that the data can't tell apart: the shortest of all steps
+        step = np.linalg.lstsq(scaled, scale * g, rcond=None)[0]
+    return np.asarray(scale * step, dtype=np.float64)
 
 
 def _small(change: Array, point: Point, layout: Layout) -> bool:

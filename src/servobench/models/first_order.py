@@ -91,12 +91,10 @@ class FirstOrder:
         model, as slow data can't tell a negative delay from a longer time constant. A time constant below a hundredth of
         a sample time can't be told from none.
         """
-        lower = np.array([parameter.lower for parameter in self.parameters])
-        upper = np.array([parameter.upper for parameter in self.parameters])
         step = max(record.sample_time for record in data)
-        lower[self.parameters.index(DELAY)] = -2 * step
-        lower[self.parameters.index(TIME_CONSTANT)] = 0.01 * step
-        return lower, upper
+        nearest = {"delay": -2 * step, "time_constant": 0.01 * step}
+        lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
+        return np.array(lower), np.array([parameter.upper for parameter in self.parameters])
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Return guesses from a search over τ and d, each with friction also as one that starts at rest or moves the other way.
