@@ -17,6 +17,7 @@ from servobench.estimators.prediction_error import (
     disturbance_test,
     rounding_explains,
 )
+from servobench.estimators.second_weighing import weighed_twice
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import fast_pole_doubt, missing_terms
@@ -146,19 +147,21 @@ def _allowing_for_disturbance(fit: Fit) -> Fit:
     """The fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
 
     Where every count is where it should be there is nothing to allow for, or nothing but rounding.
-    Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error with its allowance for
-    any colour is the safer of two wrong noise models.
+    Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
+    noise models, with a covariance that allows for what the other one makes of the same data.
     """
     if rounding_explains(fit):
         return fit
     test = disturbance_test(fit)
-    if test is None or test.likelihood_ratio <= THRESHOLD:
+    if test is None:
         return fit
-    counted = _by_counts(fit)
-    if counted is not None:
-        return counted
-    allowing = PredictionError().fit_after(fit)
-    return allowing if explains_the_colour(allowing) else fit
+    allowing = fit
+    if test.likelihood_ratio > THRESHOLD:
+        counted = _by_counts(fit)
+        if counted is not None:
+            return counted
+        allowing = PredictionError().fit_after(fit)
+    return allowing if explains_the_colour(allowing) else weighed_twice(fit)
 
 
 def _by_counts(fit: Fit) -> Fit | None:

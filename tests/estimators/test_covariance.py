@@ -5,7 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servobench.estimators.covariance import andrews_lag, conservative, inverse, long_run, plain, sandwich
+from servobench.estimators.covariance import (
+    andrews_lag,
+    conservative,
+    inverse,
+    long_run,
+    plain,
+    sandwich,
+    sandwich_over,
+)
 
 
 def test_the_inverse_does_not_depend_on_the_units_of_the_parameters() -> None:
@@ -75,3 +83,16 @@ def test_the_lag_is_andrews_for_one_series() -> None:
     rho = np.sum(x[1:] * x[:-1]) / np.sum(x[:-1] ** 2)
     alpha = 4 * rho**2 / ((1 - rho) ** 2 * (1 + rho) ** 2)
     assert andrews_lag(x[:, None]) == min(int(np.ceil(1.1447 * (alpha * 400) ** (1 / 3))), 100)
+
+
+@pytest.mark.parametrize("part", [0.1, 0.3, 0.5])
+def test_lags_that_are_a_good_part_of_the_record_still_give_intervals_that_cover(part: float) -> None:
+    """A mean in white noise. 2000 runs know a coverage of 95 % to 0.5 %; without `fixed_b` it is 92, 85 and 78 %."""
+    n, runs = 200, 2000
+    noise = np.random.default_rng(5).normal(size=(runs, n))
+    h = np.array([[float(n)]])
+    covered = 0
+    for e in noise:
+        sd = np.sqrt(sandwich_over(h, [(e - e.mean())[:, None]], [int(part * n) - 1])[0, 0])
+        covered += abs(e.mean()) < 1.96 * sd
+    assert covered / runs == pytest.approx(0.95, abs=0.017)  # 3.3 standard deviations

@@ -48,6 +48,11 @@ class Disturbance:
         """Return the time [s] over which the filter averages: where the torque's effect outgrows the measurement noise."""
         return float((sample_time / self.ratio) ** (1 / _POWER[kind])) if self.ratio > 0 else float("inf")
 
+    @classmethod
+    def remembering(cls, memory: float, tau: float, kind: Kind, sample_time: float) -> Disturbance:
+        """Return the disturbance for which the filter's `memory` is that long [s], with unit variance of the measurement."""
+        return cls(tau=tau, ratio=sample_time / memory ** _POWER[kind], variance=1.0)
+
 
 @dataclass(frozen=True, eq=False)
 class Blocks:

@@ -14,7 +14,7 @@ from servobench.measurement.dataset import Dataset
 
 _PROBES = 32
 _SAME = 1e-9  # of the input's range
-_REPEATS = 0.3  # correlation of the residual with itself a period before; chance gives 0.014 in 5,000 samples
+_REPEATS = 0.6  # correlation of the residual with itself a period before; chance gives 0.014 in 5,000 samples
 
 
 def period(data: Dataset) -> int | None:
