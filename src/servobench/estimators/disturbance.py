@@ -238,6 +238,14 @@ def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -
     return np.asarray((out / np.sqrt(disturbance.variance)).reshape(x.shape), dtype=np.float64)
 
 
+def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+    """Return the innovations (B,) of a residual x (M,), averaged over blocks as for the likelihood; their scale is arbitrary."""
+    blocks = blocks_of(data, moving, longest_block(disturbance, disturbance.tau, data))
+    return _innovations(blocks.means(x[:, None]), blocks, data.kind, disturbance.tau, disturbance.ratio)[0][
+        :, 0
+    ]
+
+
 def innovation_sd(data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return the standard deviation of each sample's innovation (M,) [unit of the output]."""
     n = len(data.t_output)
