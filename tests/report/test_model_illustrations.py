@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 from servobench.estimators.base import FittedRecord
 from servobench.propagation import derived
@@ -82,3 +83,19 @@ def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
 
     assert "the phase margin is 37.2" in told
     assert "nan" not in told
+
+
+def test_a_fit_to_measured_points_shows_them() -> None:
+    from servobench.identification import identify
+    from servobench.report.palette import Style
+    from tests import datasets
+
+    data = datasets.dataset(seed=1, kind="square")
+    result = identify(data, structure="first_order_one_way", estimator="frequency_response")
+    assert result.fit is not None
+    shown = frequency_response(result.fit, result.derived)
+    assert shown is not None
+    figure = shown.draw(Style())
+    # The model's own diagram has no coherence.
+    words = {text.get_text() for text in figure.findobj(Text)}
+    assert {"Magnitude (dB)", "Phase (°)", "Coherence"} <= words

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +17,11 @@ from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, rounded, with_unit
 from servobench.stability import stability
 from servobench.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+    from servobench.report.palette import Style
 
 _POINTS = 400  # of a curve over frequency or time
 _LINE_WIDTH = 1.8 / 150  # of a curve, as a part of its panel's height
@@ -47,8 +53,20 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
             f"half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
         ).lstrip(),
         description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
-        draw=partial(model_figures.bode, band, system.unit, seen, corner),
+        draw=_measured(fit, band) or partial(model_figures.bode, band, system.unit, seen, corner),
     )
+
+
+def _measured(fit: Fit, band: FrequencyBand) -> Callable[[Style], Figure] | None:
+    """The diagram with the points that were measured, for a fit that was made to them."""
+    if fit.estimator != "frequency_response":
+        return None
+    from servobench.estimators import frequency_response as measurement
+    from servobench.report.frequency_figures import measured_bode
+
+    data = [record.data for record in fit.records]
+    response = measurement.frequency_response(data, near=fit.structure)
+    return partial(measured_bode, response.as_speed(), band)
 
 
 def step_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
