@@ -259,3 +259,12 @@ def test_the_model_of_the_reference_motor_simulates_it_to_a_count() -> None:
 
     assert np.abs(simulate(result, u, t, output="position") - angle).max() < QUANTUM
     assert validate_with(result.fit, [dataset(seed=9)]).fit_percent > 99.9  # type: ignore[arg-type]
+
+
+def test_nothing_to_simulate_is_said() -> None:
+    from servobench.errors import UsageError
+    from servobench.identification import identify
+    from tests.datasets import dataset
+
+    with pytest.raises(UsageError, match="no samples"):
+        simulate(identify(dataset(seed=1, samples=1000)), np.empty(0), np.empty(0))

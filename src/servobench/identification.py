@@ -17,6 +17,7 @@ from servobench.estimators.prediction_error import (
     disturbance_test,
     rounding_explains,
 )
+from servobench.estimators.repetition import period, repeats
 from servobench.estimators.second_weighing import weighed_twice
 from servobench.finding import Finding, info, refusal, warning
 from servobench.measurement.dataset import Dataset
@@ -150,6 +151,9 @@ def _allowing_for_disturbance(fit: Fit) -> Fit:
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
     noise models, with a covariance that allows for what the other one makes of the same data.
     """
+    counted = _where_rounding_repeats(fit)
+    if counted is not None:
+        return counted
     if rounding_explains(fit):
         return fit
     test = disturbance_test(fit)
@@ -162,6 +166,38 @@ def _allowing_for_disturbance(fit: Fit) -> Fit:
             return counted
         allowing = PredictionError().fit_after(fit)
     return allowing if explains_the_colour(allowing) else weighed_twice(fit)
+
+
+def _where_rounding_repeats(fit: Fit) -> Fit | None:
+    """The fit of the interval likelihood where a motor goes to and fro over the same counts; None where that isn't so.
+
+    Rounding then repeats with the input, and no average over the record makes it less. Taken as bins, the counts say more. But a
+    few distinct errors decide, so that by how much the two estimates differ is part of the covariance.
+    """
+    again = fit.model.structure.friction and any(
+        record.data.quantum and (length := period(record.data)) and repeats(record.residual, length)
+        for record in fit.records
+    )
+    if not again:
+        return None
+    data = [record.data for record in fit.records]
+    counts = ESTIMATORS["interval_likelihood"]
+    if counts.supports(fit.model.structure, data) is not None:
+        return None
+    start = np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
+    counted = counts.fit(fit.model.structure, data, [start])
+    if any(finding.severity != "info" for finding in counted.findings):
+        return None
+    sentence = (
+        "The motor goes to and fro over the same counts, so the encoder's rounding repeats with the input and doesn't "
+        "average out. The estimator interval_likelihood takes each count for what it is."
+    )
+    apart = counted.model.theta - fit.model.theta
+    return replace(
+        counted,
+        covariance=counted.covariance + np.outer(apart, apart),
+        findings=(*counted.findings, info("rounding-repeats", sentence)),
+    )
 
 
 def _by_counts(fit: Fit) -> Fit | None:

@@ -14,6 +14,7 @@ from servobench.channels import Array
 from servobench.responses import mirrored, positive_roots, squared_magnitude
 from servobench.transfer_function import TransferFunction
 
+_TURNS = 1000  # of the delay's phase, the most that is looked through
 _CANDIDATES = (
     3  # crossings of -180° with a magnitude near 1 that are worked out, of infinitely many behind a delay
 )
@@ -103,13 +104,14 @@ def _phase_crossovers_behind_delay(
     """Where the phase of a loop with a delay crosses -180°: the few crossings whose magnitude is nearest to 1.
 
     Looked for up to one more turn of the delay's phase beyond all corners and the gain crossover: from there on a loop falls.
+    A delay of more than a thousand turns there is beyond any control, and beyond what is looked through.
     """
     from scipy.optimize import brentq
 
     roots = np.abs([*phase.zeros, *phase.poles])
     corners = [*roots[roots > 0], *([gain_crossover] if gain_crossover else [])]
     span = _TURN / loop.delay
-    low, high = 1e-3 * min([*corners, span]), 2 * max([*corners, 0.0]) + span
+    low, high = 1e-3 * min([*corners, span]), min(2 * max([*corners, 0.0]) + span, _TURNS * span)
     even = np.linspace(low, high, math.ceil(16 * high / span))
     omega = np.union1d(np.geomspace(low, high, 16 * math.ceil(math.log10(high / low))), even)
     turns = (phase.course(omega) + math.pi) / _TURN

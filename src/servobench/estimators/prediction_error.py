@@ -205,6 +205,12 @@ def _with_innovations(
 def _told(found: Profile, data: Dataset) -> Finding:
     unit = f"{data.position_unit}/s"
     low, high = found.wander
+    if found.likelihood_ratio <= THRESHOLD:
+        return info(
+            "disturbance-not-found",
+            "Nothing shows that a random torque moves the motor (likelihood ratio "
+            f"{max(found.likelihood_ratio, 0.0):.3g}; chance alone exceeds {THRESHOLD} once in twenty): output_error would do.",
+        )
     return info(
         "disturbance-found",
         f"Something moves the motor at random: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "

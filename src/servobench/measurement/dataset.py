@@ -48,6 +48,10 @@ class Dataset:
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
+        if not len(self.t_input) or not len(self.t_output):
+            raise UsageError(
+                f"{self.name}: there are no samples; expected at least one of the input and of the output"
+            )
         for t, x, what in ((self.t_input, self.u, "input"), (self.t_output, self.y, "output")):
             if t.ndim != 1 or t.shape != x.shape:
                 raise UsageError(
