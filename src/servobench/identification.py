@@ -184,8 +184,7 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
     counts = ESTIMATORS["interval_likelihood"]
     if counts.supports(fit.model.structure, data) is not None:
         return None
-    start = np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
-    counted = counts.fit(fit.model.structure, data, [start])
+    counted = counts.fit(fit.model.structure, data, [fit.vector])
     if any(finding.severity != "info" for finding in counted.findings):
         return None
     sentence = (
@@ -208,9 +207,8 @@ def _by_counts(fit: Fit) -> Fit | None:
     """
     if not rounding_explains(fit, times=5.0):
         return None
-    start = np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
     data = [record.data for record in fit.records]
-    counted = ESTIMATORS["interval_likelihood"].fit(fit.model.structure, data, [start])
+    counted = ESTIMATORS["interval_likelihood"].fit(fit.model.structure, data, [fit.vector])
     if not rounding_explains(counted, times=0.5):
         return None
     sentence = (

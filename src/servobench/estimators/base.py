@@ -87,6 +87,11 @@ class Fit:
         }
 
     @property
+    def vector(self) -> Array:
+        """The joint vector (P + ΣQ,): the parameters, then the nuisance parameters of each record in turn."""
+        return np.concatenate([self.model.theta, *(record.nuisance for record in self.records)])
+
+    @property
     def fit_percent(self) -> float:
         """How much of the output's variation the simulation explains, 100 (1 - |y - ŷ| / |y - mean|), over all records."""
         return fit_percent(self.records)

@@ -15,11 +15,6 @@ from servobench.measurement.dataset import Dataset
 from servobench.models.base import Prediction, Structure
 
 _STEPS = 100
-_NEAR = 0.1  # standard deviations to the minimum at which a search may stop for want of steps
-_CREEP, _CREPT = (
-    1e-3,
-    4,
-)  # so many steps on end, each gaining less than this of the residual's variance, change nothing
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 
 
@@ -139,8 +134,7 @@ def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None)
     """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
-    point, damping, crept = at(layout, np.clip(start, lower, upper)), 1e-6, 0
-    samples = sum(len(record.y) for record in layout.data)
+    point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
     for step in range(1, _STEPS + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
         active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > 0))
@@ -155,25 +149,13 @@ def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None)
         foretold = float(change @ (2 * point.g - point.h @ change))
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
-            # Along a kink (a stop that falls on a sample) steps stay short and the cost creeps: that is settled, too.
-            crept = crept + 1 if gained <= _CREEP * point.cost / samples else 0
-            done, point = gained <= 1e-13 * point.cost or crept >= _CREPT, trial
+            done, point = gained <= 1e-13 * point.cost, trial
             damping = max(damping * _following(gained, foretold), 1e-12)
             if done:
                 return _ended(point, None, True, f"converged in {step} steps")
         else:
             damping = max(damping, 1e-3) * _after_a_rise(trial.cost, point.cost)
-    if _lower_by(point, lower, upper, moves) <= _NEAR**2 * point.cost / samples:
-        return _ended(
-            point, None, True, f"as near as {_STEPS} steps come, within a tenth of a standard deviation"
-        )
     return _ended(point, None, False, f"did not settle within {_STEPS} steps")
-
-
-def _lower_by(point: Point, lower: Array, upper: Array, moves: NDArray[np.bool_]) -> float:
-    """By how much the minimum of the quadratic model is below a point, g' H⁻¹ g, over what may move within the bounds."""
-    inside = np.flatnonzero(moves & (point.theta > lower) & (point.theta < upper) & (np.diag(point.h) > 0))
-    return float(point.g[inside] @ _damped_step(point.h[inside[:, None], inside], point.g[inside], 0.0))
 
 
 def at(layout: Layout, theta: Array) -> Point:

@@ -78,7 +78,7 @@ class PredictionError:
     def fit_after(self, start: Fit) -> Fit:
         """Return the fit that begins from another estimator's."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
-        theta = np.concatenate([start.model.theta, *(record.nuisance for record in start.records)])
+        theta = start.vector
         found, blocks = _profiled(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
@@ -137,8 +137,7 @@ def disturbance_test(fit: Fit) -> Profile | None:
     data = [record.data for record in fit.records]
     if PredictionError().supports(fit.model.structure, data) is not None:
         return None
-    theta = np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
-    return _profiled(fit.model.structure, data, theta)[0]
+    return _profiled(fit.model.structure, data, fit.vector)[0]
 
 
 def _profiled(

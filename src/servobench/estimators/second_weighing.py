@@ -52,7 +52,7 @@ def weighed_twice(fit: Fit) -> Fit:
 def _second(fit: Fit) -> tuple[Array, Array]:
     """The parameters (P,) and their covariance (P, P) by the other weighing."""
     structure, data = fit.model.structure, tuple(record.data for record in fit.records)
-    at, shared, theta = fit.model.names.index("time_constant"), len(fit.model.theta), _joint(fit)
+    at, shared, theta = fit.model.names.index("time_constant"), len(fit.model.theta), fit.vector
     for _ in range(_ROUNDS):
         tau = float(theta[at])
         model = _weighing(structure, data, theta, tau)
@@ -90,14 +90,9 @@ def _covariance(model: Whitened, minimum: Minimum, tau: float) -> Array:
     return sandwich_over(h * np.outer(free, free), scores, lags)
 
 
-def _joint(fit: Fit) -> Array:
-    """The parameters and the nuisance parameters of all records."""
-    return np.concatenate([fit.model.theta, *(record.nuisance for record in fit.records)])
-
-
 def _minimum(fit: Fit) -> Minimum:
     """Where output error's search ended."""
-    structure, theta = fit.model.structure, _joint(fit)
+    structure, theta = fit.model.structure, fit.vector
     layout = Layout(structure, tuple(record.data for record in fit.records))
     predictions = tuple(
         structure.predict(theta[place], record)
