@@ -169,6 +169,9 @@ class Result:
                 name: {"value": e.value, "sd": e.sd, "interval": list(e.interval), "level": e.level, "unit": e.unit}
                 for name, e in fit.estimates.items()
             },
+            "covariance": None if fit is None else {
+                "parameters": list(fit.model.names), "matrix": fit.covariance.tolist()
+            },
             "transfer_function": None if system is None else {
                 "numerator": list(system.numerator),
                 "denominator": list(system.denominator),

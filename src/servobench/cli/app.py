@@ -11,6 +11,7 @@ import typer
 from servobench._version import __version__
 from servobench.cli.convert import convert
 from servobench.cli.devices import devices
+from servobench.cli.export import export
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
@@ -56,7 +57,7 @@ def servobench(
     """
 
 
-for command in (run, identify, inspect, convert, recover, devices, signals):
+for command in (run, identify, inspect, export, convert, recover, devices, signals):
     app.command()(command)
 
 

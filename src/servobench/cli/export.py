@@ -1,0 +1,106 @@
+"""`servobench export`: an identified motor in the form that another program takes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def export(
+    result: Annotated[Path, typer.Argument(metavar="RESULT", hidden=True)],
+    target: Annotated[
+        str, typer.Option("--as", metavar="TARGET", help="control, matlab, wpilib, mujoco, c, json or csv.")
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            "--out", metavar="FILE", help="The file to write; without it, motor with TARGET's ending."
+        ),
+    ] = None,
+    position_unit: Annotated[
+        str | None,
+        typer.Option(
+            "--unit", metavar="UNIT", help="The unit of position for wpilib and c: rev, rad, deg, m."
+        ),
+    ] = None,
+    sample_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S", help="The time between two calls of the controller, or of a simulation's steps [s]."
+        ),
+    ] = None,
+    closed_loop: Annotated[
+        str | None,
+        typer.Option(metavar="S", help="The time constant wished for the closed loop [s], for wpilib and c."),
+    ] = None,
+    counts_per_rev: Annotated[
+        float | None, typer.Option(metavar="N", help="The encoder's counts in a turn, for c.")
+    ] = None,
+    voltage_limit: Annotated[
+        str | None, typer.Option(metavar="V", help="What the controller may put out [V], for c.")
+    ] = None,
+    inertia: Annotated[
+        str | None,
+        typer.Option(metavar="J", help="What turns, for mujoco, such as 2.1e-5 or '210 g*cm^2' [kg*m^2]."),
+    ] = None,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+) -> None:
+    """Write an identified motor in the form that another program takes.
+
+    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
+    python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG and feedback gains), mujoco (a joint and its
+    actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
+    """
+    from servobench.cli.terminal import output, say
+    from servobench.export.answer import Answer
+    from servobench.export.base import TARGETS, Wishes
+    from servobench.export.base import export as exported
+
+    suffix = TARGETS[target].suffix
+    answer = Answer.read(result)
+    wishes = Wishes(
+        unit=position_unit,
+        sample_time=_quantity("--sample-time", sample_time, "s"),
+        inertia=_quantity("--inertia", inertia, "kg*m^2"),
+        closed_loop=_quantity("--closed-loop", closed_loop, "s"),
+        counts_per_rev=counts_per_rev,
+        voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
+    )
+    file = out if out is not None else Path(f"motor{suffix}")
+    _check_free(file, suffix, [result], overwrite)
+    files = exported(answer, target, file, wishes)
+    console = output()
+    for written in files:
+        say(console, f"written: {written}")
+    if answer.verdict == "doubtful":
+        say(console, "The result is doubtful; the file names the reasons where it has room for them.")
+
+
+def _quantity(option: str, text: str | None, si: str) -> float | None:
+    """What an option says, in its SI unit."""
+    from servobench.errors import UnitError, UsageError
+    from servobench.units import quantity
+
+    if text is None:
+        return None
+    try:
+        return quantity(text, si)
+    except UnitError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) -> None:
+    """Raise `UsageError` where a file of that name is there and may not be replaced, or is what is exported."""
+    from servobench.errors import UsageError
+
+    if file.is_dir():
+        raise UsageError(f"--out {file}: is a folder; name a file in it")
+    if not file.parent.is_dir():
+        raise UsageError(f"--out {file}: there is no folder {file.parent}")
+    named = file if file.suffix else file.with_name(file.name + suffix)
+    if any(named.resolve() == each.resolve() for each in inputs):
+        raise UsageError(f"--out {named}: is the result itself, and would be lost; give another name")
+    if named.exists() and not overwrite:
+        raise UsageError(f"{named} is there already; give another name, or --overwrite to replace it")

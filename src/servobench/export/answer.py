@@ -1,0 +1,157 @@
+"""What a result says of the motor, without its data: what a file `result.json` holds, and all that an export needs."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import FormatError, NotIdentifiable, UsageError
+from servobench.estimators.base import Estimate
+from servobench.result import SCHEMA, Result
+from servobench.transfer_function import TransferFunction
+
+_LARGEST = 50_000_000  # bytes; a result has some ten thousand
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Answer:
+    """An identified motor: its parameters with their intervals and covariance (P, P), and its transfer function to the speed.
+
+    The rows of the covariance stand in the order of `estimates`; NaN stands where it isn't known. `input_range` holds the
+    smallest and the largest input of the data. `comment` is what a file without findings of its own should say: where the motor
+    comes from, and the verdict's reasons. `document` is the whole result as plain data of the schema `servobench.result/1`.
+    """
+
+    estimates: Mapping[str, Estimate]
+    covariance: Array
+    transfer_function: TransferFunction
+    verdict: str
+    structure: str
+    input_range: tuple[float, float]
+    comment: tuple[str, ...]
+    document: Mapping[str, Any]
+
+    @classmethod
+    def of(cls, result: Result) -> Answer:
+        """Return what a result says; raises `NotIdentifiable` where it is refused or has no model."""
+        return cls.from_document(result.to_dict(), "the result")
+
+    @classmethod
+    def read(cls, path: str | os.PathLike[str]) -> Answer:
+        """Return what a file says that `--json` or a run made, or the one in a run folder.
+
+        Raises `UsageError` where there is no such file, `FormatError` where it holds no result, `NotIdentifiable` where the
+        result is refused.
+        """
+        file = Path(path)
+        file = file / "result.json" if file.is_dir() else file
+        if not file.is_file():
+            raise UsageError(
+                f"there is no result {file}; `servobench run` writes one into its folder, and "
+                "`servobench identify FILE --json` prints one"
+            )
+        if file.stat().st_size > _LARGEST:
+            raise FormatError(f"{file} is no result: it has {file.stat().st_size} bytes")
+        try:
+            document = json.loads(file.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise FormatError(
+                f"{file} can't be read as a result: {error}; expected the JSON of `servobench identify --json`"
+            ) from None
+        return cls.from_document(document, str(file))
+
+    @classmethod
+    def from_document(cls, document: Any, name: str) -> Answer:
+        """Return what plain data of the schema `servobench.result/1` say; `name` is what messages call them."""
+        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+            found = document.get("schema") if isinstance(document, dict) else type(document).__name__
+            raise FormatError(f"{name} is no result: expected the schema {SCHEMA!r}, found {found!r}")
+        if document.get("verdict") == "refused" or document.get("transfer_function") is None:
+            raise NotIdentifiable(f"{name} is refused, so nothing is exported. {_reasons(document)}")
+        try:
+            return cls._of(document)
+        except (KeyError, TypeError, ValueError, AttributeError) as error:
+            raise FormatError(f"{name} isn't whole: {error!r} while reading {SCHEMA}") from None
+
+    @classmethod
+    def _of(cls, document: dict[str, Any]) -> Answer:
+        estimates = {name: _estimate(e) for name, e in document["parameters"].items()}
+        names = document["covariance"]["parameters"]
+        matrix = np.array(
+            [[_number(x) for x in row] for row in document["covariance"]["matrix"]], dtype=float
+        )
+        if names != list(estimates) or matrix.shape != (len(names), len(names)):
+            raise ValueError(f"a covariance of {names} beside the parameters {list(estimates)}")
+        system = document["transfer_function"]
+        low, high = (_number(end) for end in document["operating_range"]["input"])
+        return cls(
+            estimates=estimates,
+            covariance=matrix,
+            transfer_function=TransferFunction(
+                numerator=tuple(map(float, system["numerator"])),
+                denominator=tuple(map(float, system["denominator"])),
+                delay=float(system["delay"]),
+                output=str(system["output"]),
+                unit=str(system["unit"]),
+            ),
+            verdict=str(document["verdict"]),
+            structure=str(document["structure"]),
+            input_range=(low, high),
+            comment=_comment(document),
+            document=document,
+        )
+
+    @property
+    def units(self) -> tuple[str, str]:
+        """The units of position and input, such as `rad` and `V`, which the unit of the gain is made of."""
+        position, _, rest = self.transfer_function.unit.partition("/(s·")
+        return position, rest.removesuffix(")")
+
+
+def _comment(document: Mapping[str, Any]) -> tuple[str, ...]:
+    made = document["provenance"]
+    lines = [
+        f"Identified by servobench {made['version']}, {made['created']}; verdict: {document['verdict']}."
+    ]
+    lines += [f"{f['severity']}: {f['sentence']}" for f in document["findings"] if f["severity"] == "warning"]
+    return tuple(_one_line(line) for line in lines)
+
+
+def _reasons(document: Mapping[str, Any]) -> str:
+    told = [f["sentence"] for f in document.get("findings", []) if f.get("severity") == "refusal"]
+    return _one_line(" ".join(told)) or "It has no model."
+
+
+def _one_line(text: str) -> str:
+    return " ".join(str(text).split())
+
+
+def _estimate(plain: Mapping[str, Any]) -> Estimate:
+    low, high = (_number(end) for end in plain["interval"])
+    value = _number(plain["value"])
+    if not math.isfinite(value):
+        raise ValueError("a parameter without a value")
+    return Estimate(
+        value=value,
+        sd=_number(plain["sd"]),
+        interval=(low, high),
+        level=float(plain["level"]),
+        unit=str(plain["unit"]),
+    )
+
+
+def _number(value: object) -> float:
+    """A number of JSON; null, which stands for one that isn't known, is NaN."""
+    if value is None:
+        return math.nan
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        raise TypeError(f"{value!r} where a number belongs")
+    return float(value)

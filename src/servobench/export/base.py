@@ -1,0 +1,99 @@
+"""The kind `export`: a target is a form in which another program takes an identified motor; and the verb `export`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import ClassVar, Protocol, runtime_checkable
+
+from servobench.errors import StorageError, UsageError
+from servobench.export.answer import Answer
+from servobench.registry import Registry
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wishes:
+    """What the user of an export may say about it; None where nothing is said.
+
+    `unit` is the unit of position to export in (`rev`, `deg`); `sample_time` [s] that of the controller that will run;
+    `inertia` [kg·m²] of all that turns, which a speed and a voltage alone don't tell; `closed_loop` [s] the time constant wished
+    for the closed loop; `counts_per_rev` those of the encoder; `voltage_limit` [V] what the controller may put out.
+    """
+
+    unit: str | None = None
+    sample_time: float | None = None
+    inertia: float | None = None
+    closed_loop: float | None = None
+    counts_per_rev: float | None = None
+    voltage_limit: float | None = None
+
+
+@runtime_checkable
+class Target(Protocol):
+    """A form in which another program takes an identified motor."""
+
+    suffix: ClassVar[str]
+    """The ending of its file, with the dot; of the first one where it has several."""
+
+    wishes: ClassVar[frozenset[str]]
+    """The fields of `Wishes` that it can follow."""
+
+    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+        """Return the files, content by name, each name beginning with the stem.
+
+        Raises `UsageError` where the target can't hold the motor, or needs a wish that isn't said.
+        """
+        ...
+
+
+TARGETS: Registry[type[Target]] = Registry("export target", "servobench.export")
+
+
+def export(
+    answer: Answer, target: str, path: str | os.PathLike[str], wishes: Wishes | None = None
+) -> tuple[Path, ...]:
+    """Write an identified motor in the form that a target's program takes, and return the files that were written.
+
+    `path` is the name of the (first) file; where it has no ending, the target's own is added. Files of these names are replaced
+    once the new ones are whole. Raises `UsageError` for a wish that the target can't follow or a motor that it can't hold,
+    `StorageError` where the files can't be written.
+    """
+    wishes = wishes or Wishes()
+    made = TARGETS[target]()
+    _check_wishes(target, made, wishes)
+    file = Path(path)
+    if file.suffix and file.suffix != made.suffix:
+        raise UsageError(
+            f"{file}: {target} makes a file that ends in {made.suffix}; name it so, or without an ending"
+        )
+    content = made.render(answer, wishes, file.stem if file.suffix else file.name)
+    try:
+        with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
+            for name, data in content.items():
+                (Path(folder) / name).write_bytes(data)
+            for name in content:
+                (Path(folder) / name).replace(file.parent / name)
+    except OSError as error:
+        raise StorageError(f"{file} can't be written: {error.strerror or error}") from error
+    return tuple(file.parent / name for name in content)
+
+
+def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
+    said = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
+    if extra := sorted(said - target.wishes):
+        can = ", ".join(sorted(option(each) for each in target.wishes)) or "none"
+        raise UsageError(
+            f"{name} has no use for {', '.join(option(each) for each in extra)}; options that it follows: {can}"
+        )
+    for each in ("sample_time", "inertia", "closed_loop", "counts_per_rev", "voltage_limit"):
+        value = getattr(wishes, each)
+        if value is not None and not 0.0 < value < float("inf"):
+            raise UsageError(f"{option(each)} is {value!r}; expected a positive number")
+
+
+def option(wish: str) -> str:
+    """Return a wish as the option of a command line that says it."""
+    return f"--{wish.replace('_', '-')}"

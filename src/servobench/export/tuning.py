@@ -1,0 +1,100 @@
+"""Gains of a controller from an identified motor, with its delay in mind, and the margins that are left.
+
+The SIMC rules (Skogestad 2003, Journal of Process Control 13): of a closed loop that is wished to have the time constant λ, and a
+dead time θ, the speed loop of K/(τ s + 1) gets k_p = τ / (K (λ + θ)), T_i = min(τ, 4 (λ + θ)), the position loop of
+K/(s (τ s + 1)) gets k_p = 1 / (K (λ + θ)), k_d = τ k_p. θ is the motor's delay and one sample time: half for the output that is
+held, half for a speed that is differenced; and a filter's time constant where there is one.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import UsageError
+from servobench.export.first_order import FirstOrderMotor
+from servobench.margins import Margins, margins
+from servobench.transfer_function import TransferFunction
+
+_DRAWS = 400
+_SHARE = 0.25  # of the motor's time constant: faster loops make much noise of little encoder
+_DEAD_TIMES = 2.0  # λ/θ: leaves 71° of phase
+_FILTER = 0.2  # of λ
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tuning:
+    """Gains for loops around speed and position, in volts and the motor's unit, and margins with 95 % intervals.
+
+    `speed_gain` [V/(unit/s)], `speed_integral` [V/unit], `position_gain` [V/unit], `position_derivative` [V/(unit/s)];
+    `closed_loop` λ, `dead_time` θ and the speed filter's time constant `filter` [s]; margins [rad] and [s] of the speed loop
+    with its integral part.
+    """
+
+    speed_gain: float
+    speed_integral: float
+    position_gain: float
+    position_derivative: float
+    closed_loop: float
+    dead_time: float
+    filter: float
+    phase_margin: tuple[float, float, float]
+    delay_margin: tuple[float, float, float]
+
+
+def tuned(
+    motor: FirstOrderMotor, sample_time: float, closed_loop: float | None = None, *, filtered: bool = False
+) -> Tuning:
+    """Return gains for a controller that runs every `sample_time` [s]; `closed_loop` [s] is λ, 2 θ or τ/4 where it isn't said.
+
+    A speed that is `filtered` goes through a low-pass filter of λ/5. Raises `UsageError` for a closed loop that is wished
+    faster than the dead time allows.
+    """
+    gain, tau = motor.gain.value, motor.time_constant.value
+    dead_time = motor.delay + sample_time
+    wished = closed_loop if closed_loop is not None else max(_DEAD_TIMES * dead_time, _SHARE * tau)
+    lag = _FILTER * wished if filtered else 0.0
+    if wished < dead_time:
+        raise UsageError(
+            f"--closed-loop {wished:g}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
+            f"(the motor's delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); wish for {dead_time:.3g} s or more"
+        )
+    dead_time += lag
+    position_gain = 1.0 / (gain * (wished + dead_time))
+    speed_gain = tau * position_gain
+    integral = speed_gain / min(tau, 4 * (wished + dead_time))
+    left = np.array(
+        [
+            _margins(k, t, d + sample_time + lag, speed_gain, integral)
+            for k, t, d in [(gain, tau, motor.delay), *motor.draws(_DRAWS)]
+        ]
+    )
+    return Tuning(
+        speed_gain=speed_gain,
+        speed_integral=integral,
+        position_gain=position_gain,
+        position_derivative=speed_gain,
+        closed_loop=wished,
+        dead_time=dead_time,
+        filter=lag,
+        phase_margin=_with_interval(left[:, 0]),
+        delay_margin=_with_interval(left[:, 1]),
+    )
+
+
+def _margins(
+    gain: float, tau: float, dead_time: float, proportional: float, integral: float
+) -> tuple[float, float]:
+    loop: Margins = margins(
+        TransferFunction(
+            numerator=(gain * proportional, gain * integral), denominator=(tau, 1.0, 0.0), delay=dead_time
+        )
+    )
+    return loop.phase_margin, loop.delay_margin
+
+
+def _with_interval(values: Array) -> tuple[float, float, float]:
+    low, high = np.quantile(values[1:], (0.025, 0.975))
+    return float(values[0]), float(low), float(high)

@@ -1,0 +1,58 @@
+"""A motor whose parameters are known, as a result's plain data."""
+
+from typing import Any
+
+import pytest
+
+from servobench.export.answer import Answer
+
+GAIN, TAU, DELAY, COULOMB = 23.7, 0.0992, 0.0004, 0.16
+SD = {"gain": 0.02, "time_constant": 0.0003, "coulomb_voltage": 0.002, "delay": 0.0001}
+
+
+def document(**changed: Any) -> dict[str, Any]:
+    """Return a result of the first-order motor with friction, with some of its entries changed."""
+    values = {"gain": GAIN, "time_constant": TAU, "coulomb_voltage": COULOMB, "delay": DELAY}
+    units = {"gain": "rad/(s·V)", "time_constant": "s", "coulomb_voltage": "V", "delay": "s"}
+    return {
+        "schema": "servobench.result/1",
+        "verdict": "trusted",
+        "findings": [],
+        "structure": "first_order_coulomb",
+        "estimator": "output_error",
+        "parameters": {
+            name: {
+                "value": value,
+                "sd": SD[name],
+                "interval": [value - 1.959964 * SD[name], value + 1.959964 * SD[name]],
+                "level": 0.95,
+                "unit": units[name],
+            }
+            for name, value in values.items()
+        },
+        "covariance": {
+            "parameters": list(values),
+            "matrix": [
+                [
+                    SD[a] * SD[b] * (1.0 if a == b else 0.4 if {a, b} == {"gain", "time_constant"} else 0.0)
+                    for b in SD
+                ]
+                for a in SD
+            ],
+        },
+        "transfer_function": {
+            "numerator": [GAIN],
+            "denominator": [TAU, 1.0],
+            "output": "speed",
+            "delay": DELAY,
+            "unit": "rad/(s·V)",
+        },
+        "operating_range": {"input": [-3.0, 3.0], "speed": [-66.0, 66.0]},
+        "provenance": {"version": "0", "created": "2026-01-01T00:00:00+00:00", "inputs_sha256": []},
+        **changed,
+    }
+
+
+@pytest.fixture
+def answer() -> Answer:
+    return Answer.from_document(document(), "the result")
