@@ -59,10 +59,16 @@ class Heading:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """A column of a table: what its header says, and its values (N,) in that unit."""
+    """A column of a table: what its header says, and its values (N,) in that unit.
+
+    `t` (N,) [s] are the column's own times, where the file has some for it alone. `is_time` says that the file's own type makes
+    the values times, in s, whatever their name is.
+    """
 
     heading: Heading
     values: Array
+    t: Array | None = None
+    is_time: bool = False
 
 
 def heading(text: str) -> Heading:
@@ -166,8 +172,9 @@ def recording_of(
 ) -> Recording:
     """Return the recording that a foreign table is: a channel for each column, in their order.
 
-    A column gets the times of a time column of its length, where one is recognised beyond doubt; the time column stays as a
-    channel. In names with dots (`motor.u`) the time column next to it comes first (`motor.t`), then one further up (`t`).
+    A column without times of its own gets those of a time column of its length, where one is recognised beyond doubt; the time
+    column stays as a channel. In names with dots (`motor.u`) the time column next to it comes first (`motor.t`), then one further
+    up (`t`).
     `rows` (N,) are the rows of the file that the samples stand in, where those are not 1 to N.
     """
     names, told = distinct([column.heading.name for column in columns])
@@ -180,7 +187,7 @@ def recording_of(
         Series(
             channel=Channel(name=column.heading.name, unit=column.heading.unit),
             values=column.values,
-            t=_times_for(column, times),
+            t=_times_for(column, times) if column.t is None else column.t,
         )
         for column in columns
     )
@@ -230,7 +237,7 @@ def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[lis
     recognised: list[_Times] = []
     findings: list[Finding] = []
     for column in columns:
-        if time_unit(column.heading) is None:
+        if column.t is not None or (not column.is_time and time_unit(column.heading) is None):
             continue
         if _mostly_increases(column.values):
             key = (_folder(column.heading.name), len(column.values))
