@@ -26,6 +26,7 @@ class Dataset:
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
     `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
+    `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
     """
@@ -45,6 +46,7 @@ class Dataset:
     applied: Chain = field(default_factory=Chain)
     delay: float = 0.0
     reference: Array | None = None
+    current: Array | None = None
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -68,6 +70,12 @@ class Dataset:
             raise UsageError(
                 f"{self.name}: the reference has shape {r.shape}, the input {self.u.shape}; expected a finite value of the "
                 "reference for each value of the input"
+            )
+        i = self.current
+        if i is not None and (i.shape != self.y.shape or np.isinf(i).any()):
+            raise UsageError(
+                f"{self.name}: the current has shape {i.shape}, the output {self.y.shape}; expected a value in A for each value "
+                "of the output, NaN where it isn't known"
             )
 
     @property
@@ -155,6 +163,7 @@ class Dataset:
             applied=self.applied if keep_out[0] else Chain(),
             delay=self.delay,
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
+            current=None if self.current is None else self.current[keep_out],
         )
 
     def _held_at(self, t: Array) -> NDArray[np.int64]:

@@ -12,6 +12,7 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.finding import Finding, info
+from servobench.measurement.armature import armature_current
 from servobench.measurement.base import Chain, Kind, Stage
 from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
 from servobench.measurement.dataset import Dataset
@@ -35,6 +36,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
 
     Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
     A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
+    A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
     What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
 
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
@@ -48,6 +50,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     kind = _shaft_kind(recording, read)
     _check_chains(recording, read, kind, declared, applied)
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
+    current, told = armature_current(recording, finished.t)
     return Dataset(
         name=recording.name,
         t_input=driven.t,
@@ -63,7 +66,8 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         declared=_without_conversions(declared),
         applied=_without_conversions(applied),
         delay=recording.info.delay if recording.info else 0.0,
-        findings=(*recording.findings, *input_findings, *read_findings, *findings),
+        current=current,
+        findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
     )
 
 
