@@ -9,6 +9,7 @@ from typing import Annotated
 import typer
 
 from servobench._version import __version__
+from servobench.cli.chains import chains
 from servobench.cli.convert import convert
 from servobench.cli.devices import devices
 from servobench.cli.export import export
@@ -57,7 +58,17 @@ def servobench(
     """
 
 
-for command in (run, identify, inspect, export, convert, recover, devices, signals):
+for command in (
+    run,
+    identify,
+    inspect,
+    export,
+    convert,
+    recover,
+    devices,
+    signals,
+    chains,
+):
     app.command()(command)
 
 

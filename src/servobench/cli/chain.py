@@ -17,7 +17,7 @@ def with_chain(recording: Recording, text: str) -> Evidence:
 
     A chain that turns a position into a speed can't have been passed by a column that is still a position; no more can one that
     only changes what the column's unit is, or takes its wraps away, have been passed by a column that is in the unit from before.
-    Such a chain is applied now, and a finding says so. Any other is what happened before the recording.
+    Such a chain is applied now, and a finding says so. Any other is what happened before the recording, `none` included.
     Raises `UsageError` for a text that is no chain.
     """
     from servobench.finding import info
@@ -26,7 +26,7 @@ def with_chain(recording: Recording, text: str) -> Evidence:
     chain = Chain.parse(text)
     output, unit = _output(recording)
     if not chain.stages:
-        return Evidence(recording)
+        return Evidence(replace(recording, chain=text.strip() or recording.chain))
     if not _is_still_to_come(chain, unit):
         return Evidence(replace(recording, chain=text))
     told = info(

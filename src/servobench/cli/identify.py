@@ -37,8 +37,8 @@ def identify(
         str,
         typer.Option(
             metavar="TEXT",
-            help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s'; "
-            "applied now where the column shows that it wasn't.",
+            help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s', a device that "
+            "`servobench chains` lists, or none; applied now where the column shows that it wasn't.",
         ),
     ] = "",
     nominal: Annotated[

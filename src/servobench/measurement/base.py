@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.errors import UnknownName, UsageError
+from servobench.measurement.presets import PRESETS
 from servobench.registry import Registry
 
 State: TypeAlias = Any
@@ -95,20 +96,24 @@ class Chain:
 
     @classmethod
     def parse(cls, text: str) -> Chain:
-        """Return the chain that a text describes: stages joined by `|`, each a name and its arguments; none for an empty text.
+        """Return the chain that a text describes: stages joined by `|`, each a name and its arguments.
 
+        The name of a known device (`talon-srx`) stands for its stages. `none` says that there is nothing in between, and an
+        empty text that nobody says: both give a chain without stages.
         Raises `UsageError` (an `UnknownName` for a stage that isn't known).
         """
-        if not text.strip():
+        if not text.strip() or text.strip() == NONE:
             return cls()
-        stages = []
+        stages: list[Stage] = []
         for piece in text.split("|"):
             name, *words = piece.split() or [""]
             if not name:
                 raise UsageError(
                     f"chain {text!r} has nothing between two bars; expected {_EXAMPLE!r}, for example"
                 )
-            stages.append(STAGES[name].parse(tuple(words)))
+            if name == NONE:
+                raise UsageError(f"chain {text!r}: `{NONE}` says that nothing is in between; it stands alone")
+            stages += _stages(name, tuple(words))
         return cls(tuple(stages))
 
     @property
@@ -207,7 +212,24 @@ class Chain:
         return True
 
 
+NONE = "none"
+"""The text of a chain of which it is known that it has no stages."""
+
 _EXAMPLE = "derivative | lowpass 50 rad/s"
+
+
+def _stages(name: str, words: tuple[str, ...]) -> tuple[Stage, ...]:
+    """The stages that a name stands for: those of a known device, or the one of that name."""
+    if name in PRESETS:
+        if words:
+            raise UsageError(
+                f"`{name} {' '.join(words)}`: `{name}` stands alone; where the device has other settings, write its stages out, "
+                f"as in `{PRESETS[name].chain}`"
+            )
+        return Chain.parse(PRESETS[name].chain).stages
+    if name not in STAGES.names():
+        raise UnknownName("stage", name, (*STAGES.names(), *PRESETS))
+    return (STAGES[name].parse(words),)
 
 
 def fold(stage: Stage | Chain, x: Array, t: Array) -> Array:

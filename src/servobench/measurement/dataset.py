@@ -25,6 +25,7 @@ class Dataset:
     its start; the `applied` ones started from zero with the first sample, as they do in a prediction.
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
+    `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
     `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
     `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
     Nothing is resampled; times increase but need not be regular.
@@ -47,6 +48,7 @@ class Dataset:
     delay: float = 0.0
     reference: Array | None = None
     current: Array | None = None
+    chain_known: bool = False
     findings: tuple[Finding, ...] = ()
 
     def __post_init__(self) -> None:
@@ -164,6 +166,7 @@ class Dataset:
             delay=self.delay,
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
             current=None if self.current is None else self.current[keep_out],
+            chain_known=self.chain_known,
         )
 
     def _held_at(self, t: Array) -> NDArray[np.int64]:

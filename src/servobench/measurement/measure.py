@@ -68,6 +68,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         delay=recording.info.delay if recording.info else 0.0,
         current=current,
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
+        chain_known=bool(recording.chain.strip()) or bool(applied),
     )
 
 
