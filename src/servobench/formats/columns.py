@@ -91,6 +91,19 @@ def heading(text: str) -> Heading:
     return Heading(name=text, unit=(found := _unit_in_name(text)), from_name=found is not None)
 
 
+def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
+    """Return a heading with the unit that a file has for it beside its name; with a finding where that is no unit known here."""
+    text = _printable(" ".join(text.split()))
+    if not text:
+        return name, ()
+    if text in {"-", "–"}:
+        return Heading(name=name.name, unit="1"), ()
+    if is_unit(text):
+        return Heading(name=name.name, unit=text), ()
+    sentence = f"`{name.name}` is in {text[:40]!r}, as the file says, which is no unit known here: say it as COL:UNIT."
+    return name, (info("unit-unknown", sentence),)
+
+
 def _bracket(text: str) -> tuple[str, str] | None:
     """What stands before and in the last pair of brackets, where the text ends with one."""
     opening = _CLOSING.get(text[-1:])

@@ -22,7 +22,16 @@ from servobench.errors import FormatError
 from servobench.finding import Finding, info
 from servobench.formats import metadata
 from servobench.formats.base import FORMATS
-from servobench.formats.columns import LARGEST_TABLE, Column, Heading, distinct, heading, quoted, recording_of
+from servobench.formats.columns import (
+    LARGEST_TABLE,
+    Column,
+    Heading,
+    distinct,
+    heading,
+    quoted,
+    recording_of,
+    with_unit,
+)
 from servobench.formats.extras import library
 from servobench.formats.matfile import MOST_BYTES
 from servobench.recording.recording import Recording, Source
@@ -168,6 +177,10 @@ def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str
     findings: list[Finding] = []
     for channel in channels:
         found = _column(channel, zero, path.name)
+        if isinstance(found, Column) and isinstance(unit := channel.properties.get("unit_string"), str):
+            head, told = with_unit(found.heading, unit)
+            found = found if found.is_time else replace(found, heading=head)
+            findings.extend(told)
         if isinstance(found, str):
             skipped.append(f"{channel.name} ({found})")
         else:
@@ -193,15 +206,11 @@ def _column(channel: Any, zero: int | None, name: str) -> Column | str:
         if kind not in {"TimeStamp", "DaqMxRawData"} and channel.data_type.nptype is None:
             return "text" if kind == "String" else kind
         values = channel[:] if kind == "TimeStamp" else np.asarray(channel[:])
-    unit = channel.properties.get("unit_string")
     head = heading(channel.name)
     if kind == "TimeStamp":
         return Column(heading=replace(head, unit="s"), values=_seconds(values, zero or 0), is_time=True)
     if values.dtype.kind not in "biuf":
         return "complex numbers" if values.dtype.kind == "c" else f"of type {values.dtype}"
-    if isinstance(unit, str) and unit.strip():
-        # A name that says its unit too, such as `u [V]`, is then a name and no more.
-        head = replace(head, unit=" ".join(unit.split()), from_name=False)
     values = np.array(values, dtype=np.float64)
     return Column(heading=head, values=values, t=_waveform_times(channel.properties, len(values), zero))
 
