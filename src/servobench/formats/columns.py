@@ -204,10 +204,14 @@ def recording_of(
         )
         for column in columns
     )
-    units_told = _units_in_names(columns)
-    return Recording(
-        name=name, series=series, source=source, findings=(*findings, *told, *units_told, *about_times)
-    )
+    told = (*told, *_units_in_names(columns), *about_times, *_about_own_times(columns))
+    return Recording(name=name, series=series, source=source, findings=(*findings, *told))
+
+
+def _about_own_times(columns: Sequence[Column]) -> Iterable[Finding]:
+    """What is wrong with the times that columns have of their own, once where it is the same for several."""
+    own = {column.t.tobytes(): column.t for column in columns if column.t is not None}
+    return dict.fromkeys(finding for t in own.values() for finding in time_findings(t))
 
 
 def _units_in_names(columns: Sequence[Column]) -> list[Finding]:

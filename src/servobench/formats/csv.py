@@ -19,7 +19,7 @@ import numpy as np
 
 from servobench.channels import Array, Channel
 from servobench.errors import FormatError, UsageError
-from servobench.formats import metadata, text_table
+from servobench.formats import lvm_segments, metadata, text_table
 from servobench.formats.base import FORMATS
 from servobench.formats.columns import Column, recording_of
 from servobench.recording.recording import Recording, Series, Source
@@ -45,7 +45,7 @@ class Csv:
             head = head[: max(head.rfind(b"\n"), head.rfind(b"\r")) + 1] or head  # the last line may be cut
         try:
             text, _ = text_table.decoded(head, path.name)
-            if _JSON.match(text):
+            if _JSON.match(text) or text.startswith(lvm_segments.MARK):
                 return False
             return text.startswith(_MARK) or bool(text_table.parsed(text, path.name).headings)
         except FormatError:
