@@ -121,7 +121,7 @@ def test_the_ending_says_what_is_written(tmp_path: Path) -> None:
 
     assert (tmp_path / "a.csv").read_text().startswith("# servobench")
     assert len(load(tmp_path / "a.mcap")) == 2
-    with pytest.raises(UsageError, match=r"no file format ends in '.xls'; known: csv"):
+    with pytest.raises(UsageError, match=r"no file format ends in '.xls'; known: arrow .*, csv"):
         save(small(), tmp_path / "a.xls")
     with pytest.raises(UsageError, match="no recording to write"):
         save([], tmp_path / "a.csv")

@@ -128,7 +128,8 @@ def recording_in(batches: Sequence[Any], schema: Any, path: Path, format: str) -
 
 
 def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
-    found = leaves(schema, path.name)
+    with told_as_format_error(path.name, format):
+        found = leaves(schema, path.name)
     wanted = [leaf for leaf in found if not leaf.skipped]
     skipped = [f"{leaf.name} ({leaf.skipped})" for leaf in found if leaf.skipped]
     if not wanted:

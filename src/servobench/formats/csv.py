@@ -191,7 +191,9 @@ def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Arra
     empty: dict[int, list[int]] = {}
     at = 0
     for columns, filled in shapes:
-        empty.update({at + k: list(range(filled, longest)) for k in range(columns) if filled < longest})
+        # What the first line says of the rows may be any number; there are no more of them than lines.
+        missing = list(range(filled, min(longest, len(lines))))
+        empty.update({at + k: missing for k in range(columns) if missing})
         at += columns
     if len(lines) != longest or faults.rows or faults.cells != ({"cell-empty": empty} if empty else {}):
         raise FormatError(

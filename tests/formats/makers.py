@@ -1,0 +1,125 @@
+"""A small valid file of every format, each with a few channels, for tests that damage it."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+
+from servobench.channels import Channel
+from servobench.formats.base import FORMATS, save
+from servobench.recording.recording import Recording, Series, Source
+
+T = 0.01 * np.arange(20)
+U = np.sign(np.sin(9 * T))
+Y = np.cumsum(U) / 8
+
+
+def recording() -> Recording:
+    """Return a recording whose input and output have times of their own."""
+    series = (
+        Series(channel=Channel(name="u", unit="V"), values=U, t=T),
+        Series(channel=Channel(name="y", unit="rad"), values=Y[::2], t=T[::2] + 0.001),
+    )
+    return Recording(name="run", series=series, source=Source(name="made up"), input="u", output="y")
+
+
+def _lvm(path: Path) -> None:
+    head = "LabVIEW Measurement\t\nSeparator\tTab\nDecimal_Separator\t,\nX_Columns\tNo\n***End_of_Header***\t\n\n"
+    clock = "Date\t2024/05/17\t2024/05/17\nTime\t09:30:0{k},25\t09:30:0{k},25\n"
+    segment = (
+        "Channels\t2\nSamples\t10\t10\n" + clock + "Y_Unit_Label\tVolts\trad\nX_Dimension\tTime\tTime\n"
+        "X0\t0,0\t0,0\nDelta_X\t0,1\t0,1\n***End_of_Header***\t\t\nX_Value\tu\ty\tComment\n"
+    )
+    rows = [f"\t{u:.3f}\t{y:.3f}\n".replace(".", ",") for u, y in zip(U, Y, strict=True)]
+    text = head + "".join(segment.format(k=k) + "".join(rows[10 * k : 10 * k + 10]) for k in range(2))
+    path.write_text(text, encoding="utf-8")
+
+
+def _sysid_json(path: Path) -> None:
+    rows = ", ".join(f"[{t:.2f}, {u:.1f}, {y:.3f}, 0.5]" for t, u, y in zip(T, U, Y, strict=True))
+    path.write_text(
+        '{"sysid": true, "units": "Rotations", "unitsPerRotation": 1.0, "fast-forward": [' + rows + "]}"
+    )
+
+
+MAKERS: dict[str, Callable[[Path], None]] = {"lvm": _lvm, "sysid_json": _sysid_json}
+"""What makes a file of each format that can't be written."""
+
+
+def make(name: str, folder: Path) -> Path:
+    """Return the path of a small valid file of a format in a folder, by our writer or else by its maker."""
+    path = folder / f"a{FORMATS[name].suffixes[0]}"
+    if name in MAKERS:
+        MAKERS[name](path)
+    else:
+        save(recording(), path)
+    return path
+
+
+def _foreign_tdms(path: Path) -> None:
+    """Waveforms, scaled counts, time stamps, text and two groups, in three segments."""
+    import nptdms
+
+    scale = {
+        "NI_Number_Of_Scales": 1, "NI_Scale[0]_Scale_Type": "Linear", "NI_Scale[0]_Linear_Slope": 0.25,
+        "NI_Scale[0]_Linear_Y_Intercept": 0.5, "NI_Scale[0]_Linear_Input_Source": np.uint32(0xFFFFFFFF),
+    }  # fmt: skip
+    stamps = np.datetime64("2024-05-17T09:30:00", "us") + np.arange(20) * np.timedelta64(10, "ms")
+    wave = {"wf_increment": 0.01, "wf_start_offset": 0.0, "wf_start_time": stamps[0], "unit_string": "V"}
+    counts = np.arange(20, dtype=np.int16)
+    with nptdms.TdmsWriter(path) as writer:
+        for _ in range(2):
+            writer.write_segment([
+                nptdms.ChannelObject("left", "u", U, wave), nptdms.ChannelObject("left", "counts", counts, scale),
+                nptdms.ChannelObject("left", "remark", ["on", "off"]),
+            ])  # fmt: skip
+        writer.write_segment(
+            [nptdms.ChannelObject("right", "when", stamps), nptdms.ChannelObject("right", "y", Y)]
+        )
+
+
+def _foreign_table() -> object:
+    import pyarrow as pa
+
+    stamps = np.datetime64("2024-05-17T09:30:00", "us") + np.arange(20) * np.timedelta64(10, "ms")
+    return pa.table(
+        {
+            "when": stamps,
+            "u": pa.array(U, mask=np.arange(20) == 3),
+            "motor": [{"y": y, "on": True} for y in Y],
+            "kind": pa.array(["a", "b"] * 10).dictionary_encode(),
+            "n": pa.array(list(range(10)) * 2, pa.int16()).dictionary_encode(),
+        }
+    )
+
+
+def _foreign_parquet(path: Path) -> None:
+    import pyarrow.parquet as pq
+
+    pq.write_table(_foreign_table(), path, row_group_size=8)
+
+
+def _foreign_arrow(path: Path) -> None:
+    import pyarrow as pa
+
+    table = _foreign_table()
+    options = pa.ipc.IpcWriteOptions(compression="lz4")
+    with pa.ipc.new_stream(str(path), table.schema, options=options) as writer:  # type: ignore[attr-defined]
+        writer.write_table(table, max_chunksize=8)
+
+
+def _foreign_csv(path: Path) -> None:
+    rows = "".join(f"{t:.2f}; {u:.1f}; {y:.3f}\n" for t, u, y in zip(T, U, Y, strict=True))
+    path.write_text("% motor 3\n% t [s]; u [V]; y [rad]\n" + rows.replace(".", ",") + "\n% end\n")
+
+
+def _foreign_mat(path: Path) -> None:
+    import scipy.io
+
+    scipy.io.savemat(path, {"t": T, "data": {"u": U, "y": Y}, "note": "a"}, do_compression=True)
+
+
+FOREIGN: dict[str, Callable[[Path], None]] = {
+    "tdms": _foreign_tdms, "parquet": _foreign_parquet, "arrow": _foreign_arrow, "csv": _foreign_csv, "mat": _foreign_mat,
+}  # fmt: skip
+"""What makes a file as others write it, for formats that we write as well: another one to damage."""
