@@ -1,4 +1,5 @@
 """A small valid file of every format, each with a few channels, for tests that damage it."""
+"""Files of each foreign format, as small and as rich as a test of damage needs them. Nothing in them is stored in the project."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -123,3 +124,19 @@ FOREIGN: dict[str, Callable[[Path], None]] = {
     "tdms": _foreign_tdms, "parquet": _foreign_parquet, "arrow": _foreign_arrow, "csv": _foreign_csv, "mat": _foreign_mat,
 }  # fmt: skip
 """What makes a file as others write it, for formats that we write as well: another one to damage."""
+from tests.formats import wpilogs
+
+MAKERS: dict[str, Callable[[Path], None]] = {}
+"""A writer of a file for each kind of file; the name's first part is the format's."""
+
+
+def wpilog(path: Path) -> None:
+    path.write_bytes(wpilogs.robot())
+
+
+def wpilog_sysid(path: Path) -> None:
+    path.write_bytes(wpilogs.sysid())
+
+
+MAKERS["wpilog"] = wpilog
+MAKERS["wpilog sysid"] = wpilog_sysid

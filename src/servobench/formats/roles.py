@@ -85,8 +85,9 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
 
 
 def plain_name(name: str) -> str:
-    """Return a name without its folder and its unit, in lower case, with underscores between words."""
-    last = bare_name(heading(name.rpartition(".")[2] or name).name)
+    """Return a name without its folder (`log.`, `NT:/arm/`) and its unit, in lower case, with underscores between words."""
+    last = heading(name.rpartition(".")[2] or name).name
+    last = bare_name(last.rpartition("/")[2] or last)
     return "_".join(last.lower().replace("-", " ").replace("_", " ").split())
 
 
