@@ -29,6 +29,7 @@ from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.plausibility import about_data, about_fit
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
+from servobench.winding import about_winding
 
 
 def identify(
@@ -67,6 +68,7 @@ def identify(
                 *chosen.findings,
                 *fit.findings,
                 *about_fit(fit),
+                *about_winding(fit),
                 *validate(fit),
                 *missing_terms(fit),
                 *_about_validation(fit, validation),
