@@ -12,12 +12,12 @@ from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.disturbance import Disturbance
 from servobench.estimators.output_error import OutputError
 from servobench.estimators.prediction_error import PredictionError
+from servobench.held_out import validate_with
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Model
 from servobench.signals.square import Square
 from servobench.simulation import predict, residuals, simulate
-from servobench.validate import validate_with
 from tests.datasets import QUANTUM, dataset
 from tests.motor.reference import Truth
 

@@ -19,7 +19,8 @@ from servobench.estimators.prediction_error import (
 )
 from servobench.estimators.repetition import period, repeats
 from servobench.estimators.second_weighing import weighed_twice
-from servobench.finding import Finding, info, refusal, warning
+from servobench.finding import Finding, info, refusal
+from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import fast_pole_doubt, missing_terms
 from servobench.models.base import STRUCTURES, Structure
@@ -30,6 +31,7 @@ from servobench.plausibility import about_data, about_fit
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
 from servobench.winding import about_winding
+from servobench.validate import explains_the_colour, validate
 
 
 def identify(
@@ -44,8 +46,8 @@ def identify(
     Several datasets are fitted jointly: they share the parameters, and each has its own start state. `structure` and
     `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and whether friction is
     needed, and the estimator by a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet, or
-    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any, part of the
-    data is held out in turn.
+    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any,
+    records, input levels or stretches are left out in turn (`held_out`).
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
     known or data that don't belong together.
     """
@@ -71,7 +73,7 @@ def identify(
                 *about_winding(fit),
                 *validate(fit),
                 *missing_terms(fit),
-                *_about_validation(fit, validation),
+                *about_validation(fit, validation),
             ]
             comparisons = _compare(fit, nominal)
     except NotIdentifiable as error:
@@ -252,33 +254,6 @@ def _validation(
     method: Estimator, data: Sequence[Dataset], fit: Fit, others: Sequence[Dataset]
 ) -> Validation | None:
     return validate_with(fit, others) if others else cross_validate(method, data, fit)
-
-
-def _about_validation(fit: Fit, validation: Validation | None) -> list[Finding]:
-    if validation is None:
-        return [
-            info(
-                "not-validated",
-                "Nothing could be held out to try the model on: the input doesn't change in the last third of the record.",
-            )
-        ]
-    if validation.fit_percent < 50:
-        return [
-            warning(
-                "validation-poor",
-                f"On data that it wasn't fitted to, the model explains only {validation.fit_percent:.0f} % of the output.",
-            )
-        ]
-    missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
-    if unseen > max(2.0, 5 * missing):
-        return [
-            warning(
-                "validation-worse",
-                f"The model explains {fit.fit_percent:.1f} % of what it was fitted to, and only {validation.fit_percent:.1f} % "
-                "of what it wasn't: another motor, another operating point, or a model that fits chance.",
-            )
-        ]
-    return []
 
 
 def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Comparison, ...]:

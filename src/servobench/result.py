@@ -24,11 +24,16 @@ SCHEMA = "servobench.result/1"
 
 @dataclass(frozen=True, kw_only=True)
 class RecordFit:
-    """How well one record that was held out is simulated; `fit_percent` as in `Fit`."""
+    """How well one part that was left out is simulated; `fit_percent` as in `Fit`.
+
+    `beyond` is its misfit (root mean square) over what the rest of the data foretell: their residual, and how well they know the
+    parameters.
+    """
 
     name: str
     samples: int
     fit_percent: float
+    beyond: float = 1.0
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -1,26 +1,20 @@
-"""Is the model right? Tests on what it leaves over, and on data that it wasn't fitted to."""
+"""Is the model right? Tests on what it leaves over."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 import numpy as np
 
 from servobench.channels import Array
-from servobench.errors import NotIdentifiable
-from servobench.estimators.base import Estimator, Fit, FittedRecord, fit_percent
+from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.disturbance import innovations_of_blocks
-from servobench.estimators.output_error import simulated
 from servobench.estimators.prediction_error import rounding_explains
 from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
-from servobench.result import RecordFit, Validation
 
 _LAGS = 20
 # In standard deviations, over 21 lags. An ideal encoder's rounding, which isn't white, reached 4.3 in 24 records of a right
 # model; a pole of 5 ms beside one of 100 ms makes 8 and more.
 _TIED = 5.0
-_FOLDS = 8
 # The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
 # is something else than rounding.
 _ROUNDING = 1.2
@@ -86,70 +80,10 @@ def is_rounding(fit: Fit) -> bool | None:
     return bool(fit.residual_sd <= _ROUNDING * quantum / np.sqrt(12))
 
 
-def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> Validation | None:
-    """Return how well the model simulates what it wasn't fitted to; None where nothing can be held out.
-
-    Of several records each is left out in turn (8 of them at the most, spread evenly); of one record, the last third. A part
-    in which the input never changes would only try the steady state, and isn't used.
-    """
-    if len(data) == 1:
-        return _last_third(estimator, data[0], fit)
-    chosen = sorted({int(n) for n in np.linspace(0, len(data) - 1, min(_FOLDS, len(data)))})
-    held = []
-    for n in chosen:
-        rest = [record for m, record in enumerate(data) if m != n]
-        start = np.concatenate([fit.model.theta, *(r.nuisance for m, r in enumerate(fit.records) if m != n)])
-        try:
-            model = estimator.fit(fit.model.structure, rest, (start,)).model
-            held.append(simulated(model.structure, model.theta, data[n]))
-        except NotIdentifiable:
-            continue
-    return (
-        _validation(f"each of {len(held)} records simulated by a model fitted to the others", held)
-        if held
-        else None
-    )
-
-
-def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
-    """Return how well the model simulates other records; only their start states are fitted."""
-    held = [simulated(fit.model.structure, fit.model.theta, record) for record in data]
-    return _validation(f"simulated {len(held)} other record(s) that it wasn't fitted to", held)
-
-
 def input_at_output(data: Dataset) -> Array:
     """Return the input that held just before each sample of the output, shape (M,)."""
     index = np.searchsorted(data.t_input, data.t_output, side="left") - 1
     return np.where(index >= 0, data.u[np.maximum(index, 0)], data.input_before)
-
-
-def _last_third(estimator: Estimator, data: Dataset, fit: Fit) -> Validation | None:
-    start, end = float(data.t_output[0]), float(data.t_output[-1])
-    cut = start + 2 / 3 * (end - start)
-    held = data.u[(data.t_input > cut)]
-    if len(held) < 2 or np.ptp(held) == 0:
-        return None
-    first, last = data.part(start, cut), data.part(cut, np.inf)
-    guess = np.concatenate([fit.model.theta, fit.records[0].nuisance])
-    try:
-        model = estimator.fit(fit.model.structure, [first], (guess,)).model
-        record = simulated(model.structure, model.theta, last)
-    except NotIdentifiable:
-        return None
-    return _validation("the last third simulated by a model fitted to the first two thirds", [record])
-
-
-def _validation(how: str, held: Sequence[FittedRecord]) -> Validation:
-    return Validation(
-        how=how,
-        fit_percent=fit_percent(held),
-        records=tuple(
-            RecordFit(
-                name=record.data.name, samples=int(record.valid.sum()), fit_percent=fit_percent([record])
-            )
-            for record in held
-        ),
-    )
 
 
 def _size(fit: Fit, rounding: bool) -> Finding:
