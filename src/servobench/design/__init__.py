@@ -1,0 +1,1 @@
+"""The experiment with the smallest interval under limits on voltage, current, speed, travel and time, and what it will tell."""
