@@ -149,7 +149,7 @@ the design didn't know. All figures are relative to the true value: *predicted* 
 as the root mean square error, their ratio (its own standard deviation is {spread:.0%}), *stated* by `identify` (median), and how
 often the 95 % interval covered. *Trusted* is the share of trusted results.
 
-| experiment | K predicted | K measured | ratio | K stated | K covered | τ predicted | τ measured | ratio | τ stated | τ covered | trusted |
+| experiment | predicted: K | measured | ratio | stated | covered | predicted: τ | measured | ratio | stated | covered | trusted |
 | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- | --- |
 {rows}
 """

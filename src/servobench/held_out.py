@@ -217,7 +217,7 @@ def _edges(data: Dataset) -> Array:
     """The times [s] at which the input changes by more than chance, after the first sample of the output."""
     before = np.concatenate([[data.input_before], data.u[:-1]])
     changes = np.abs(data.u - before) > _SAME * _range([data])
-    return data.t_input[changes & (data.t_input > data.t_output[0])]
+    return np.asarray(data.t_input[changes & (data.t_input > data.t_output[0])], dtype=np.float64)
 
 
 def _levels(data: Dataset, edges: Array) -> list[float]:

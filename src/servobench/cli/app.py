@@ -11,6 +11,7 @@ import typer
 from servobench._version import __version__
 from servobench.cli.chains import chains
 from servobench.cli.convert import convert
+from servobench.cli.design import design
 from servobench.cli.devices import devices
 from servobench.cli.export import export
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
@@ -69,6 +70,7 @@ for command in (
     signals,
     chains,
 ):
+for command in (run, identify, design, inspect, convert, recover, devices, signals):
     app.command()(command)
 
 

@@ -15,7 +15,7 @@ from servobench.estimators.disturbance import Disturbance
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
-from servobench.motor.parameters import data_sheet
+from servobench.motor.parameters import DataSheet, data_sheet
 from servobench.recording.recording import Source
 
 if TYPE_CHECKING:
@@ -23,6 +23,10 @@ if TYPE_CHECKING:
 
 TOLERANCE = 0.2  # a data sheet's gain and time constant are held for no better than this
 _FRICTION = 0.02  # of the sheet's voltage: what Coulomb friction is taken for where nobody knows it
+_ENCODER = (
+    "the encoder's {} counts a turn are the only noise: no random torque, no error of the clock; "
+    "a design from a recording of the motor (--from) knows of its noise"
+)
 _KNOWN = 2.5  # standard deviations of an estimate to which the limits hold
 
 
@@ -31,9 +35,10 @@ class AssumedMotor:
     """What is known of a motor before the experiment: a first-order motor, by how much it may differ, and the noise.
 
     `gain` [rad/(s·V)] and `time_constant` [s] may be off by the relative `tolerance`; `coulomb_voltage` and `offset_voltage`
-    [V]; `delay` [s], which is the lag of the winding where `winding` is true. `quantum` [rad] is a count of the encoder, `noise`
-    the standard deviation of a sample [rad], at least quantum/√12; `disturbance` is a random torque, None without one.
-    `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing tells them. `assumptions` are sentences.
+    [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where `winding` is true.
+    `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least quantum/√12;
+    `disturbance` is a random torque, None without one. `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing
+    tells them. `assumptions` are sentences.
     """
 
     name: str
@@ -45,6 +50,7 @@ class AssumedMotor:
     coulomb_voltage: float = 0.0
     offset_voltage: float = 0.0
     delay: float = 0.0
+    dead_band: float = 0.0
     winding: bool = False
     disturbance: Disturbance | None = None
     resistance: float | None = None
@@ -113,16 +119,26 @@ def from_data_sheet(name: str) -> AssumedMotor:
         noise=quantum / math.sqrt(12),
         coulomb_voltage=friction,
         delay=nominal["delay"],
+        dead_band=sheet.dead_band,
         winding=sheet.motor.inductance > 0,
         resistance=sheet.motor.resistance,
         motor_constant=sheet.motor.motor_constant,
         assumptions=(
+            *_of_the_amplifier(sheet),
             f"gain and time constant are those of the data sheet {name}, within {100 * TOLERANCE:g} %",
             f"Coulomb friction takes {friction:.2g} V, as the data sheet doesn't say"
             if "coulomb_voltage" not in nominal
             else f"Coulomb friction takes {friction:.2g} V",
-            f"the encoder's {sheet.counts_per_rev} counts a turn are the only noise",
+            _ENCODER.format(sheet.counts_per_rev),
         ),
+    )
+
+
+def _of_the_amplifier(sheet: DataSheet) -> tuple[str, ...]:
+    if not sheet.dead_band:
+        return ()
+    return (
+        f"the amplifier's dead band, {sheet.dead_band:g} V, is compensated by its driver; otherwise go one way only",
     )
 
 
@@ -140,15 +156,15 @@ def from_result(result: Result, name: str) -> AssumedMotor:
         or record.position_unit != "rad"
     ):
         raise NotIdentifiable(
-            f"{name}: its model is {fit.structure} from {record.input_unit} to {record.position_unit}; a design needs gain and time "
-            "constant from V to rad: give a data sheet"
+            f"{name}: its model is {fit.structure} from {record.input_unit} to {record.position_unit}; a design needs gain "
+            "and time constant from V to rad: give a data sheet"
         )
     values = {each: (e.value, e.sd) for each, e in fit.estimates.items()}
     quantum = record.quantum or math.sqrt(12) * fit.residual_sd
     least = quantum / math.sqrt(12)
-    extra = f"a noise of {max(fit.residual_sd, least):.3g} rad, as in that recording"
+    extra = f"there is a noise of {max(fit.residual_sd, least):.3g} rad, as in that recording"
     if fit.disturbance is not None:
-        extra = "the random torque and the noise of that recording"
+        extra = "there are the random torque and the noise of that recording"
     return _identified(name, values, quantum, max(fit.residual_sd, least), extra, fit.disturbance)
 
 
@@ -167,7 +183,7 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
         )
     values = {each: (float(p["value"]), float(p["sd"] or 0.0)) for each, p in parameters.items()}
     quantum = 2 * math.pi / counts_per_rev
-    extra = f"the encoder's {counts_per_rev:g} counts a turn as the only noise"
+    extra = _ENCODER.format(f"{counts_per_rev:g}")
     return _identified(name, values, quantum, quantum / math.sqrt(12), extra, None)
 
 
@@ -195,6 +211,6 @@ def _identified(
         disturbance=disturbance,
         assumptions=(
             f"the motor is the one of {name}, within {100 * tolerance:.2g} %",
-            f"there is {extra}",
+            extra,
         ),
     )

@@ -88,7 +88,8 @@ def _low(part: float, top: float, motor: AssumedMotor) -> float:
     """The lower level [V]: a part of the upper one, but so that friction doesn't stop a motor that is to go on."""
     if part < 0:
         return part * top
-    return min(max(part * top, 2 * motor.coulomb_voltage + motor.offset_voltage), 0.7 * top)
+    least = 2 * motor.coulomb_voltage + motor.offset_voltage + motor.dead_band
+    return round(min(max(part * top, least), 0.7 * top), 4)
 
 
 def _prbs(low: float, dwell: float, order: int, seed: int, motor: AssumedMotor, top: float) -> Signal:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 import numpy as np
+from pydantic import TypeAdapter
 
 from servobench.channels import Array
 from servobench.design.assumed import AssumedMotor
@@ -17,7 +18,7 @@ from servobench.design.limits import DesignLimits, used
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.experiment import PAPER, Experiment, Limits
 from servobench.identification import identify
-from servobench.signals.base import Signal
+from servobench.signals.base import AnySignal, Signal
 
 SCHEMA = "servobench.design/1"
 Wish: TypeAlias = Literal["time_constant", "gain", "both"]
@@ -47,7 +48,7 @@ class Foreseen:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """The experiment that was chosen, the best one of each other family, and the paper's square wave, each with what it will tell.
+    """The experiment that was chosen, the best one of each other family, and the paper's square wave, each with what it tells.
 
     `active` names the limits that keep it from telling more; `assumptions` are sentences.
     """
@@ -84,8 +85,8 @@ def design(
     """Return the experiment with the smallest predicted interval that keeps every motor within the tolerance inside the limits.
 
     `duration` and `sample_time` in seconds. `wish` is what the interval is to be small of; for "both" it is the product of the
-    relative intervals of gain and time constant. An experiment is only chosen if the encoder's rounding averages out in it, and if
-    its rehearsals, simulated and identified, come out within 5 predicted standard deviations.
+    relative intervals of gain and time constant. An experiment is only chosen if the encoder's rounding averages out in it, and
+    if its rehearsals, simulated and identified, come out within 5 predicted standard deviations.
     Raises `MissingInformation` for a limit that nothing is known for, `NotIdentifiable` where no experiment keeps the limits.
     """
     limits.check(motor)
@@ -93,7 +94,7 @@ def design(
         raise UsageError(
             f"a duration of {duration:g} s at a sample time of {sample_time:g} s is no experiment; expected at least ten samples"
         )
-    t = np.arange(round(duration / sample_time)) * sample_time
+    t = np.arange(round(duration / sample_time), dtype=np.float64) * sample_time
     seen = [
         found
         for candidate in candidates(motor, duration, sample_time)
@@ -101,8 +102,8 @@ def design(
     ]
     if not seen:
         raise NotIdentifiable(
-            f"no experiment of {duration:g} s keeps the limits and still moves the motor: allow more travel, speed or current, or "
-            "give a shorter sample time"
+            f"no experiment of {duration:g} s keeps the limits and still moves the motor: allow more travel, speed or current, "
+            "or give a shorter sample time"
         )
     ranked = _ranked(motor, t, sorted(seen, key=lambda each: cost(each, wish)), wish)
     chosen = _reliable(motor, t, ranked)
@@ -199,8 +200,8 @@ def _reliable(motor: AssumedMotor, t: Array, ranked: Sequence[Foreseen]) -> Fore
         if _rehearsed(motor, t, each):
             return each
     raise NotIdentifiable(
-        f"none of the {len(ranked)} best experiments came out as foretold when it was simulated and identified: allow more voltage, "
-        "travel or time"
+        f"none of the {len(ranked)} best experiments came out as foretold when it was simulated and identified: allow more "
+        "voltage, travel or time"
     )
 
 
@@ -240,9 +241,10 @@ def _experiment(
 def _plain(each: Foreseen) -> dict[str, Any]:
     return {
         "family": each.family,
-        "signal": each.signal.model_dump() if hasattr(each.signal, "model_dump") else repr(each.signal),
+        "signal": TypeAdapter(AnySignal).dump_python(each.signal, mode="json"),
         "structure": each.structure,
         "sd": dict(each.sd),
         "relative": dict(each.relative),
+        "rounding": each.rounding,
         "used": dict(each.used),
     }

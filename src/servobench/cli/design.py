@@ -1,0 +1,239 @@
+"""`servobench design`: the experiment with the smallest interval under limits, and what it will tell."""
+
+from __future__ import annotations
+
+import json
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servobench.cli.failures import DONE
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console
+
+    from servobench.cli.progress import Progress
+    from servobench.design.assumed import AssumedMotor
+    from servobench.design.search import Design, Foreseen, Wish
+
+_BAR = 20  # characters of the longest bar
+
+
+def design(
+    voltage: Annotated[str, typer.Option(metavar="V", help="The largest voltage, either way [V].")],
+    nominal: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The data sheet of the motor; without, qube_servo_2.")
+    ] = None,
+    known_from: Annotated[
+        Path | None,
+        typer.Option(
+            "--from",
+            metavar="FILE",
+            help="What is known of the motor: a result.json, or a recording, which is identified first.",
+        ),
+    ] = None,
+    counts_per_rev: Annotated[
+        float | None, typer.Option(metavar="N", help="Counts of the encoder in a turn, for a result.json.")
+    ] = None,
+    duration: Annotated[str, typer.Option(metavar="S", help="How long it lasts [s].")] = "10",
+    sample_time: Annotated[str, typer.Option(metavar="S", help="Time between samples [s].")] = "0.002",
+    current: Annotated[str | None, typer.Option(metavar="A", help="The largest current [A].")] = None,
+    speed: Annotated[str | None, typer.Option(metavar="W", help="The largest speed [rad/s].")] = None,
+    travel: Annotated[
+        str | None,
+        typer.Option(metavar="X", help="How far the shaft may go from its start, either way [rad]: 4rev."),
+    ] = None,
+    wish: Annotated[
+        str,
+        typer.Option("--for", metavar="WHAT", help="What is to be known best: time_constant, gain or both."),
+    ] = "both",
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Write the experiment (TOML), for `servobench run FILE`."),
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the design as JSON, and nothing else, on standard output.")
+    ] = False,
+) -> None:
+    """Find the experiment with the smallest interval under limits.
+
+    Squares, random sequences, staircases and multisines of many sizes and speeds are held against what is known of the
+    motor. The limits hold for every motor within the tolerance, 20 % for a data sheet. What comes out is an experiment
+    and the standard deviations that it will give, before anything has moved.
+    """
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.design.limits import DesignLimits
+    from servobench.design.search import design as best
+
+    limits = DesignLimits(
+        voltage=_in("--voltage", voltage, "V"),
+        current=_maybe("--current", current, "A"),
+        speed=_maybe("--speed", speed, "rad/s"),
+        travel=_maybe("--travel", travel, "rad"),
+    )
+    wanted, length = _wish(wish), _in("--duration", duration, "s")
+    step = _in("--sample-time", sample_time, "s")
+    with Progress() as progress, told_when_compiling(progress):
+        motor = _motor(nominal, known_from, counts_per_rev, progress)
+        progress.begin("comparing experiments")
+        made = best(motor, limits, length, step, wanted)
+    console = messages() if as_json else output()
+    if out is not None:
+        _write(out, made.experiment.to_toml())
+    _show(console, made, motor)
+    if out is not None:
+        say(console, f"\nexperiment: {out}")
+    if as_json:
+        print_json(made.to_dict())
+    raise typer.Exit(DONE)
+
+
+def _motor(
+    nominal: str | None, known_from: Path | None, counts_per_rev: float | None, progress: Progress
+) -> AssumedMotor:
+    """What is known of the motor: a data sheet, a result, or a recording."""
+    from servobench.design.assumed import from_data_sheet, from_result, from_result_file
+    from servobench.errors import FormatError, MissingInformation, UsageError
+    from servobench.formats.base import load
+    from servobench.identification import identify
+    from servobench.measurement.measure import measure
+
+    if nominal is not None and known_from is not None:
+        raise UsageError("--nominal and --from both say what is known of the motor; give one of them")
+    if known_from is None:
+        return from_data_sheet(nominal or "qube_servo_2")
+    if known_from.suffix == ".json":
+        try:
+            content = json.loads(known_from.read_text(encoding="utf-8"))
+        except OSError as error:
+            raise UsageError(f"--from {known_from}: can't be read: {error.strerror or error}") from error
+        except ValueError as error:
+            raise FormatError(f"--from {known_from}: is no JSON: {error}") from error
+        if isinstance(content, dict) and content.get("schema") == "servobench.result/1":
+            if counts_per_rev is None:
+                raise MissingInformation(
+                    str(known_from), ["the encoder, which a result doesn't hold: --counts-per-rev N"]
+                )
+            return from_result_file(content, str(known_from), counts_per_rev)
+    progress.begin("identifying")
+    return from_result(identify([measure(each) for each in load(known_from)]), str(known_from))
+
+
+def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
+    """Print the experiment, what it will tell, and how it compares."""
+    from rich.text import Text
+
+    from servobench.cli.layout import show_wrapped
+    from servobench.cli.terminal import say
+
+    say(
+        console,
+        f"{made.chosen.family}, {made.experiment.duration:g} s at {made.experiment.sample_rate:g} Hz:",
+    )
+    for line in made.experiment.to_toml().partition("[signal]")[2].partition("\n[")[0].strip().splitlines():
+        say(console, f"  {line}")
+    say(console, "")
+    _show_predictions(console, made, motor)
+    _show_comparison(console, made)
+    limits = ", ".join(f"{name} ({100 * part:.0f} % used)" for name, part in made.chosen.used.items())
+    say(console, f"\nlimits: {limits}")
+    say(console, f"kept from telling more by: {' and '.join(made.active)}")
+    say(console, "assumed:")
+    for sentence in made.assumptions:
+        show_wrapped(console, Text("  - "), sentence, hanging=4)
+
+
+def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> None:
+    """Print the predicted standard deviation of each parameter."""
+    from servobench.cli.answer import in_words
+    from servobench.cli.layout import show_table
+    from servobench.models.base import STRUCTURES
+    from servobench.rounding import rounded
+
+    structure = STRUCTURES[made.chosen.structure]
+    values = dict(zip((p.name for p in structure.parameters), motor.theta(structure), strict=False))
+    headings = ("parameter", "assumed", "predicted ± (95 %)", "relative", "unit")
+    rows = []
+    for parameter in structure.parameters:
+        value, half = float(values[parameter.name]), 1.959964 * made.chosen.sd[parameter.name]
+        told = rounded(value, half, parameter.unit.format(position="rad", input="V"))
+        share = f"{100 * half / abs(value):.2g} %" if value else ""
+        rows.append((in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit))
+    show_table(console, headings, rows, right=headings[1:4])
+    console.print()
+
+
+def _show_comparison(console: Console, made: Design) -> None:
+    """Print the experiments beside each other, with a picture: bars on a logarithmic scale."""
+    from servobench.cli.layout import show_table
+
+    every = (made.chosen, *made.others, made.paper)
+    headings = ("experiment", "gain ±", "time constant ±", "smaller is better")
+    lengths = _bars([_cost(each, made.wish) for each in every])
+    rows = [
+        (
+            each.family + (" (chosen)" if each is made.chosen else ""),
+            *(f"{100 * 1.959964 * each.relative[name]:.2g} %" for name in ("gain", "time_constant")),
+            "#" * length + _remark(each),
+        )
+        for each, length in zip(every, lengths, strict=True)
+    ]
+    show_table(console, headings, rows, right=headings[1:3])
+
+
+def _remark(each: Foreseen) -> str:
+    """Why an experiment can't be taken as it stands."""
+    beyond = [name for name, part in each.used.items() if part > 1]
+    if beyond:
+        return f" beyond {' and '.join(beyond)}"
+    return " rounding repeats" if each.rounding > 1.25 else ""
+
+
+def _cost(each: Foreseen, wish: Wish) -> float:
+    from servobench.design.search import cost
+
+    return cost(each, wish)
+
+
+def _bars(costs: Sequence[float]) -> list[int]:
+    """Lengths of bars: the longest for the largest, a third less for each factor of ten, at least one character."""
+    largest = max(costs)
+    return [max(1, round(_BAR * (1 + math.log10(each / largest) / 3))) for each in costs]
+
+
+def _in(option: str, text: str, unit: str) -> float:
+    """A quantity with its unit, or in SI units."""
+    from servobench.errors import UnitError, UsageError
+    from servobench.units import quantity
+
+    try:
+        return quantity(text, unit)
+    except UnitError as error:
+        raise UsageError(f"{option}: {error}") from None
+
+
+def _maybe(option: str, text: str | None, unit: str) -> float | None:
+    return None if text is None else _in(option, text, unit)
+
+
+def _wish(text: str) -> Wish:
+    from servobench.errors import UnknownName
+
+    known: dict[str, Wish] = {"time_constant": "time_constant", "gain": "gain", "both": "both"}
+    if text not in known:
+        raise UnknownName("wish", text, known)
+    return known[text]
+
+
+def _write(path: Path, text: str) -> None:
+    from servobench.errors import StorageError
+
+    try:
+        path.write_text(text, encoding="utf-8", newline="\n")
+    except OSError as error:
+        raise StorageError(f"--out {path}: can't be written: {error.strerror or error}") from error
