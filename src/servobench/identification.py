@@ -29,9 +29,8 @@ from servobench.models.search import directions, smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.plausibility import about_data, about_fit
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
-from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
-from servobench.winding import about_winding
 from servobench.validate import explains_the_colour, validate
+from servobench.winding import about_winding
 
 
 def identify(

@@ -28,8 +28,8 @@ def about_winding(fit: Fit) -> list[Finding]:
         whole = lag.value + (fit["delay"].value if "delay" in fit.model.names else 0.0)
         sentence = (
             f"These data don't tell the winding's lag from a delay: together they are {whole:.3g} s, at a sample time of "
-            f"{step:.3g} s and this resolution. Use the first-order structure, whose delay holds both, or sample faster, with a finer "
-            "encoder or for longer, an input that changes often."
+            f"{step:.3g} s and this resolution. Use the first-order structure, whose delay holds both, or sample faster, with a "
+            "finer encoder or for longer, an input that changes often."
         )
         return [
             refusal("electrical-pole-not-told", sentence, parameters=("electrical_time_constant", "delay"))

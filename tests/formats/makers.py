@@ -1,5 +1,4 @@
 """A small valid file of every format, each with a few channels, for tests that damage it."""
-"""Files of each foreign format, as small and as rich as a test of damage needs them. Nothing in them is stored in the project."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -9,6 +8,7 @@ import numpy as np
 from servobench.channels import Channel
 from servobench.formats.base import FORMATS, save
 from servobench.recording.recording import Recording, Series, Source
+from tests.formats import wpilogs
 
 T = 0.01 * np.arange(20)
 U = np.sign(np.sin(9 * T))
@@ -43,7 +43,11 @@ def _sysid_json(path: Path) -> None:
     )
 
 
-MAKERS: dict[str, Callable[[Path], None]] = {"lvm": _lvm, "sysid_json": _sysid_json}
+def _wpilog(path: Path) -> None:
+    path.write_bytes(wpilogs.robot())
+
+
+MAKERS: dict[str, Callable[[Path], None]] = {"lvm": _lvm, "sysid_json": _sysid_json, "wpilog": _wpilog}
 """What makes a file of each format that can't be written."""
 
 
@@ -120,23 +124,12 @@ def _foreign_mat(path: Path) -> None:
     scipy.io.savemat(path, {"t": T, "data": {"u": U, "y": Y}, "note": "a"}, do_compression=True)
 
 
-FOREIGN: dict[str, Callable[[Path], None]] = {
-    "tdms": _foreign_tdms, "parquet": _foreign_parquet, "arrow": _foreign_arrow, "csv": _foreign_csv, "mat": _foreign_mat,
-}  # fmt: skip
-"""What makes a file as others write it, for formats that we write as well: another one to damage."""
-from tests.formats import wpilogs
-
-MAKERS: dict[str, Callable[[Path], None]] = {}
-"""A writer of a file for each kind of file; the name's first part is the format's."""
-
-
-def wpilog(path: Path) -> None:
-    path.write_bytes(wpilogs.robot())
-
-
-def wpilog_sysid(path: Path) -> None:
+def _foreign_wpilog(path: Path) -> None:
     path.write_bytes(wpilogs.sysid())
 
 
-MAKERS["wpilog"] = wpilog
-MAKERS["wpilog sysid"] = wpilog_sysid
+FOREIGN: dict[str, Callable[[Path], None]] = {
+    "tdms": _foreign_tdms, "parquet": _foreign_parquet, "arrow": _foreign_arrow, "csv": _foreign_csv, "mat": _foreign_mat,
+    "wpilog": _foreign_wpilog,
+}  # fmt: skip
+"""What makes a file as others write it, for formats that we write as well: another one to damage."""

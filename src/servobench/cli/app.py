@@ -62,6 +62,7 @@ def servobench(
 for command in (
     run,
     identify,
+    design,
     inspect,
     export,
     convert,
@@ -70,7 +71,6 @@ for command in (
     signals,
     chains,
 ):
-for command in (run, identify, design, inspect, convert, recover, devices, signals):
     app.command()(command)
 
 
