@@ -129,9 +129,9 @@ def test_a_family_makes_members_from_their_names() -> None:
         first, _, second = name.partition("x")
         return (int(first), int(second)) if first.isdigit() and second.isdigit() else None
 
-    structures.family("NxM", grid)
+    structures.family("NxM", grid, "N rows and M columns")
     assert structures["3x4"] == (3, 4)
     assert structures["3x4"] is structures["3x4"]
     assert structures.name_of(structures["3x4"]) == "3x4"
-    with pytest.raises(UnknownName, match="NxM"):
+    with pytest.raises(UnknownName, match="NxM: N rows and M columns"):
         structures["3by4"]

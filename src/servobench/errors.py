@@ -42,13 +42,13 @@ class UsageError(ServobenchError, ValueError):
 
 
 class UnknownName(UsageError, LookupError):
-    """No member of a kind has that name; the message lists the known names and the nearest one."""
+    """No member of a kind has that name; the message lists the known names and the nearest one, and ends as given."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str]) -> None:
+    def __init__(self, kind: str, name: str, known: Iterable[str], ending: str = "") -> None:
         names = sorted(known)
         near = get_close_matches(name, names, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        super().__init__(f"no {kind} called {name!r}{hint}; known: {', '.join(names)}")
+        super().__init__(f"no {kind} called {name!r}{hint}; known: {', '.join(names)}{ending}")
 
 
 class UnitError(UsageError):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
 from collections.abc import Callable, Iterator
 from importlib.metadata import entry_points
 from typing import Generic, TypeVar
@@ -26,6 +27,7 @@ class Registry(Generic[T]):
         self.package = package
         self._members: dict[str, T] = {}
         self._families: dict[str, Callable[[str], T | None]] = {}
+        self._meanings: dict[str, str] = {}
         self._made: dict[str, T] = {}
         self._complete = False
 
@@ -43,9 +45,13 @@ class Registry(Generic[T]):
 
         return add
 
-    def family(self, form: str, make: Callable[[str], T | None]) -> None:
-        """Add members without number that are made from their names; `form` shows such a name, `make` returns None for others."""
+    def family(self, form: str, make: Callable[[str], T | None], meaning: str) -> None:
+        """Add members without number that are made from their names.
+
+        `form` shows such a name, `make` returns None for others, and `meaning` explains the form's parts to who got one wrong.
+        """
         self._families[form] = make
+        self._meanings[form] = meaning
 
     def names(self) -> tuple[str, ...]:
         """Return the names of all members, sorted."""
@@ -61,7 +67,10 @@ class Registry(Generic[T]):
             made = self._made.get(name) or make(name)
             if made is not None:
                 return self._made.setdefault(name, made)
-        raise UnknownName(self.kind, name, [*self._members, *self._families])
+        # A form begins with letters that all its names have, up to its first choice or capital.
+        meant = [form for form in self._families if name.startswith(_beginning(form))]
+        explained = "".join(f"; {form}: {self._meanings[form]}" for form in meant)
+        raise UnknownName(self.kind, name, [*self._members, *self._families], explained)
 
     def __iter__(self) -> Iterator[T]:
         return (self._members[name] for name in self.names())
@@ -104,3 +113,9 @@ class Registry(Generic[T]):
                     f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
                 ) from error
             self.member(plug_in.name)(found)
+
+
+def _beginning(form: str) -> str:
+    """What all names of a form begin with: its letters up to the first choice or capital."""
+    found = re.match("[a-z_]*", form)
+    return found[0] if found else ""

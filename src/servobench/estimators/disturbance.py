@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
+from servobench.estimators.least_squares import Layout
 from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Output, Parameter, Prediction, Structure
@@ -303,6 +304,15 @@ class Whitened:
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Those of the structure."""
         return self.structure.guesses(data)
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_]:
+        """None of the parameters: a search begins where another one ended."""
+        return np.zeros(len(self.parameters), dtype=bool)
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """That of the structure."""
+        return Layout(self.structure, self.data).moved(theta, change)
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the innovations of the prediction and of its Jacobian, the filter held fixed."""

@@ -15,6 +15,10 @@ from servobench.measurement.dataset import Dataset
 from servobench.models.base import Prediction, Structure
 
 _STEPS = 100
+_AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
+_NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
+_SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
+_VALLEYS = 3  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 
 
@@ -35,6 +39,20 @@ class Summing(Protocol):
 
     def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
         """Return J'J, J'r and r'r, r = y - prediction, for theta (P + Q,); None where that data need `predict`."""
+        ...
+
+
+@runtime_checkable
+class Curved(Protocol):
+    """A structure whose sum of squares has a curved valley, and which knows how to get into it and how to follow it."""
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_]:
+        """Which of the P parameters to hold while the others come near their place."""
+        ...
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """Return where a change leads from theta, both of the joint vector: theta + change to first order."""
         ...
 
 
@@ -71,6 +89,19 @@ class Layout:
     @cached_property
     def _summing(self) -> Summing | None:
         return self.structure if isinstance(self.structure, Summing) else None
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """Return where a change leads from a joint vector, along the structure's valley where it knows one."""
+        return self._curved.moved(theta, change) if self._curved else theta + change
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_] | None:
+        """Which of the parameters a search should hold at first; None where the structure knows of none."""
+        return self._curved.held_at_first if self._curved else None
+
+    @cached_property
+    def _curved(self) -> Curved | None:
+        return self.structure if isinstance(self.structure, Curved) else None
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and the upper bounds of the joint vector."""
@@ -114,7 +145,11 @@ def lowest(
 ) -> Minimum:
     """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
     layout = Layout(structure, tuple(data))
-    best = min((descent(layout, start, free) for start in starts), key=lambda found: found.point.cost)
+    nearer = _in_the_valley(layout, starts, free)
+    ends = [descent(layout, start, free) for start in nearer]
+    enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
+    # Of ends that are as good as each other, one where the search has settled.
+    best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
     theta = best.point.theta + best.change
     predictions, cost = _evaluate(layout, theta)
     if not cost <= best.point.cost * (1 + _ENOUGH**2):
@@ -124,6 +159,24 @@ def lowest(
     return Minimum(
         theta=theta, predictions=predictions, cost=cost, converged=best.converged, status=best.status
     )
+
+
+def _in_the_valley(
+    layout: Layout, starts: Sequence[Array], free: NDArray[np.bool_] | None
+) -> Sequence[Array]:
+    """The start vectors, or where the best of them lead to while the parameters that shape a curved valley are held."""
+    held = layout.held_at_first
+    if held is None:
+        return starts
+    moves = np.ones(len(starts[0]), dtype=bool) if free is None else free.copy()
+    if not (moves[: len(held)] & held).any():
+        return starts
+    moves[: len(held)] &= ~held
+    ends = sorted((descent(layout, start, moves).point for start in starts), key=lambda point: point.cost)
+    distinct = [
+        end for n, end in enumerate(ends) if n == 0 or end.cost > (1 + _SAME_PLACE) * ends[n - 1].cost
+    ]
+    return [end.theta for end in distinct[:_VALLEYS]]
 
 
 def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None) -> Descent:
@@ -137,15 +190,16 @@ def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None)
     point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
     for step in range(1, _STEPS + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
-        active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > 0))
+        active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > _NOTHING))
         if not len(active):
             return _ended(point, None, True, "every parameter is at a bound")
         change = np.zeros_like(point.theta)
         change[active] = _damped_step(point.h[active[:, None], active], point.g[active], damping)
         change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
+        reached = np.minimum(np.maximum(layout.moved(point.theta, change), lower), upper)
         if _small(change, point, layout):
             return _ended(point, change, True, f"converged in {step} steps")
-        trial = at(layout, point.theta + change)
+        trial = at(layout, reached)
         foretold = float(change @ (2 * point.g - point.h @ change))
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
@@ -169,7 +223,8 @@ def at(layout: Layout, theta: Array) -> Point:
             h[place[:, None], place] += own_h
             g[place] += own_g
             cost += own_cost
-    return Point(theta=theta, h=h, g=g, cost=cost if np.isfinite(cost) else np.inf)
+    sound = np.isfinite(cost) and np.isfinite(h).all()
+    return Point(theta=theta, h=h, g=g, cost=cost if sound else np.inf)
 
 
 def normal_equations(layout: Layout, predictions: Sequence[Prediction]) -> tuple[Array, Array]:
@@ -195,7 +250,9 @@ def jacobian_and_residual(record: Dataset, prediction: Prediction) -> tuple[Arra
 def _sums(record: Dataset, prediction: Prediction) -> tuple[Array, Array, float]:
     """J'J, J'r and r'r of a record."""
     j, r = jacobian_and_residual(record, prediction)
-    return j.T @ j, j.T @ r, float(r @ r)
+    # Far from any motor a pendulum's sensitivities may grow beyond all numbers: `at` takes such a place for infinitely bad.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return j.T @ j, j.T @ r, float(r @ r)
 
 
 def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], float]:

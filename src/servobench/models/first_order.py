@@ -19,6 +19,8 @@ from servobench.channels import Array
 from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
+from servobench.models.records import START_SPEED, beside_rest, is_plain, start_parameters, through_chain
+from servobench.models.reversals import Switching, unresolved
 from servobench.transfer_function import TransferFunction
 
 GAIN = Parameter(name="gain", meaning="steady speed for each unit of input", unit="{position}/(s·{input})")
@@ -38,10 +40,6 @@ ONE_WAY = Parameter(
 )
 OFFSET = Parameter(name="offset_voltage", meaning="input at which the motor gets no torque", unit="{input}")
 DELAY = Parameter(name="delay", meaning="time from a change of the input until it acts", unit="s")
-_START_POSITION = Parameter(name="start_position", meaning="position at the first sample", unit="{position}")
-_START_SPEED = Parameter(name="start_speed", meaning="speed at the first sample", unit="{position}/s")
-
-_RELEASED = 0.1  # of the speed that friction takes: a start speed beside the kink at rest, for a guess
 
 # Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
@@ -70,19 +68,7 @@ class FirstOrder:
 
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
-        own = (_START_POSITION, _START_SPEED) if data.kind == "position" else (_START_SPEED,)
-        if is_plain(data):
-            return own
-        units = {"position": "{position}", "speed": "{position}/s"}
-        filters = tuple(
-            Parameter(
-                name=f"start_state_{n}",
-                meaning=f"state of '{state.stage}' at the first sample",
-                unit=units[state.kind],
-            )
-            for n, state in enumerate(data.start_states, start=1)
-        )
-        return own + filters
+        return start_parameters(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters: the output comes at most two sample times before its cause.
@@ -97,23 +83,17 @@ class FirstOrder:
         return np.array(lower), np.array([parameter.upper for parameter in self.parameters])
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
-        """Return guesses from a search over τ and d, each with friction also as one that starts at rest or moves the other way.
-
-        A shaft that sticks at first has a start speed near zero, where the sum of squares has a kink: a search from
-        beside it could end at the kink's wrong side. So one begins on each side, and one at rest.
-        """
+        """Return guesses from a search over τ and d; with friction, also one that starts at rest and one the other way."""
         from servobench.models.search import separable_guesses
 
-        guesses = []
-        for moving in separable_guesses(self, data):
-            guesses.append(moving)
-            still = self._still(moving, data)
-            if len(still):
-                resting, other_way = moving.copy(), moving.copy()
-                resting[still] = 0.0
-                other_way[still] = -np.copysign(_RELEASED * self._lost_speed(moving), moving[still])
-                guesses += [resting, other_way]
-        return tuple(guesses)
+        found = separable_guesses(self, data)
+        if not self.friction:
+            return tuple(found)
+        return tuple(
+            guess
+            for moving in found
+            for guess in beside_rest(moving, self._still(moving, data), self._lost_speed(moving))
+        )
 
     def _still(self, theta: Array, data: Sequence[Dataset]) -> NDArray[np.int64]:
         """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
@@ -121,7 +101,7 @@ class FirstOrder:
         for record in data:
             own = self.nuisance(record)
             if self._sticks(theta[: len(self.parameters)], record.input_before):
-                places.append(at + own.index(_START_SPEED))
+                places.append(at + own.index(START_SPEED))
             at += len(own)
         return np.array(places, dtype=np.int64)
 
@@ -133,23 +113,13 @@ class FirstOrder:
     def _sticks(self, theta: Array, voltage: float) -> bool:
         """Whether a shaft at rest stays at rest with that input."""
         value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
-        if not self.friction:
-            return False
         return bool(abs(voltage - value["offset_voltage"]) <= max(value["coulomb_voltage"], 0.0))
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
         columns = self.columns_with_start[data.kind]
         y, jacobian = self.response(theta, data, data.kind if is_plain(data) else data.shaft_kind, columns)
-        if is_plain(data):
-            return Prediction(y=y, jacobian=jacobian, valid=np.ones(len(y), dtype=bool))
-        passed = data.chain.linear(np.column_stack([y, jacobian]), data.t_output)
-        filters = data.start_responses
-        return Prediction(
-            y=passed[:, 0] + filters @ theta[len(columns) :],
-            jacobian=np.hstack([passed[:, 1:], filters]),
-            valid=data.valid,
-        )
+        return through_chain(y, jacobian, theta[len(columns) :], data)
 
     def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
         """Return J'J, J'r and r'r, r = y - prediction, in a tenth of the time of `predict`; None for data behind a chain."""
@@ -199,9 +169,25 @@ class FirstOrder:
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
-        from servobench.models.reversals import unresolved
+        if not self.friction:
+            return np.empty((len(data.y), 0))
+        return unresolved(self._switching(theta, data), data)
 
-        return unresolved(self, theta, data) if self.friction else np.empty((len(data.y), 0))
+    def _switching(self, theta: Array, data: Dataset) -> Switching:
+        """What reversals need to know."""
+        from servobench.models import kernels
+
+        p = self.vector(theta, data)
+        gain, tau, offset, coulomb, delay = (float(value) for value in p[:5])
+
+        def states(times: Array) -> tuple[Array, Array]:
+            speed, none, columns = np.empty(len(times)), np.empty((len(times), 0)), self.columns[:0]
+            kernels.response(
+                data.t_input, data.u, data.input_before, times, p, 1.0, 1.0, columns, speed, none
+            )
+            return speed, np.full(len(times), offset)
+
+        return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s for the position."""
@@ -217,11 +203,6 @@ class FirstOrder:
             if speed
             else f"{data.position_unit}/{data.input_unit}",
         )
-
-
-def is_plain(data: Dataset) -> bool:
-    """Return whether the data are the shaft's position or speed itself, with no chain behind it."""
-    return not (data.declared or data.applied)
 
 
 STRUCTURES.member("first_order")(FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)))

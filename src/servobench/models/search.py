@@ -71,7 +71,7 @@ def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[Ar
     Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
     """
     for record in data:
-        _check(record, len(structure.parameters))
+        check_moves(record, len(structure.parameters))
     records = [_record(structure, record) for record in data]
     longest = max(record.duration for record in data)
     steps = [record.sample_time for record in data]
@@ -145,7 +145,8 @@ def smoothed_speed(data: Dataset) -> Array:
     return (y[after] - y[before]) / (t[after] - t[before])
 
 
-def _check(data: Dataset, parameters: int) -> None:
+def check_moves(data: Dataset, parameters: int) -> None:
+    """Raise `NotIdentifiable` where a record has too few samples for so many parameters, or its output never moves."""
     needed = 2 * parameters + 4
     if len(data.y) < needed:
         raise NotIdentifiable(
@@ -181,7 +182,8 @@ def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _record(structure: FirstOrder, data: Dataset) -> _Record:
-    from servobench.models.first_order import COULOMB, is_plain
+    from servobench.models.first_order import COULOMB
+    from servobench.models.records import is_plain
 
     sense = directions(data) if COULOMB in structure.parameters else np.empty(0)
     return _Plain.of(structure, data, sense) if is_plain(data) else _Chained(structure, data, sense)

@@ -237,4 +237,9 @@ def rational(name: str) -> Rational | None:
     return Rational(int(match[1]), int(match[2]), bool(match[3]), bool(match[4]))
 
 
-STRUCTURES.family("rational_N_M[_integrator][_delay]", rational)
+STRUCTURES.family(
+    "rational_N_M[_integrator][_delay]",
+    rational,
+    "N is the order of the denominator (how many poles, 1 to 99, the integrator not counted) and M that of the numerator (how "
+    "many zeros, 0 to N - 1)",
+)
