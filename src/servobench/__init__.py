@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from servobench.interop import from_control, from_scipy, to_control, to_scipy
     from servobench.loop.run import run
     from servobench.measurement.measure import measure
+    from servobench.reconciliation.asking import reconcile, why
     from servobench.recording.recording import Recording
     from servobench.report.document import Report
     from servobench.result import Result
@@ -52,12 +53,14 @@ __all__ = [
     "load",
     "measure",
     "predict",
+    "reconcile",
     "residuals",
     "run",
     "save",
     "simulate",
     "to_control",
     "to_scipy",
+    "why",
 ]
 
 _HOMES = {
@@ -80,12 +83,14 @@ _HOMES = {
     "load": "servobench.formats.base",
     "measure": "servobench.measurement.measure",
     "predict": "servobench.simulation",
+    "reconcile": "servobench.reconciliation.asking",
     "residuals": "servobench.simulation",
     "run": "servobench.loop.run",
     "save": "servobench.formats.base",
     "simulate": "servobench.simulation",
     "to_control": "servobench.interop",
     "to_scipy": "servobench.interop",
+    "why": "servobench.reconciliation.asking",
 }
 
 

@@ -28,6 +28,7 @@ from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.plausibility import about_data, about_fit
+from servobench.reconciliation.asking import reconcile
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import explains_the_colour, validate
 from servobench.winding import about_winding
@@ -75,6 +76,7 @@ def identify(
                 *about_validation(fit, validation),
             ]
             comparisons = _compare(fit, nominal)
+            findings += _causes(fit, nominal)
     except NotIdentifiable as error:
         fit = None
         findings.append(refusal("not-identifiable", f"{error}."))
@@ -277,6 +279,13 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
         for name, value in nominal_values(motor).items()
         if name in estimates
     )
+
+
+def _causes(fit: Fit, nominal: str | MotorParameters | None) -> list[Finding]:
+    """What explains the difference to the nominal values."""
+    if nominal is None:
+        return []
+    return reconcile(fit, data_sheet(nominal).motor if isinstance(nominal, str) else nominal)
 
 
 def _operating_range(records: Sequence[Dataset]) -> OperatingRange:

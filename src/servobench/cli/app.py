@@ -21,6 +21,7 @@ from servobench.cli.recover import recover
 from servobench.cli.run import run
 from servobench.cli.signals import signals
 from servobench.cli.terminal import spell_what_cannot_be_encoded
+from servobench.cli.why import why
 
 _DEBUG = "--debug"
 _STATUSES = (
@@ -71,6 +72,7 @@ for command in (
     signals,
     chains,
 ):
+for command in (run, identify, why, inspect, convert, recover, devices, signals):
     app.command()(command)
 
 

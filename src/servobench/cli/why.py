@@ -1,0 +1,191 @@
+"""`servobench why`: somebody's figure, or a data sheet, against what a recording says."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servobench.reconciliation.explanation import Explanation
+    from servobench.reconciliation.judging import Judged, Share
+
+_MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences and in the JSON
+
+
+def why(
+    files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
+    claimed: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE",
+            help="A claimed figure, such as tau=0.13, tau=130ms or gain=23.8; may be repeated.",
+        ),
+    ] = None,
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME",
+            help="How the figure was found: step_63, log_linear, rise_time, arx or output_error.",
+        ),
+    ] = None,
+    nominal: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The motor's data sheet; held against the data where nothing is claimed."
+        ),
+    ] = None,
+    time: Annotated[str | None, typer.Option(metavar="COL[:UNIT]", help="The column of times.")] = None,
+    input_column: Annotated[
+        str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
+    ] = None,
+    output_column: Annotated[
+        str | None,
+        typer.Option(
+            "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
+        ),
+    ] = None,
+    sample_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S", help="The time between samples [s], where the file has no times or wrong ones."
+        ),
+    ] = None,
+    chain: Annotated[
+        str,
+        typer.Option(
+            metavar="TEXT",
+            help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s'; "
+            "applied now where the column shows that it wasn't.",
+        ),
+    ] = "",
+    recording: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME",
+            help="Take the recording of that name only, of several in a file; may be repeated.",
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print the explanation as JSON, and nothing else, on standard output."),
+    ] = False,
+) -> None:
+    """Say why a figure differs from what recordings say of the motor.
+
+    The figure is somebody's claim, or a data sheet's. Each cause (a lag of the measurement, friction, resistance, inertia,
+    the method, ...) is held against the difference: how much it explains, how probable it is, and what would decide.
+    """
+    from servobench.cli.conclusion import check_names, concluded, status_of
+    from servobench.cli.identify import _Said, _seconds
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.recordings import chosen, loaded
+    from servobench.cli.terminal import messages, output, print_json
+    from servobench.reconciliation.asking import why as explained
+    from servobench.reconciliation.claim import Claim
+    from servobench.reconciliation.reenactment import check_method
+
+    check_names("auto", "auto", nominal)
+    check_method(method)
+    for text in claimed or ():
+        Claim.parse(text)  # a mistake in it is told before any work is done
+    _check_has_something(claimed, nominal)
+    said = _Said(
+        time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
+    )
+    with Progress() as progress:
+        evidence = [said.of(each) for each in chosen(loaded(files, progress), recording or ())]
+        with told_when_compiling(progress):
+            result = concluded(evidence, progress)
+            explanation = explained(result, claimed or (), nominal=nominal, method=method)
+    show_explanation(messages() if as_json else output(), explanation)
+    if as_json:
+        print_json(explanation.to_dict())
+    raise typer.Exit(status_of(result))
+
+
+def show_explanation(console: Console, explanation: Explanation) -> None:
+    """Print what explains the difference: the causes and the re-enacted methods as tables, and the answer in sentences."""
+    from rich.text import Text
+
+    from servobench.cli.layout import show_wrapped
+
+    if explanation.differences and not explanation.agrees:
+        _show_causes(console, explanation)
+        _show_readings(console, explanation)
+    for sentence in explanation.sentences:
+        show_wrapped(console, Text(), sentence, hanging=0)
+    if explanation.differences and not explanation.agrees:
+        console.print()
+        note = (
+            "The probabilities rest on how often such causes occur and how large they are, which servobench assumes "
+            "(docs/why/claims.md says what)."
+        )
+        show_wrapped(console, Text(), note, hanging=0)
+
+
+def _show_causes(console: Console, explanation: Explanation) -> None:
+    from servobench.cli.layout import show_table
+
+    shares = [f"of {each.name.replace('_', ' ')}" for each in explanation.differences]
+    headings = ("cause", "probability", *shares, "all of it would take")
+    rows = []
+    for each in [cause for cause in explanation.causes if cause.needed is not None][:_MOST_CAUSES]:
+        parts = {share.name: share for share in each.explains}
+        told = [_share(parts.get(difference.name)) for difference in explanation.differences]
+        rows.append((each.label, _percent(each.probability), *told, _needed(each)))
+    show_table(console, headings, rows, right=headings[1:-1])
+    console.print()
+
+
+def _show_readings(console: Console, explanation: Explanation) -> None:
+    """What methods read off the same data, nearest to the claim marked."""
+    from servobench.cli.layout import show_table
+    from servobench.reconciliation.reenactment import SPOKEN
+    from servobench.rounding import plain, with_unit
+
+    if not explanation.readings:
+        return
+    chain = explanation.readings[0].chain
+    headings = ("gain", "time constant", f"read off the same data behind {chain}")
+    rows = []
+    for each in explanation.readings:
+        mark = " (nearest)" if each is explanation.nearest else ""
+        name = f"{SPOKEN[each.method]}{mark}"
+        if each.why_not:
+            rows.append(("", "", f"{name}: not possible, as {each.why_not}"))
+        else:
+            rows.append((plain(each.gain), with_unit(each.time_constant, "s"), name))
+    show_table(console, headings, rows, right=headings[:2])
+    console.print()
+
+
+def _share(share: Share | None) -> str:
+    if share is None or not math.isfinite(share.value):
+        return ""
+    return f"{100 * share.value:.0f} %"
+
+
+def _percent(probability: float) -> str:
+    return f"{100 * probability:.0f} %" if probability >= 0.005 else "< 1 %"
+
+
+def _needed(cause: Judged) -> str:
+    """The size that explains most, and what speaks against it."""
+    from servobench.reconciliation.sentences import needed_told
+
+    if cause.needed is None:
+        return cause.against
+    return needed_told(cause.needed) + (f"; {cause.against}" if cause.against else "")
+
+
+def _check_has_something(claimed: list[str] | None, nominal: str | None) -> None:
+    """Raise `UsageError` where there is nothing to explain."""
+    from servobench.errors import UsageError
+
+    if not claimed and nominal is None:
+        raise UsageError("nothing to explain: say --claimed tau=0.13, for example, or --nominal NAME")

@@ -1,0 +1,198 @@
+"""The verbs why and reconcile: from a result and claims, or a fit and a data sheet, to causes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from servobench.errors import UsageError
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, info, warning
+from servobench.motor.parameters import MotorParameters, data_sheet
+from servobench.propagation import TWO_SIDED
+from servobench.reconciliation.base import CAUSES, Question
+from servobench.reconciliation.claim import Claim
+from servobench.reconciliation.explanation import Difference, Explanation
+from servobench.reconciliation.judging import Judged, judge
+from servobench.reconciliation.questions import about_claims, about_sheet
+from servobench.reconciliation.reenactment import Reading, check_method
+from servobench.reconciliation.sentences import differences_told, likeliest, sentences
+from servobench.reconciliation.weighing import (
+    CHANCE,
+    SOMETHING_ELSE,
+    Hypothesis,
+    chance_is_enough,
+    taking_part,
+    weigh,
+)
+from servobench.result import Result
+
+_ALIKE = 1 / 3  # of the first one's probability: evidence "barely worth mentioning" (Jeffreys)
+
+
+def why(
+    result: Result,
+    claims: Sequence[Claim | str] | Mapping[str, float] = (),
+    *,
+    nominal: str | MotorParameters | None = None,
+    method: str | None = None,
+) -> Explanation:
+    """Return why claimed figures, or those of a data sheet, differ from what data say of a motor.
+
+    `claims` are texts such as `tau=0.13` or `gain=23.8`, or a mapping of such values; without any, the data sheet `nominal` is
+    what is explained. With both, the sheet is what is known of the motor, so that causes have sizes in ohms and kg·m².
+    `method` is how the claim was found, where that is known (`step_63`, `log_linear`, `rise_time`, `arx`, `output_error`).
+    Data that can't support a model give an explanation without differences, whose sentences say so. Raises `UsageError` where
+    there is nothing to explain, `UnknownName`, and `NotIdentifiable` where the data leave open what is claimed.
+    """
+    check_method(method)
+    motor = data_sheet(nominal).motor if isinstance(nominal, str) else nominal
+    told = _claims(claims, result)
+    if not told and motor is None:
+        raise UsageError("nothing to explain: name a claim, such as tau=0.13, or a data sheet")
+    if result.fit is None:
+        refusals = [each.sentence for each in result.findings if each.severity == "refusal"]
+        return Explanation(
+            verdict=result.verdict,
+            findings=result.findings,
+            origin="claim" if told else "data sheet",
+            sentences=("These data can't support a model, so no figure can be held against them.", *refusals),
+        )  # fmt: skip
+    if told:
+        question = about_claims(result.fit, told, motor=motor, method=method)
+    else:
+        question = about_sheet(result.fit, _known(motor))
+    return _explained(question, result)
+
+
+def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
+    """Return what explains the difference between a fit and a data sheet: which cause, how likely, and what would decide.
+
+    Nothing where the data leave the figures open, as then there is no difference to explain. Raises `UsageError` for data in
+    other units than V and rad.
+    """
+    if not all(name in fit.model.names and np.isfinite(fit[name].sd) for name in ("gain", "time_constant")):
+        return []
+    question = about_sheet(fit, parameters)
+    told = " ".join(differences_told(_differences(question), question))
+    if chance_is_enough(question):
+        return [info("nominal-agrees", told, parameters=("gain", "time_constant"))]
+    hypotheses = weigh(question)
+    causes = _judged(question, hypotheses)
+    explained = likeliest(question, causes[0], hypotheses, _alike(hypotheses))
+    first = causes[0]
+    found = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
+    return [
+        found("nominal-differs", " ".join((told, *explained)), parameters=("gain", "time_constant")),
+        info("deciding-experiment", _decisive(causes), parameters=("gain", "time_constant")),
+    ]
+
+
+def _claims(claims: Sequence[Claim | str] | Mapping[str, float], result: Result) -> tuple[Claim, ...]:
+    unit = "rad/(s·V)"
+    if result.fit is not None and "gain" in result.fit.model.names:
+        unit = result.fit["gain"].unit
+    given = [f"{name}={value!r}" for name, value in claims.items()] if isinstance(claims, Mapping) else claims
+    return tuple(each if isinstance(each, Claim) else Claim.parse(each, unit) for each in given)
+
+
+def _known(motor: MotorParameters | None) -> MotorParameters:
+    if motor is None:
+        raise UsageError("there is no data sheet to hold the data against: name one")
+    return motor
+
+
+def _explained(question: Question, result: Result) -> Explanation:
+    hypotheses = weigh(question)
+    causes = _judged(question, hypotheses)
+    differences = _differences(question)
+    agrees = chance_is_enough(question)
+    alike = _alike(hypotheses)
+    told = differences_told(differences, question)
+    if not agrees:
+        told += sentences(question, causes, hypotheses, alike)
+    return Explanation(
+        verdict=result.verdict,
+        findings=result.findings,
+        origin=question.origin,
+        differences=differences,
+        agrees=agrees,
+        readings=question.readings,
+        nearest=_nearest(question),
+        causes=causes,
+        hypotheses=hypotheses,
+        alike=() if agrees else alike,
+        decision=None if agrees else causes[0].decision,
+        sentences=tuple(told) if agrees else (*told, _decisive(causes)),
+    )
+
+
+def _judged(question: Question, hypotheses: tuple[Hypothesis, ...]) -> tuple[Judged, ...]:
+    """All causes, the most probable first; those that can't be one last."""
+    parts = taking_part(hypotheses)
+    found = [judge(name, question, parts.get(name, 0.0)) for name in CAUSES.names()]
+    return tuple(sorted(found, key=lambda each: (not each.possible, -each.probability)))
+
+
+def _differences(question: Question) -> tuple[Difference, ...]:
+    """The figures of the data and the other ones, with halves of their 95 % intervals."""
+    found = []
+    for n, name in enumerate(question.names):
+        estimate = question.fit[name]
+        data, half = question.fit[name].value, TWO_SIDED * estimate.sd
+        is_claim = question.origin == "claim"
+        other = question.after[name] if is_claim else question.before[name]
+        scale = question.before["time_constant"] if name == "delay" else other
+        own = question.covariance[n, n] - (estimate.sd / (scale if name == "delay" else abs(data))) ** 2
+        found.append(
+            Difference(
+                name=name,
+                unit=estimate.unit,
+                data=abs(data) if name == "gain" else data,
+                data_half=half,
+                other=other,
+                other_half=TWO_SIDED * float(np.sqrt(max(own, 0.0))) * scale,
+            )
+        )
+    return tuple(found)
+
+
+def _nearest(question: Question) -> Reading | None:
+    """The reading that is nearest to the claim; None without any."""
+
+    def far(reading: Reading) -> float:
+        return sum(
+            abs(float(np.log(abs(getattr(reading, name)) / question.after[name]))) for name in question.names
+        )
+
+    usable = [each for each in question.readings if not each.why_not and each.time_constant > 0]
+    return min(usable, key=far, default=None)
+
+
+def _alike(hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """The causes that the first explanation could have in place of one of its own, about as probably."""
+    named = [each for each in hypotheses if not {CHANCE, SOMETHING_ELSE} & set(each.causes)]
+    first = named[0]
+    found: list[str] = []
+    for each in named[1:]:
+        others = set(each.causes) - set(first.causes)
+        if (
+            len(each.causes) == len(first.causes)
+            and len(others) == 1
+            and each.probability > _ALIKE * first.probability
+        ):
+            found += sorted(others - set(found))
+    return tuple(found)
+
+
+def _decisive(causes: Sequence[Judged]) -> str:
+    """The experiment that tells the first cause from the second."""
+    first, second = causes[0], causes[1]
+    if not second.possible:
+        return f"To decide whether it is {first.label}: {_lowered(first.decision.sentence)}"
+    return f"To decide between {first.label} and {second.label}: {_lowered(first.decision.sentence)}"
+
+
+def _lowered(sentence: str) -> str:
+    return sentence[:1].lower() + sentence[1:]

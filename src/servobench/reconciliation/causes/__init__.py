@@ -1,0 +1,1 @@
+"""The causes that are weighed, one a file."""
