@@ -67,14 +67,29 @@ def test_an_error_that_is_foreseen_is_a_sentence_and_a_status(
 
 @pytest.mark.parametrize(
     ("error", "status"),
-    [(OutputGone(), 5), (BrokenPipeError(errno.EPIPE, "Broken pipe"), 5), (KeyboardInterrupt(), 130)],
+    [(OutputGone(), 5), (BrokenPipeError(errno.EPIPE, "Broken pipe"), 5)],
 )
-def test_who_has_left_or_ends_it_himself_is_told_nothing(
+def test_who_has_left_is_told_nothing(
     error: BaseException, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
     assert failed(error) == status
 
     assert capsys.readouterr() == ("", "")
+
+
+def test_who_interrupts_a_command_is_told_so_in_a_sentence(
+    servobench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    def interrupted(*args: object, **settings: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("servobench.formats.base.load", interrupted)
+
+    ended = servobench("identify", tmp_path / "any.csv")
+
+    assert ended.status == 130
+    assert ended.out == ""
+    assert ended.err.strip().splitlines()[-1].startswith("Error: interrupted before there was a result")
 
 
 def test_every_status_in_the_error_tree_is_one_that_is_documented() -> None:

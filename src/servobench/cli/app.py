@@ -84,7 +84,8 @@ def run_app(words: Sequence[str]) -> int:
         # The object that typer hands to commands is the line as it was typed, for reports.
         app(words or ["--help"], prog_name="servobench", obj=shlex.join(["servobench", *words]))
     except SystemExit as end:
-        return flushed(_status(end))
+        interrupt = _interrupt_behind(end)
+        return flushed(_status(end) if interrupt is None else failed(interrupt, debug=debug))
     except BaseException as error:
         return flushed(failed(error, debug=debug))
     return flushed(DONE)
@@ -96,6 +97,14 @@ def _without_debug(words: Sequence[str]) -> tuple[list[str], bool]:
     end = words.index("--") if "--" in words else len(words)
     options = [word for word in words[:end] if word != _DEBUG]
     return [*options, *words[end:]], len(options) < end
+
+
+def _interrupt_behind(end: SystemExit) -> KeyboardInterrupt | None:
+    """The Ctrl-C that ended a command, which typer turns into a silent exit; None where it ended by itself."""
+    error: BaseException | None = end
+    while error is not None and not isinstance(error, KeyboardInterrupt):
+        error = error.__cause__ or error.__context__
+    return error
 
 
 def _status(end: SystemExit) -> int:

@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from servobench.formats.mapping import Mapping
+    from servobench.recording.recording import Recording
 
 
 def convert(
@@ -17,15 +21,23 @@ def convert(
             metavar="NAME", help="Take the recording of that name only, of several; may be repeated."
         ),
     ] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Write roles, units and times as this mapping says; `servobench inspect IN --write-mapping` proposes one.",
+        ),
+    ] = None,
     overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace OUT if it is there.")] = False,
 ) -> None:
     """Write the recordings in a file in another format.
 
-    The ending of OUT says which. What is written is what IN says: nothing is renamed, scaled or resampled.
+    The ending of OUT says which. What is written is what IN says: nothing is renamed, scaled or resampled. With a
+    mapping, roles, units and times are written as it says, and samples without a usable time are left out.
     """
     from servobench.cli.answer import show_findings
     from servobench.cli.progress import Progress
-    from servobench.cli.recordings import chosen, loaded
+    from servobench.cli.recordings import chosen, loaded, mapping_in
     from servobench.cli.terminal import output, say
     from servobench.errors import UsageError
     from servobench.formats.base import save
@@ -33,9 +45,26 @@ def convert(
 
     if target.exists() and not overwrite:
         raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
+    said = mapping_in(mapping)
     with Progress() as progress:
-        recordings = chosen(loaded([source], progress), recording or ())
+        recordings = chosen(loaded([source], progress), recording or said.recordings)
+    if mapping is not None:
+        recordings = [_as_said(each, said.of(each.name)) for each in recordings]
     save(recordings, target)
     console = output()
     say(console, f"{target}: {counted(len(recordings), 'recording')} from {source}")
     show_findings(console, (finding for each in recordings for finding in each.findings))
+
+
+def _as_said(recording: Recording, mapping: Mapping) -> Recording:
+    """The recording as a mapping says; raises `UsageError` for a chain that is still to come: no file holds what it yields."""
+    from servobench.cli.recordings import evidence
+    from servobench.errors import UsageError
+
+    found = evidence(recording, mapping)
+    if found.chain:
+        raise UsageError(
+            f"{recording.name}: the output `{found.recording.output}` hasn't passed the chain `{found.chain}` yet; take it out "
+            "of the mapping here, and say it to `servobench identify`"
+        )
+    return found.recording

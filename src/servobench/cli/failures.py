@@ -69,7 +69,7 @@ def _told(error: BaseException) -> tuple[int, str]:
     if isinstance(error, OutputGone | BrokenPipeError):
         return CANNOT_WRITE, ""
     if isinstance(error, KeyboardInterrupt):
-        return INTERRUPTED, ""
+        return INTERRUPTED, "interrupted before there was a result; files that were whole by then are kept"
     if isinstance(error, MissingInformation):
         return USER_MISTAKE, _list_of(str(error).splitlines()[0], error.missing)
     if isinstance(error, ServobenchError) and error.exit_status != OUR_FAULT:

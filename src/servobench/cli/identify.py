@@ -3,15 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-
-if TYPE_CHECKING:
-    from servobench.cli.conclusion import Evidence
-    from servobench.recording.recording import Recording
 
 
 def identify(
@@ -25,6 +20,24 @@ def identify(
         str | None,
         typer.Option(
             "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
+        ),
+    ] = None,
+    supply: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COL[:UNIT]",
+            help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
+        ),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."),
+    ] = None,
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="What the columns are, as `servobench inspect FILE --write-mapping` proposes it; options come before it.",
         ),
     ] = None,
     sample_time: Annotated[
@@ -80,18 +93,30 @@ def identify(
     """
     from servobench.cli.conclusion import check_names, concluded, deliver, status_of
     from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import chosen, loaded
+    from servobench.cli.recordings import evidence, loaded, mapped, mapping_in
     from servobench.cli.terminal import messages, output
+    from servobench.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
     _check_can_hold_a_file(report)
-    _check_is_no_input(report, [*files, *(validate_with or ())])
-    said = _Said(
-        time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
+    _check_is_no_input(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
+    base = mapping_in(mapping)
+    said = Mapping(
+        time=time,
+        input=input_column,
+        output=output_column,
+        supply=supply,
+        reference=reference,
+        sample_time=_seconds(sample_time),
+        chain=chain,
+        recordings=tuple(recording or ()),
     )
     with Progress() as progress:
-        fitted = [said.of(each) for each in chosen(loaded(files, progress), recording or ())]
-        others = [said.of(each) for each in loaded(validate_with or (), progress)]
+        fitted = mapped(loaded(files, progress), base, said)
+        others = [
+            evidence(each, base.of(each.name).overridden_by(said))
+            for each in loaded(validate_with or (), progress)
+        ]
         with told_when_compiling(progress):
             result = concluded(
                 fitted, progress, structure=structure, estimator=estimator, nominal=nominal, others=others
@@ -107,33 +132,14 @@ def identify(
     raise typer.Exit(status_of(result))
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Said:
-    """What the command line says about the columns, the same for every recording."""
-
-    time: str | None
-    input: str | None
-    output: str | None
-    sample_time: float | None
-    chain: str
-
-    def of(self, recording: Recording) -> Evidence:
-        """Return the recording with what was said of it; raises `MissingInformation` where that isn't enough."""
-        from servobench.cli.chain import with_chain
-        from servobench.formats.mapping import assign
-
-        assigned = assign(
-            recording, time=self.time, input=self.input, output=self.output, sample_time=self.sample_time
-        )
-        return with_chain(assigned, self.chain)
-
-
 def _check_is_no_input(report: Path | None, inputs: Sequence[Path]) -> None:
     """Raise `UsageError` where the report would be written over a recording."""
     from servobench.errors import UsageError
 
     if report is not None and any(report.resolve() == Path(each).resolve() for each in inputs):
-        raise UsageError(f"--report {report}: is one of the recordings, and would be lost; give another name")
+        raise UsageError(
+            f"--report {report}: is one of the files that are read, and would be lost; give another name"
+        )
 
 
 def _seconds(text: str | None) -> float | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -13,7 +14,22 @@ if TYPE_CHECKING:
     from servobench.recording.recording import Recording, Series
 
 
-def inspect(file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)]) -> None:
+def inspect(
+    file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)],
+    write_mapping: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml",
+            help="Write what was recognised, with questions where something wasn't, as a mapping to be edited.",
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(metavar="FILE.html", help="Write what was found as a page with figures.")
+    ] = None,
+    overwrite: Annotated[
+        bool, typer.Option("--overwrite", help="Replace the mapping and the report if they are there.")
+    ] = False,
+) -> None:
     """Tell what is in a file, and what it can support.
 
     Its recordings and channels, what is wrong with their times and values, and what has to be said to identify them.
@@ -21,8 +37,10 @@ def inspect(file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)]) 
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import loaded
     from servobench.cli.terminal import output, say
+    from servobench.report.inspection import InspectionReport
     from servobench.rounding import counted
 
+    _check_new(file, [write_mapping, report], overwrite)
     with Progress() as progress:
         recordings = loaded([file], progress)
     console = output()
@@ -32,6 +50,44 @@ def inspect(file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)]) 
     for recording in recordings:
         console.print()
         _show(console, recording)
+    if report is not None:
+        InspectionReport(recordings).write(report)
+        say(console, f"\nreport: {report}")
+    if write_mapping is not None:
+        _propose(recordings, file, write_mapping)
+        say(
+            console,
+            f"\nmapping: {write_mapping}; edit it, then: servobench identify {file} --mapping {write_mapping}",
+        )
+
+
+def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> None:
+    """Raise `UsageError` where something would be lost: the file itself, or what is there and may not be replaced."""
+    from servobench.errors import UsageError
+
+    for target in targets:
+        if target is None:
+            continue
+        if target.resolve() == file.resolve():
+            raise UsageError(f"{target} is the file that is looked at, and would be lost; give another name")
+        if target.is_dir() or not target.parent.is_dir():
+            raise UsageError(
+                f"{target} can't be written: it is a folder, or there is no folder {target.parent}"
+            )
+        if target.exists() and not overwrite:
+            raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
+
+
+def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
+    """Write the proposal of a mapping; raises `StorageError` where that can't be done."""
+    from servobench.errors import StorageError
+    from servobench.formats.proposal import proposal
+
+    try:
+        # A name of a file may hold bytes that are no text.
+        target.write_bytes(proposal(recordings, f"servobench identify {file}").encode("utf-8", "replace"))
+    except OSError as error:
+        raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
 
 
 def _show(console: Console, recording: Recording) -> None:
@@ -44,6 +100,8 @@ def _show(console: Console, recording: Recording) -> None:
     _show_channels(console, recording)
     for line in _times(recording):
         say(console, f"  {line}")
+    for line in _pictures(console, recording):
+        console.print(printable(line), soft_wrap=True)
     if recording.stopped.reason != "unknown":
         say(console, f"  ended: {recording.stopped.sentence}")
     show_findings(console, recording.findings)
@@ -100,6 +158,39 @@ def _times(recording: Recording) -> list[str]:
     return list(dict.fromkeys(lines)) or ["no times that are recognised"]
 
 
+def _pictures(console: Console, recording: Recording) -> list[str]:
+    """The channels that are looked at over time, and how the intervals between the samples are spread."""
+    import numpy as np
+
+    from servobench.cli.pictures import histogram, line_over_time, pen_for
+    from servobench.formats.describe import shown_channels
+    from servobench.formats.inspection import extremes, intervals
+    from servobench.rounding import percent, with_unit
+
+    pen, lines = pen_for(console), []
+    shown = [recording[name] for name in shown_channels(recording)]
+    for series in shown:
+        t = np.arange(len(series.values), dtype=np.float64) if series.t is None else series.t
+        held = series.channel.name == recording.input
+        drawn = line_over_time(
+            t, series.values, pen, width=console.width - 2, unit=series.channel.unit or "", held=held
+        )
+        if series.t is None and drawn:
+            drawn[-1] = drawn[-1].replace(" s", "")
+        lines += ["", f"  {series.channel.name}", *(f"  {line}" for line in drawn)]
+        ends = extremes(series)
+        if ends is not None and ends.looks_limited:
+            share = percent(100 * max(ends.at_smallest, ends.at_largest))
+            lines.append(f"  {share} % of its samples are at an end of its range: something limits it.")
+    for spread in [intervals(series.t) for series in shown[:1] if series.t is not None]:
+        if spread is None or spread.is_even:
+            continue
+        low, high = (with_unit(float(edge), "s", 3) for edge in (spread.edges[0], spread.edges[-1]))
+        beyond = f", {spread.beyond} longer ones" if spread.beyond else ""
+        lines += ["", f"  intervals: {low} {histogram(spread.counts, pen)} {high}{beyond}"]
+    return [*lines, ""] if lines else []
+
+
 def _support(recording: Recording) -> list[str]:
     """What the recording can be used for as it is, or what has to be said before."""
     from servobench.errors import MissingInformation, ServobenchError
@@ -119,7 +210,7 @@ def _support(recording: Recording) -> list[str]:
     ]
     if levels == 1:
         lines.append("The input never changes, so that no model can come of it.")
-    if data.kind == "speed" and not data.chain:
+    if data.kind == "speed" and not data.chain and not data.chain_known:
         lines.append(
             "Nobody says how the speed was measured; if it was filtered or averaged, say so with --chain."
         )

@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from servobench.cli.conclusion import Evidence
     from servobench.cli.progress import Progress
+    from servobench.formats.mapping import Mapping
     from servobench.recording.recording import Recording
 
 
@@ -35,3 +37,32 @@ def chosen(recordings: Sequence[Recording], names: Sequence[str]) -> list[Record
         if name not in known:
             raise UnknownName("recording", name, known)
     return [recording for recording in recordings if not names or recording.name in names]
+
+
+def mapping_in(file: Path | None) -> Mapping:
+    """Return the mapping in a file, one that says nothing where there is none; raises `UsageError` for one with mistakes."""
+    from servobench.formats.mapping import Mapping
+
+    return Mapping() if file is None else Mapping.read(file)
+
+
+def mapped(recordings: Sequence[Recording], mapping: Mapping, said: Mapping) -> list[Evidence]:
+    """Return the recordings that a mapping means, with roles, units, times and chain as it and the command line say.
+
+    `said` is what the command line says, which comes before what the mapping says. Raises what `assign` does, and `UnknownName`
+    where the mapping tells of a recording that there isn't.
+    """
+    meant = chosen(recordings, said.recordings or mapping.recordings)
+    chosen(
+        recordings, tuple(mapping.each)
+    )  # a name that isn't there is a mistake, even where it would change nothing
+    return [evidence(each, mapping.of(each.name).overridden_by(said)) for each in meant]
+
+
+def evidence(recording: Recording, mapping: Mapping) -> Evidence:
+    """Return a recording with roles, units and times as a mapping says, and its chain where it belongs."""
+    from dataclasses import replace
+
+    from servobench.cli.chain import with_chain
+
+    return with_chain(replace(mapping, chain="").assigned(recording), mapping.chain)

@@ -11,7 +11,7 @@ from servobench.errors import MissingInformation, UsageError
 from servobench.finding import Finding
 from servobench.formats.columns import heading, time_unit
 from servobench.formats.mapping import Mapping, assign
-from servobench.formats.roles import ColumnSpec, Role, recognised
+from servobench.formats.roles import ColumnSpec, Role, quantity_of, recognised
 from servobench.formats.times import TimeBase, time_base
 from servobench.recording.recording import Recording, Series, Source
 
@@ -79,6 +79,39 @@ def describe(recording: Recording) -> Description:
         missing=missing,
         findings=findings,
     )
+
+
+def shown_channels(recording: Recording, most: int = 4) -> tuple[str, ...]:
+    """Return the names of the channels to look at: input and output where they are known, or else what they may be.
+
+    What may be the input is in a unit of voltage or duty, what may be the output in one of position or speed; where no unit is
+    known either, the first channels that change are shown.
+    """
+    known = _known(recording)
+    times = None if known.time is None else ColumnSpec.parse(known.time).column
+    named: list[str] = []
+    for given, quantities in ((known.input, {"voltage", "duty"}), (known.output, {"position", "speed"})):
+        if given is not None:
+            named.append(given if given in recording else ColumnSpec.parse(given).column)
+            continue
+        may_be = [
+            each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities
+        ]
+        named += may_be[: most // 2]
+    if len(named) > 1:
+        return tuple(dict.fromkeys(named))
+    longest = max((len(series.values) for series in recording.series), default=0)
+    changing = [
+        series.channel.name
+        for series in recording.series
+        if series.channel.name != times and len(series.values) == longest and _changes(series.values)
+    ]
+    return tuple(dict.fromkeys([*named, *changing]))[:most]
+
+
+def _changes(values: Array) -> bool:
+    finite = values[np.isfinite(values)]
+    return len(finite) > 0 and bool(finite.min() < finite.max())
 
 
 def _known(recording: Recording) -> Mapping:

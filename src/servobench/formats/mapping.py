@@ -9,33 +9,19 @@ import json
 import os
 import tomllib
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
-from typing import TypeAlias
+from typing import Any
 
-import numpy as np
-
-from servobench.channels import Array
 from servobench.errors import MissingInformation, UnknownName, UsageError
-from servobench.finding import Finding, info, warning
-from servobench.formats.columns import heading, quoted, time_unit
-from servobench.formats.roles import (
-    VOLTS_BY_CONVENTION,
-    ColumnSpec,
-    Role,
-    found,
-    plain_name,
-    quantity_of,
-    recognised,
-    typed,
-)
+from servobench.finding import Finding, warning
+from servobench.formats.choice import Chosen, chosen, spec_of
+from servobench.formats.roles import ColumnSpec, Role
 from servobench.formats.stale import stale
+from servobench.formats.supply import constant, motor_voltage
+from servobench.formats.timing import seconds, timed
 from servobench.formats.usable import usable
 from servobench.recording.recording import Recording, Series
-from servobench.units import quantity, unit
-
-_MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
-_EXAMPLE = {"input": "V", "output": "deg/s"}
 
 
 def assign(
@@ -44,6 +30,8 @@ def assign(
     time: str | ColumnSpec | None = None,
     input: str | ColumnSpec | None = None,
     output: str | ColumnSpec | None = None,
+    reference: str | ColumnSpec | None = None,
+    supply: str | ColumnSpec | None = None,
     sample_time: float | str | None = None,
     chain: str = "",
 ) -> Recording:
@@ -53,6 +41,8 @@ def assign(
     and `t` and `time` as s where nobody says otherwise. `sample_time` [s] makes times k·sample_time for samples without any, or
     instead of the file's. Samples of the two channels whose time doesn't increase, or that have no finite value, are left out,
     with a finding. `chain` is the text of what lies between the shaft and the output.
+    `reference` is what a feedback loop was told to follow. `supply` is what feeds the amplifier of an input that is a duty: a
+    channel, or a constant such as `7.4 V`; the input is then their product in V, a new channel.
     Raises `MissingInformation` with a sentence for each thing that has to be said, `UnknownName` for a column that isn't there,
     `FormatError` for times that can't be used, and `UsageError` for what can't be so.
     """
@@ -60,51 +50,116 @@ def assign(
         raise UsageError(
             f"both a time column ({time}) and a sample time ({sample_time}) are given; say one of them"
         )
-    missing: list[str] = []
-    roles: dict[Role, _Chosen] = {}
+    volts = constant(supply, recording)
     asked: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
-    for role, given in asked.items():
-        taken = [each.series.channel.name for each in roles.values()]
-        chosen = _chosen(recording, role, _spec(given, recording), taken)
-        if isinstance(chosen, str):
-            missing.append(chosen)
-        else:
-            roles[role] = chosen
-    timed = _timed(recording, roles, _spec(time, recording), sample_time)
-    if isinstance(timed, str):
-        missing.append(timed)
-    if missing or isinstance(timed, str):
-        raise MissingInformation(recording.source.name or recording.name, missing)
-    series, about_times = timed
-    names = {role: each.channel.name for role, each in series.items()}
-    if names["input"] == names["output"]:
-        raise UsageError(f"{recording.name}: the column `{names['input']}` can't be both input and output")
-    series, about_samples = usable(recording.name, series)
-    if (refreshed := stale(series["output"].values)) is not None:
-        sentence = refreshed.sentence(names["output"], series["output"].t)
-        about_samples.append(warning("output-stale", sentence))
-    replaced = time is not None or sample_time is not None
-    before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
-    about_roles = [finding for each in roles.values() for finding in each.findings]
-    return replace(
+    asked |= {"reference": reference} if reference is not None else {}
+    asked |= {"supply": supply} if supply is not None and volts is None else {}
+    roles, before = _chosen_and_timed(recording, asked, spec_of(time, recording), sample_time)
+    taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
+    result = replace(
         recording,
-        series=_merged(recording.series, series.values()),
-        input=names["input"],
-        output=names["output"],
+        series=_merged(recording.series, [*roles.others, *taken.values()]),
+        input=taken["input"].channel.name,
+        output=taken["output"].channel.name,
+        reference=roles.name("reference") or recording.reference,
         chain=chain.strip() or recording.chain,
-        findings=(*before, *about_roles, *about_times, *about_samples),
+        findings=(*before, *roles.findings, *about_samples, *_stale(taken["output"])),
     )
+    if roles.is_scaled:  # what was before is in another unit
+        result = replace(result, input_before=None)
+    return result if supply is None else motor_voltage(result, roles.series.get("supply"), volts)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Roles:
+    """The series that have a role, with times, and what is to be known of them."""
+
+    series: dict[Role, Series]
+    findings: tuple[Finding, ...]
+
+    @property
+    def others(self) -> list[Series]:
+        """The series of other roles than input and output."""
+        return [each for role, each in self.series.items() if role not in ("input", "output")]
+
+    @property
+    def is_scaled(self) -> bool:
+        """Whether the input's values are no longer the recording's."""
+        return any(finding.code == "duty-scaled" for finding in self.findings)
+
+    def name(self, role: Role) -> str | None:
+        """The name of the channel that has a role, None where there is none."""
+        return self.series[role].channel.name if role in self.series else None
+
+
+def _chosen_and_timed(
+    recording: Recording,
+    asked: dict[Role, str | ColumnSpec | None],
+    time: ColumnSpec | None,
+    sample_time: float | str | None,
+) -> tuple[_Roles, list[Finding]]:
+    """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`."""
+    missing: list[str] = []
+    parts: dict[Role, Chosen] = {}
+    for role, given in asked.items():
+        taken = [each.series.channel.name for each in parts.values()]
+        part = chosen(recording, role, spec_of(given, recording), taken)
+        if isinstance(part, str):
+            missing.append(part)
+        else:
+            parts[role] = part
+    series = {role: part.series for role, part in parts.items()}
+    placed = timed(recording, series, time, sample_time)
+    if isinstance(placed, str):
+        missing.append(placed)
+    if missing or isinstance(placed, str):
+        raise MissingInformation(recording.source.name or recording.name, missing)
+    with_times, about_times = placed
+    _check_differ(recording, with_times)
+    replaced = any(each.t is not series[role].t for role, each in with_times.items())
+    before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
+    about_roles = [finding for part in parts.values() for finding in part.findings]
+    return _Roles(series=with_times, findings=(*about_roles, *about_times)), before
+
+
+def _check_differ(recording: Recording, series: dict[Role, Series]) -> None:
+    """Raise `UsageError` where one column is to be two things."""
+    roles: dict[str, Role] = {}
+    for role, each in series.items():
+        name = each.channel.name
+        if name in roles:
+            kind = f"both {roles[name]} and {role}"
+            raise UsageError(f"{recording.name}: the column `{name}` can't be {kind}")
+        roles[name] = role
+
+
+def _stale(output: Series) -> list[Finding]:
+    """Whether the output was refreshed more seldom than it was recorded."""
+    if output.t is None or (refreshed := stale(output.values)) is None:
+        return []
+    return [warning("output-stale", refreshed.sentence(output.channel.name, output.t))]
+
+
+_CHOICES = "recordings"
+_EACH = "recording"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Mapping:
-    """The arguments of `assign` as a value, which a TOML file can hold."""
+    """The arguments of `assign` as a value, which a TOML file can hold.
+
+    `recordings` are the names of those that are meant, all where there are none; `each` says what is different in one, by name.
+    """
 
     time: str | None = None
     input: str | None = None
     output: str | None = None
+    reference: str | None = None
+    supply: str | None = None
     sample_time: float | None = None
     chain: str = ""
+    recordings: tuple[str, ...] = ()
+    each: dict[str, Mapping] = field(default_factory=dict)
 
     @classmethod
     def read(cls, path: str | os.PathLike[str]) -> Mapping:
@@ -113,207 +168,103 @@ class Mapping:
             content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
             raise UsageError(f"the mapping {os.fspath(path)} can't be read: {error}") from None
-        known = [field.name for field in fields(cls)]
-        for key, value in content.items():
-            if key not in known:
-                raise UnknownName(f"entry of a mapping such as {os.fspath(path)}", key, known)
-            if key != "sample_time" and not isinstance(value, str):
-                raise UsageError(
-                    f'{os.fspath(path)}: {key} is {value!r}; expected a text such as {key} = "u:V"'
-                )
-        if "sample_time" in content:
-            content["sample_time"] = _seconds(content["sample_time"])
-        return cls(**content)
+        several = content.pop(_EACH, {})
+        if not isinstance(several, dict) or not all(isinstance(table, dict) for table in several.values()):
+            raise UsageError(
+                f'{os.fspath(path)}: {_EACH} is {several!r}; expected tables such as [{_EACH}."name of a recording"]'
+            )
+        each = {
+            name: cls(**_checked(f"{path}, [{_EACH}.{json.dumps(name)}]", table, _OWN))
+            for name, table in several.items()
+        }
+        return cls(**_checked(os.fspath(path), content, (*_OWN, _CHOICES)), each=each)
 
     def toml(self) -> str:
         """Return the mapping as the text of a TOML file, without what it doesn't say."""
-        said = [(field.name, getattr(self, field.name)) for field in fields(self)]
-        return "".join(f"{name} = {_toml(value)}\n" for name, value in said if value not in (None, ""))
+        lines = [f"{name} = {toml_value(value)}\n" for name, value in self._said().items() if name != "each"]
+        for name, own in self.each.items():
+            lines.append(f"\n[{_EACH}.{toml_value(name)}]\n{own.toml()}")
+        return "".join(lines)
 
     def overridden_by(self, other: Mapping) -> Mapping:
         """Return the mapping with all that another one says in place of what this one does."""
-        said = {field.name: getattr(other, field.name) for field in fields(other)}
-        said = {name: value for name, value in said.items() if value not in (None, "")}
+        said = other._said()
         if {"time", "sample_time"} & said.keys():  # the one takes the place of the other
             said = {"time": None, "sample_time": None, **said}
+        if "input" in said:  # a supply belongs to the input that it was said with
+            said = {"supply": None, **said}
         return replace(self, **said)
+
+    def of(self, name: str) -> Mapping:
+        """Return what holds for the recording of that name."""
+        own = self.each.get(name, Mapping())
+        return replace(self, recordings=(), each={}).overridden_by(own)
 
     def assigned(self, recording: Recording) -> Recording:
         """Return the recording with roles, units and times as this mapping says; raises what `assign` does."""
+        own = self.of(recording.name)
         return assign(
             recording,
-            time=self.time,
-            input=self.input,
-            output=self.output,
-            sample_time=self.sample_time,
-            chain=self.chain,
+            time=own.time,
+            input=own.input,
+            output=own.output,
+            reference=own.reference,
+            supply=own.supply,
+            sample_time=own.sample_time,
+            chain=own.chain,
         )
 
+    def _said(self) -> dict[str, Any]:
+        """What the mapping says, by name."""
+        known = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in known.items() if value not in (None, "", (), {})}
 
-def _toml(value: str | float) -> str:
+
+_OWN = tuple(each.name for each in fields(Mapping) if each.name not in {_CHOICES, "each"})
+
+
+def _checked(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+    """The entries of a mapping, each of the type that it has to have; raises an error that says where and what was expected."""
+    for key, value in content.items():
+        if key not in known:
+            raise UnknownName(f"entry of a mapping such as {where}", key, (*known, _EACH))
+        if key == _CHOICES:
+            if not isinstance(value, list) or not all(isinstance(name, str) for name in value):
+                raise UsageError(
+                    f'{where}: {key} is {value!r}; expected a list of names such as {key} = ["run 1"]'
+                )
+        elif key != "sample_time" and not isinstance(value, str):
+            raise UsageError(
+                f'{where}: {key} is {value!r}; expected a text such as {key} = "{_EXAMPLES[key]}"'
+            )
+    checked = dict(content)
+    if "sample_time" in checked:
+        try:
+            checked["sample_time"] = seconds(checked["sample_time"])
+        except UsageError as error:
+            raise type(error)(f"{where}: sample_time: {error}") from None
+    if _CHOICES in checked:
+        checked[_CHOICES] = tuple(checked[_CHOICES])
+    return checked
+
+
+_EXAMPLES = {
+    "time": "t:s",
+    "input": "u:V",
+    "output": "y:deg/s",
+    "reference": "r:deg",
+    "supply": "vbat:V",
+    "chain": "derivative | lowpass 50 rad/s",
+}
+
+
+def toml_value(value: object) -> str:
+    """Return a text, a number or a list of texts as TOML has it."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(map(toml_value, value))}]"
     if isinstance(value, str):
         return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
     return repr(value)
-
-
-def _seconds(given: object) -> float:
-    """A sample time in s; raises `UsageError` where it can't be one."""
-    if isinstance(given, bool) or not isinstance(given, int | float | str):
-        raise UsageError(
-            f'the sample time is {given!r}; expected seconds such as 0.02, or a text such as "20 ms"'
-        )
-    seconds = quantity(given, "s")
-    if not 0.0 < seconds < np.inf:
-        raise UsageError(f"the sample time is {given!r}; expected a positive number of seconds such as 0.02")
-    return seconds
-
-
-def _spec(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
-    """The column that is meant; a channel's whole name is that channel, whatever a colon in it looks like."""
-    if given is None or isinstance(given, ColumnSpec):
-        return given
-    return ColumnSpec(column=given) if given in recording else ColumnSpec.parse(given)
-
-
-@dataclass(frozen=True, kw_only=True)
-class _Chosen:
-    """The series of a role, in its unit, and what is to be known of the choice."""
-
-    series: Series
-    findings: tuple[Finding, ...] = ()
-
-
-def _chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> _Chosen | str:
-    """The series for a role; or the sentence that asks for it, or for its unit."""
-    known = recording.input if role == "input" else recording.output
-    findings: list[Finding] = []
-    symbol = None
-    if spec is not None:
-        series, findings = found(recording, spec, role)
-        symbol = spec.unit
-    elif known is not None:
-        series = recording[known]
-    else:
-        candidates = recognised(recording, role, without=taken)
-        if len(candidates) != 1:
-            return _which(recording, role, [each.name for each in candidates])
-        series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
-    name, said = series.channel.name, series.channel.unit
-    symbol = symbol or said
-    if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
-        symbol = "V"
-        sentence = f"`{name}` is taken in V by convention; if it isn't say --input {typed(f'{name}:UNIT')}."
-        findings.append(info("unit-by-convention", sentence))
-    if symbol is None:
-        example = typed(f"{name}:{_EXAMPLE[role]}")
-        return f"the unit of the {role} `{name}`: say --{role} {typed(f'{name}:UNIT')}, such as {example}"
-    _check_unit(recording, role, name, symbol)
-    if said not in (None, symbol):
-        findings.append(info("unit-overridden", f"`{name}` is taken in {symbol} and not in {said}, as said."))
-    return _Chosen(series=_in_unit(series, symbol), findings=tuple(findings))
-
-
-def _in_unit(series: Series, symbol: str) -> Series:
-    """The series with another unit of its values, which stay; what was known in the old unit is gone."""
-    channel = series.channel
-    if channel.unit == symbol:
-        return series
-    if channel.unit is not None:
-        channel = replace(channel, minimum=None, maximum=None, resolution=None)
-    return replace(series, channel=replace(channel, unit=symbol))
-
-
-def _check_unit(recording: Recording, role: Role, name: str, symbol: str) -> None:
-    what = unit(symbol).quantity
-    if role == "output" and what not in {"position", "speed"}:
-        raise UsageError(
-            f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m) or a speed "
-            "(rad/s, deg/s, rpm, rev/s, counts/s, m/s)"
-        )
-    if role == "input" and what == "time":
-        raise UsageError(
-            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, no time"
-        )
-
-
-def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
-    """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
-    wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
-    names = [each.channel.name for each in recording.series]
-    candidates = candidates or [name for name in names if quantity_of(recording[name].channel.unit) in wanted]
-    if candidates:
-        options = " or ".join(f"--{role} {_with_unit(recording, name)}" for name in candidates)
-        return f"which column is the {role}, as {quoted(candidates)} may be: say {options}"
-    columns = (
-        f"the only column is {quoted(names)}" if len(names) == 1 else f"the columns are {_long(recording)}"
-    )
-    sentence = f"which column is the {role}, {_MEANING[role]}: say --{role} COL:UNIT; {columns}"
-    if role == "input":
-        sentence += ". Without an input nothing can be identified; one in another file is FILE#COL"
-    return sentence
-
-
-def _with_unit(recording: Recording, name: str) -> str:
-    """A column as it has to be said, with a place for its unit where that isn't known."""
-    return typed(name if recording[name].channel.unit else f"{name}:UNIT")
-
-
-def _long(recording: Recording) -> str:
-    """The columns that are as long as the longest; what is shorter is a setting, no signal."""
-    most = max((len(each.values) for each in recording.series), default=0)
-    return quoted([each.channel.name for each in recording.series if len(each.values) == most], 30)
-
-
-_Timed: TypeAlias = tuple[dict[Role, Series], list[Finding]]
-
-
-def _timed(
-    recording: Recording, roles: dict[Role, _Chosen], time: ColumnSpec | None, sample_time: float | str | None
-) -> _Timed | str:
-    """The series of the roles with times; or the sentence that asks for times."""
-    series = {role: chosen.series for role, chosen in roles.items()}
-    if sample_time is not None:
-        step = _seconds(sample_time)
-        told = f"The times are {step:g} s apart, as said"
-        told += (
-            "; those of the file aren't used." if any(each.t is not None for each in series.values()) else "."
-        )
-        evenly = {
-            role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
-            for role, each in series.items()
-        }
-        return evenly, [info("sample-time-given", told)]
-    if time is not None:
-        return _with_time_column(recording, series, time)
-    has_times = [each.t is not None for each in series.values()]
-    if all(has_times or [any(each.t is not None for each in recording.series)]):
-        return series, []
-    sentence = "the times: say --sample-time 0.02, in s, or whatever it is; or --time COL:UNIT"
-    return sentence if len(recording.series) < 2 else f"{sentence}, one of {_long(recording)}"
-
-
-def _with_time_column(recording: Recording, series: dict[Role, Series], spec: ColumnSpec) -> _Timed | str:
-    column, findings = found(recording, spec, None)
-    name = column.channel.name
-    symbol = spec.unit or column.channel.unit
-    if symbol is None and (symbol := time_unit(heading(name))) is not None:
-        sentence = (
-            f"`{name}` is taken in {symbol} by convention; if it isn't say --time {typed(f'{name}:UNIT')}."
-        )
-        findings.append(info("time-recognised", sentence))
-    if symbol is None:
-        return f"the unit of the time `{name}`: say --time {typed(f'{name}:s')}, or :ms, or what it is"
-    if quantity_of(symbol) != "time":
-        raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
-    with np.errstate(over="ignore"):
-        t: Array = column.values * unit(symbol).factor
-    for role, each in series.items():
-        if len(each.values) != len(t):
-            raise UsageError(
-                f"{recording.name}: the time `{name}` has {len(t)} samples and the {role} `{each.channel.name}` has "
-                f"{len(each.values)}; a time column has one for each"
-            )
-    return {role: replace(each, t=t) for role, each in series.items()}, findings
 
 
 def _merged(before: Sequence[Series], new: Iterable[Series]) -> tuple[Series, ...]:

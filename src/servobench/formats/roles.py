@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from typing import Literal, TypeAlias
 
-from servobench.errors import UnknownName, UsageError
+from servobench.errors import UnitError, UnknownName, UsageError
 from servobench.finding import Finding, info
 from servobench.formats.base import load
 from servobench.formats.columns import bare_name, heading
 from servobench.recording.recording import Recording, Series
 from servobench.units import is_unit, unit
 
-Role: TypeAlias = Literal["input", "output"]
+Role: TypeAlias = Literal["input", "output", "reference", "supply"]
+"""What a channel can be: what drives the motor, what was measured, what a loop was told to follow, what feeds the amplifier."""
 
 VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
 """The names of an input that mean volts where nobody says another unit."""
@@ -30,15 +33,46 @@ OUTPUT_NAMES = frozenset({
     "y", "theta", "θ", "phi", "omega", "ω", "position", "pos", "angle", "speed", "velocity", "vel", "rpm",
     "counts", "encoder", "encoder_counts", "tachometer", "motor_speed", "motor_position", "motor_angle",
     "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
+    "motor_velocity", "motor_vel", "motor_pos", "joint_position", "joint_velocity", "present_position", "present_velocity",
+    "omega_m", "ω_m", "theta_m", "θ_m", "theta_dot", "thetadot", "dtheta",
 })  # fmt: skip
 """The names by which a motor's measured output is recognised, in lower case and without a unit."""
+
+OUTPUT_NAMES_WITH_UNIT = frozenset({"w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v"})
+"""Names that stand for many things: recognised as the output only with the unit of a position or a speed, where no other is."""
+
+REFERENCE_NAMES = frozenset({
+    "r", "ref", "reference", "setpoint", "set_point", "goal", "goal_position", "goal_velocity", "target", "target_position",
+    "target_velocity", "desired", "demand", "position_reference", "velocity_reference", "speed_reference",
+})  # fmt: skip
+"""The names of what a loop may have been told to follow; such a column is asked about, never taken."""
+
+SUPPLY_NAMES = frozenset({
+    "supply", "supply_voltage", "bus_voltage", "battery", "battery_voltage", "vbat", "vbus", "vin", "v_in", "input_volts",
+    "input_voltage", "present_input_voltage", "busvoltage",
+})  # fmt: skip
+"""The names of what may feed the amplifier; such a column is asked about, never taken."""
+
+_MEASURES: dict[Role, list[str]] = {
+    "input": ["voltage", "duty"],
+    "output": ["position", "speed"],
+    "reference": [],
+    "supply": ["voltage"],
+}
+
+_COMMON_UNITS = (
+    "V", "mV", "%", "A", "mA", "rad", "deg", "rev", "counts", "m", "mm", "rad/s", "deg/s", "rpm", "rev/s", "counts/s", "m/s",
+    "s", "ms", "us", "PWM/255",
+)  # fmt: skip
+
+_PULSE_WIDTH = re.compile(r"PWM\s*/\s*([0-9]+(?:\.[0-9]*)?)", re.IGNORECASE)
 
 
 @dataclass(frozen=True, kw_only=True)
 class ColumnSpec:
     """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
 
-    `FILE#COL` is a column of another file.
+    `FILE#COL` is a column of another file. The unit `PWM/885` is that of a duty in raw counts, of which 885 are 100 %.
     """
 
     column: str
@@ -48,7 +82,7 @@ class ColumnSpec:
     def parse(cls, text: str) -> ColumnSpec:
         """Return the column in a text; what follows the last colon is a unit only if it is one that is known."""
         column, _, tail = text.rpartition(":")
-        if column and is_unit(tail):
+        if column and (is_unit(tail) or full_scale(tail) is not None):
             return cls(column=column, unit=tail.strip())
         return cls(column=text)
 
@@ -70,11 +104,13 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
 
     Only where there is exactly one is it sure. `without` names channels that are something else.
     """
+    series = [each for each in recording.series if each.channel.name not in without]
+    fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
+    if role == "output":
+        fitting = fitting or [each for each in series if _fits_by_its_unit(each)]
     found = []
-    for series in recording.series:
-        name, symbol = series.channel.name, series.channel.unit
-        if name in without or not _fits(role, plain_name(name), symbol):
-            continue
+    for each in fitting:
+        name, symbol = each.channel.name, each.channel.unit
         told = f"`{name}` is recognised as the {role} by its name"
         if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
             symbol = "V"
@@ -82,6 +118,18 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
         sentence = f"{told}; if that is wrong say --{role} COL:UNIT."
         found.append(Recognised(name=name, unit=symbol, finding=info(f"{role}-recognised", sentence)))
     return tuple(found)
+
+
+def _fits_by_its_unit(series: Series) -> bool:
+    """Whether a name that stands for many things is that of an output by its unit."""
+    name, symbol = series.channel.name, series.channel.unit
+    return plain_name(name) in OUTPUT_NAMES_WITH_UNIT and quantity_of(symbol) in {"position", "speed"}
+
+
+def full_scale(symbol: str | None) -> float | None:
+    """Return the counts that are a duty of 100 % in a unit such as `PWM/885`; None for any other unit."""
+    match = _PULSE_WIDTH.fullmatch((symbol or "").strip())
+    return float(match[1]) or None if match else None
 
 
 def plain_name(name: str) -> str:
@@ -132,14 +180,30 @@ def found(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Se
     file, sharp, column = spec.column.rpartition("#")
     if sharp and file:
         return _in_other_file(recording, file, replace(spec, column=column), role)
+    _check_is_no_unknown_unit(spec, names)
     raise UnknownName(f"column of {recording.source.name or recording.name}", spec.column, names)
+
+
+def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
+    """Raise `UnitError` where a name that nobody knows is a column's with something behind a colon that is no unit."""
+    column, colon, tail = spec.column.rpartition(":")
+    known = column.lower() in [name.lower() for name in names] or (
+        column.isdecimal() and len(column) < 9 and 1 <= int(column) <= len(names)
+    )
+    if not colon or not known:
+        return
+    near = get_close_matches(tail, _COMMON_UNITS, n=3, cutoff=0.4)
+    hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+    raise UnitError(
+        f"`{spec.column}`: {tail!r} is no unit that is known{hint}; known are {', '.join(_COMMON_UNITS)}, and products of them"
+    )
 
 
 def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Series | None:
     """The channel that begins with a name and measures what the role wants; a unit that was said narrows that down."""
     beginning = spec.column.lower()
-    wanted = {"input": ["voltage", "duty"], "output": ["position", "speed"], None: []}[role]
-    if spec.unit is not None:
+    wanted = _MEASURES[role] if role is not None else []
+    if spec.unit is not None and full_scale(spec.unit) is None:
         wanted = [unit(spec.unit).quantity]
     for what in wanted:
         fitting = [

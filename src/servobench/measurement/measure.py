@@ -9,8 +9,8 @@ from typing import get_args
 
 import numpy as np
 
-from servobench.channels import Channel
-from servobench.errors import NotIdentifiable, UsageError
+from servobench.channels import Array, Channel
+from servobench.errors import MissingInformation, NotIdentifiable, UsageError
 from servobench.finding import Finding, info
 from servobench.measurement.armature import armature_current
 from servobench.measurement.base import Chain, Kind, Stage
@@ -68,8 +68,28 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         delay=recording.info.delay if recording.info else 0.0,
         current=current,
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
+        reference=_reference(recording, driven.t),
         chain_known=bool(recording.chain.strip()) or bool(applied),
     )
+
+
+def _reference(recording: Recording, t: Array) -> Array | None:
+    """What a loop was told to follow at the times t (N,) [s], in SI units: the value before, or the first one."""
+    if recording.reference is None:
+        return None
+    series = recording[recording.reference]
+    if series.t is None or series.channel.unit is None:
+        raise MissingInformation(
+            recording.name,
+            [f"the times and the unit of the reference {recording.reference!r}: say --reference COL:UNIT"],
+        )
+    usable = np.isfinite(series.t) & np.isfinite(series.values)
+    if not usable.any():
+        raise UsageError(f"{recording.name}: the reference {recording.reference!r} has no finite value")
+    order = np.argsort(series.t[usable], kind="stable")
+    known, values = series.t[usable][order], series.values[usable][order]
+    at = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
+    return np.asarray(values[at] * unit_named(series.channel.unit).factor, dtype=np.float64)
 
 
 def _input_before(recording: Recording, column: Column) -> float:

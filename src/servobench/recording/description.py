@@ -45,12 +45,13 @@ class Group:
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """Which channel is the input, which the output, what was before, and what lies in between; as in `Recording`."""
+    """Which channel is the input, the output, the reference, what was before, and what lies in between; as in `Recording`."""
 
     input: str | None = None
     output: str | None = None
     input_before: float | None = None
     chain: str = ""
+    reference: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

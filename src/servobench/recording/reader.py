@@ -98,6 +98,7 @@ class _Unfinished:
             output=opening.roles.output,
             input_before=opening.roles.input_before,
             chain=opening.roles.chain,
+            reference=opening.roles.reference,
             info=opening.info,
             experiment=opening.experiment,
             findings=ending.findings if ending else opening.findings,

@@ -71,7 +71,8 @@ class Recording:
     `input` and `output` name the channels that are the motor's input and measured output, or are None where nobody has said so
     yet. Sample k of the output is latched at t_k before input k acts; input k holds from its time to the next.
     `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
-    `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder.
+    `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder, or where nobody knows,
+    `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
     A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s] and `late` (0 or 1), and where the device has
     them `tachometer` and `current`. `experiment` is the experiment's TOML text, empty where there was none.
     """
@@ -83,6 +84,7 @@ class Recording:
     output: str | None = None
     input_before: float | None = None
     chain: str = ""
+    reference: str | None = None
     info: DeviceInfo | None = None
     experiment: str = ""
     findings: tuple[Finding, ...] = ()
@@ -96,7 +98,11 @@ class Recording:
             raise UsageError(
                 f"recording {self.name!r} has two channels called {', '.join(twice)}: rename one"
             )
-        for role, name in (("input", self.input), ("output", self.output)):
+        for role, name in (
+            ("input", self.input),
+            ("output", self.output),
+            ("reference", self.reference),
+        ):
             if name is not None and name not in names:
                 raise UsageError(
                     f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}"

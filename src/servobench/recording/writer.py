@@ -89,6 +89,7 @@ class RecordingWriter:
                 output=opening.output,
                 input_before=opening.input_before,
                 chain=opening.chain,
+                reference=opening.reference,
             ),
             info=opening.info,
             experiment=opening.experiment,

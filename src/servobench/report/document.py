@@ -46,20 +46,25 @@ class Report:
 
         Raises `StorageError`, which says why.
         """
-        target = Path(path)
-        if target.is_dir():
-            raise StorageError(
-                f"{target} is a folder; expected the name of a file for the report, such as {target / 'report.html'}"
-            )
-        if not target.parent.is_dir():
-            raise StorageError(
-                f"{target} can't be written: there is no folder {target.parent}; make it first"
-            )
-        text = self.html().encode("utf-8")
-        try:
-            _replace(target, text)
-        except OSError as error:
-            raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
+        write_page(self.html(), path)
+
+
+def write_page(html: str, path: str | os.PathLike[str]) -> None:
+    """Write a page to a file: all of it or, where that can't be done, nothing; an earlier file is replaced.
+
+    Raises `StorageError`, which says why.
+    """
+    target = Path(path)
+    if target.is_dir():
+        raise StorageError(
+            f"{target} is a folder; expected the name of a file for the report, such as {target / 'report.html'}"
+        )
+    if not target.parent.is_dir():
+        raise StorageError(f"{target} can't be written: there is no folder {target.parent}; make it first")
+    try:
+        _replace(target, html.encode("utf-8"))
+    except OSError as error:
+        raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
 
 
 def _replace(target: Path, content: bytes) -> None:

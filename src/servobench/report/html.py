@@ -42,8 +42,8 @@ class Drawn:
 
 def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
     """Return the whole page as a text."""
-    return _template("page.html.j2").render(
-        style=_source("style.css"),
+    return template("page.html.j2").render(
+        style=source("style.css"),
         fit=result.fit,
         system=result.transfer_function,
         validation=result.validation,
@@ -100,15 +100,15 @@ def _tables(result: Result) -> dict[str, Any]:
 def _figures(result: Result) -> dict[str, Any]:
     """All figures, drawn."""
     data = {
-        "course": _single(illustrations.data_and_model(result)) if result.data else None,
-        "nominal_figure": _single(illustrations.against_nominal(result.nominal)),
+        "course": single(illustrations.data_and_model(result)) if result.data else None,
+        "nominal_figure": single(illustrations.against_nominal(result.nominal)),
     }
     fit = result.fit
     if fit is None:
         return data
     return data | {
         "residuals": [_row(row) for row in illustrations.residuals(fit)],
-        "bode": _single(model_illustrations.frequency_response(fit, result.derived)),
+        "bode": single(model_illustrations.frequency_response(fit, result.derived)),
         "responses": _row(
             (
                 model_illustrations.step_response(fit, result.derived),
@@ -118,8 +118,8 @@ def _figures(result: Result) -> dict[str, Any]:
     }
 
 
-def _single(illustration: Illustration | None) -> Drawn | None:
-    """A figure as wide as the page, drawn a second time for narrow screens."""
+def single(illustration: Illustration | None) -> Drawn | None:
+    """Return a figure as wide as the page, drawn a second time for narrow screens; None for none."""
     if illustration is None:
         return None
     return _drawn(illustration, _svg(illustration, WIDE, "wide"))
@@ -167,7 +167,7 @@ def _environment() -> Environment:
     from jinja2 import Environment, FunctionLoader, StrictUndefined
 
     return Environment(
-        loader=FunctionLoader(_source),
+        loader=FunctionLoader(source),
         autoescape=True,
         undefined=StrictUndefined,
         trim_blocks=True,
@@ -175,12 +175,13 @@ def _environment() -> Environment:
     )
 
 
-def _template(name: str) -> Template:
+def template(name: str) -> Template:
+    """Return a template of this folder."""
     return _environment().get_template(name)
 
 
-def _source(name: str) -> str:
-    """A file of this folder; also out of a zipped package."""
+def source(name: str) -> str:
+    """Return the text of a file of this folder; also out of a zipped package."""
     from importlib.resources import files
 
     return files("servobench.report").joinpath(name).read_text(encoding="utf-8")

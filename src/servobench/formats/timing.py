@@ -1,0 +1,96 @@
+"""The times of the channels that have a role: their own, those of a column, or evenly spaced ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import UsageError
+from servobench.finding import Finding, info
+from servobench.formats.choice import long_columns
+from servobench.formats.columns import heading, time_unit
+from servobench.formats.roles import ColumnSpec, Role, found, quantity_of, typed
+from servobench.formats.times import time_findings
+from servobench.recording.recording import Recording, Series
+from servobench.units import quantity, unit
+
+
+def seconds(given: object) -> float:
+    """Return a sample time in s; raises `UsageError` where it can't be one."""
+    if isinstance(given, bool) or not isinstance(given, int | float | str):
+        raise UsageError(
+            f'the sample time is {given!r}; expected seconds such as 0.02, or a text such as "20 ms"'
+        )
+    seconds = quantity(given, "s")
+    if not 0.0 < seconds < np.inf:
+        raise UsageError(f"the sample time is {given!r}; expected a positive number of seconds such as 0.02")
+    return seconds
+
+
+Timed: TypeAlias = tuple[dict[Role, Series], list[Finding]]
+
+
+def timed(
+    recording: Recording,
+    series: Mapping[Role, Series],
+    time: ColumnSpec | None,
+    sample_time: float | str | None,
+) -> Timed | str:
+    """Return the series of the roles with times, and what is to be known of them; or the sentence that asks for times."""
+    if sample_time is not None:
+        step = seconds(sample_time)
+        told = f"The times are {step:g} s apart, as said"
+        told += (
+            "; those of the file aren't used." if any(each.t is not None for each in series.values()) else "."
+        )
+        evenly = {
+            role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
+            for role, each in series.items()
+        }
+        return evenly, [info("sample-time-given", told)]
+    if time is not None:
+        return _with_time_column(recording, series, time)
+    has_times = [each.t is not None for each in series.values()]
+    if all(has_times or [any(each.t is not None for each in recording.series)]):
+        return dict(series), []
+    sentence = "the times: say --sample-time 0.02, in s, or whatever it is; or --time COL:UNIT"
+    return sentence if len(recording.series) < 2 else f"{sentence}, one of {long_columns(recording)}"
+
+
+def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:
+    column, findings = found(recording, spec, None)
+    name = column.channel.name
+    symbol = spec.unit or column.channel.unit
+    if symbol is None and (symbol := time_unit(heading(name))) is not None:
+        sentence = (
+            f"`{name}` is taken in {symbol} by convention; if it isn't say --time {typed(f'{name}:UNIT')}."
+        )
+        findings.append(info("time-recognised", sentence))
+    if symbol is None:
+        return f"the unit of the time `{name}`: say --time {typed(f'{name}:s')}, or :ms, or what it is"
+    if quantity_of(symbol) != "time":
+        raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
+    with np.errstate(over="ignore"):
+        t: Array = column.values * unit(symbol).factor
+    placed = {role: _at(recording, role, each, name, t) for role, each in series.items()}
+    if any(each.t is t for each in placed.values()):
+        findings += time_findings(t)
+    return placed, findings
+
+
+def _at(recording: Recording, role: Role, series: Series, name: str, t: Array) -> Series:
+    """A series at the times t (N,) [s] of the column of that name; one that has those times already stays as it is."""
+    if series.t is not None and np.array_equal(series.t, t, equal_nan=True):
+        return series
+    if len(series.values) == len(t):
+        return replace(series, t=t)
+    if series.t is not None and role in {"reference", "supply"}:
+        return series  # which may well be recorded at times of their own
+    raise UsageError(
+        f"{recording.name}: the time `{name}` has {len(t)} samples and the {role} `{series.channel.name}` has "
+        f"{len(series.values)}; a time column has one for each"
+    )

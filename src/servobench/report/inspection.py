@@ -1,0 +1,179 @@
+"""The noun `InspectionReport`: what is in a file and what it can support, for people to read, in one page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from servobench._version import __version__
+from servobench.errors import MissingInformation, ServobenchError
+from servobench.finding import Finding, Severity
+from servobench.formats.describe import ChannelDescription, Description, describe, shown_channels
+from servobench.formats.inspection import extremes, intervals
+from servobench.formats.mapping import assign
+from servobench.formats.times import TimeBase
+from servobench.measurement.dataset import Dataset
+from servobench.measurement.measure import measure
+from servobench.recording.recording import Recording
+from servobench.report import inspection_figures, tables, words
+from servobench.report.document import write_page
+from servobench.report.html import SEVERITIES, Drawn, single, source, template
+from servobench.report.tables import Fact
+from servobench.rounding import counted, percent, plain, with_unit
+
+
+@dataclass(frozen=True, eq=False)
+class InspectionReport:
+    """What is in the recordings of a file, as a page that opens from disk without a network."""
+
+    recordings: Sequence[Recording]
+
+    def html(self) -> str:
+        """Return the page. The same recordings give the same text."""
+        parts = tuple(_part(recording, number) for number, recording in enumerate(self.recordings, 1))
+        origin = self.recordings[0].source
+        text = template("inspection.html.j2").render(
+            style=source("style.css"),
+            title=origin.name,
+            version=__version__,
+            origin=(
+                Fact(heading="File", text=origin.name),
+                Fact(heading="Format", text=origin.format),
+                Fact(heading="SHA-256", text=origin.sha256 or "not known", code=True),
+            ),
+            parts=parts,
+            sentence=words.sentence,
+            severity_words={str(severity): word for severity, word in SEVERITIES.items()},
+            **_conclusion(parts),
+        )
+        # A name of a file may hold bytes that are no text.
+        return text.encode("utf-8", "replace").decode("utf-8")
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to a file: all of it or, where that can't be done, nothing; an earlier file is replaced.
+
+        Raises `StorageError`, which says why.
+        """
+        write_page(self.html(), path)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Part:
+    """What the page says of one recording."""
+
+    name: str
+    support: str
+    missing: tuple[str, ...]
+    findings: tuple[tuple[Finding, ...], ...]
+    facts: tuple[Fact, ...]
+    channels: tuple[tuple[str, ...], ...]
+    times: tuple[tuple[str, ...], ...]
+    drawings: tuple[Drawn, ...]
+
+
+def _part(recording: Recording, number: int) -> _Part:
+    description = describe(recording)
+    support, missing, data = _support(recording)
+    shown = shown_channels(recording)
+    spread = next(
+        (found for name in shown if (t := recording[name].t) is not None and (found := intervals(t))), None
+    )
+    drawings = [single(inspection_figures.over_time(recording, shown, number))]
+    if spread is not None and not spread.is_even:
+        drawings.append(single(inspection_figures.spacing(spread, number)))
+    return _Part(
+        name=recording.name,
+        support=support,
+        missing=missing,
+        findings=tables.finding_groups(description.findings if data is None else data.findings),
+        facts=_facts(recording, shown, data),
+        channels=tuple(map(_channel_row, description.channels)),
+        times=_time_rows(description),
+        drawings=tuple(each for each in drawings if each is not None),
+    )
+
+
+def _support(recording: Recording) -> tuple[str, tuple[str, ...], Dataset | None]:
+    """What the recording can be used for, what has to be said before, and the data where nothing has."""
+    try:
+        data = measure(assign(recording))
+    except MissingInformation as error:
+        return "More has to be known before it can be identified.", error.missing, None
+    except ServobenchError as error:
+        return f"It can't be identified as it is: {error}", (), None
+    return (
+        f"It can be identified as it is: the output is a {data.kind} in {data.output_unit}, "
+        f"{with_unit(data.duration, 's', 4)} long.",
+        (),
+        data,
+    )
+
+
+def _conclusion(parts: Sequence[_Part]) -> dict[str, str]:
+    """The sentence at the head of the page, and the colour that it stands in."""
+    ready = sum(not part.missing and part.support.startswith("It can be") for part in parts)
+    refused = any(group[0].severity is Severity.REFUSAL for part in parts for group in part.findings)
+    many = counted(len(parts), "recording")
+    if ready == len(parts) and not refused:
+        return {"state": "trusted", "word": "Ready", "reason": f"{many}, with all that has to be known."}
+    if any(part.missing for part in parts) and not refused:
+        return {
+            "state": "doubtful",
+            "word": "Questions",
+            "reason": f"{many}; something has to be said first.",
+        }
+    return {"state": "refused", "word": "Not as it is", "reason": f"{many}; see what stands in the way."}
+
+
+def _facts(recording: Recording, shown: Sequence[str], data: Dataset | None) -> tuple[Fact, ...]:
+    """What the input does, how long a channel sits at its ends, and what lies in between."""
+    facts = []
+    for name in shown:
+        ends = extremes(recording[name])
+        if ends is None:
+            facts.append(Fact(heading=name, text="never changes"))
+            continue
+        unit = recording[name].channel.unit or ""
+        low, high = (f"{plain(end, 4)} {unit}".strip() for end in (ends.smallest, ends.largest))
+        text = (
+            f"{percent(100 * ends.at_smallest)} % of the samples at the smallest value, {low}; "
+            f"{percent(100 * ends.at_largest)} % at the largest, {high}; at most {counted(ends.longest, 'sample')} in a row"
+        )
+        if ends.looks_limited:
+            text += ". Nowhere else does it stay so long: something limits it"
+        facts.append(Fact(heading=name, text=f"{text}."))
+    if data is not None:
+        chain = str(data.chain) or ("nothing, as was said" if data.chain_known else "nobody says")
+        facts.append(Fact(heading="Between shaft and output", text=chain))
+    return tuple(facts)
+
+
+def _channel_row(channel: ChannelDescription) -> tuple[str, ...]:
+    low, high = (plain(end, 5) if end is not None else "–" for end in (channel.minimum, channel.maximum))
+    return (
+        channel.name,
+        channel.unit or "?",
+        str(channel.samples),
+        low,
+        high,
+        str(channel.levels),
+        plain(channel.quantum, 4) if channel.quantum is not None else "–",
+        f"{percent(100 * channel.repeated)} %" if channel.repeated is not None else "–",
+        str(channel.non_finite),
+    )
+
+
+def _time_rows(description: Description) -> tuple[tuple[str, ...], ...]:
+    rows = []
+    for number, base in enumerate(description.time_bases):
+        names = [each.name for each in description.channels if each.times == number]
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
+        rows.append((", ".join(names[:3]) + more, *_time_row(base)))
+    return tuple(rows)
+
+
+def _time_row(base: TimeBase) -> tuple[str, ...]:
+    steps = (base.start, base.end, base.shortest_step, base.median_step, base.p99_step, base.longest_step)
+    told = [with_unit(value, "s", 4) if value is not None else "–" for value in steps]
+    return (*told, str(base.gaps), str(base.duplicates), str(base.backward))

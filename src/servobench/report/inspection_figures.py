@@ -1,0 +1,96 @@
+"""The figures of an inspection: what was recorded over time, and how the samples are spaced."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servobench.formats.inspection import Intervals
+from servobench.recording.recording import Recording, Series
+from servobench.report import figures
+from servobench.report.decimation import held
+from servobench.report.figures import Course, Curve, Panel
+from servobench.report.illustrations import Illustration
+from servobench.report.palette import Style, axes, sheet, whole, x_label
+from servobench.rounding import counted, handy_unit, plain, with_unit
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_HEIGHT = 190.0
+
+
+def over_time(recording: Recording, names: tuple[str, ...], number: int) -> Illustration | None:
+    """Return some channels over time, below each other; None where there is nothing to be drawn."""
+    panels = tuple(panel for name in names if (panel := _panel(recording, recording[name])) is not None)
+    if not panels:
+        return None
+    timed = any(recording[name].t is not None for name in names)
+    unit = "" if timed else " The file has no times: one second stands for one sample."
+    return Illustration(
+        name=f"course-{number}",
+        title="What was recorded",
+        caption=f"Time counts from the first sample.{unit}",
+        description=" ".join(_words(recording[name]) for name in names),
+        draw=partial(figures.time_courses, (Course(panels=panels),)),
+    )
+
+
+def spacing(found: Intervals, number: int) -> Illustration:
+    """Return how the intervals between samples are spread."""
+    low, high = (with_unit(float(edge), "s", 3) for edge in (found.edges[0], found.edges[-1]))
+    beyond = ""
+    if found.beyond:
+        verb = "is" if found.beyond == 1 else "are"
+        beyond = f" {counted(found.beyond, 'gap')} beyond {high} {verb} not shown."
+    return Illustration(
+        name=f"intervals-{number}",
+        title="Intervals between samples",
+        caption=f"Their median is {with_unit(found.median, 's', 4)}.{beyond}",
+        description=f"The intervals lie between {low} and {high}, most of them near {with_unit(found.median, 's', 3)}.",
+        draw=partial(_histogram, found),
+    )
+
+
+def _panel(recording: Recording, series: Series) -> Panel | None:
+    channel = series.channel
+    t = np.arange(len(series.values), dtype=np.float64) if series.t is None else series.t
+    usable = np.isfinite(t) & np.isfinite(series.values)
+    t, y = t[usable], series.values[usable]
+    forward = np.maximum.accumulate(t) if len(t) else t  # a time that goes back is drawn where it was before
+    if len(t) < 2 or not forward[-1] > forward[0]:
+        return None
+    t = forward - forward[0]
+    is_input = channel.name == recording.input
+    if is_input:
+        t, y = held(t, y, float(y[0]), float(t[-1]))
+    curve = Curve(t=t, y=y, look="input" if is_input else "measured")
+    return Panel(title=channel.name, unit=channel.unit or "unit unknown", curves=(curve,), height=120.0)
+
+
+def _words(series: Series) -> str:
+    finite = series.values[np.isfinite(series.values)]
+    if not len(finite):
+        return f"{series.channel.name} has no finite value."
+    unit = series.channel.unit or ""
+    low, high = (f"{plain(float(end), 3)} {unit}".strip() for end in (finite.min(), finite.max()))
+    return f"{series.channel.name} lies between {low} and {high}."
+
+
+def _histogram(found: Intervals, style: Style) -> Figure:
+    from matplotlib.ticker import NullLocator
+
+    factor, unit = handy_unit("s", float(found.edges[-1]))
+    figure = sheet(style, _HEIGHT)
+    ax = axes(figure, whole(style, _HEIGHT), style.palette, "Number of intervals (logarithmic)")
+    ax.stairs(
+        found.counts, found.edges / factor, fill=True, color=style.palette.measured, linewidth=0, baseline=0.5
+    )
+    ax.axvline(found.median / factor, color=style.palette.model, linewidth=1.5)
+    ax.set_yscale("log")
+    ax.set(ylim=(0.5, 2.0 * max(float(found.counts.max()), 1.0)), xlim=tuple(found.edges[[0, -1]] / factor))
+    ax.yaxis.set_minor_locator(NullLocator())
+    x_label(ax, f"interval ({unit})", style.palette)
+    return figure
