@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
@@ -27,6 +27,8 @@ from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.models.search import directions, smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
+from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
+from servobench.motor_parameters.current import has_current
 from servobench.plausibility import about_data, about_fit
 from servobench.reconciliation.asking import reconcile
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
@@ -40,6 +42,7 @@ def identify(
     estimator: str = "auto",
     nominal: str | MotorParameters | None = None,
     validate_on: Sequence[Dataset] = (),
+    known: Mapping[str, float | tuple[float, float]] | None = None,
 ) -> Result:
     """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
 
@@ -48,6 +51,9 @@ def identify(
     needed, and the estimator by a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet, or
     parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any,
     records, input levels or stretches are left out in turn (`held_out`).
+    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any, part of the
+    data is held out in turn. Where a current was measured, or `known` states a value, the motor's own parameters come along, as
+    far as they are determined: see `motor_parameters`.
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
     known or data that don't belong together.
     """
@@ -59,6 +65,7 @@ def identify(
     fit: Fit | None = None
     validation: Validation | None = None
     comparisons: tuple[Comparison, ...] = ()
+    motor = MotorEstimates()
     refused = any(finding.severity == "refusal" for finding in findings)
     try:
         if not refused:
@@ -77,6 +84,8 @@ def identify(
             ]
             comparisons = _compare(fit, nominal)
             findings += _causes(fit, nominal)
+            motor = motor_parameters(fit, known=known) if known or has_current(fit) else motor
+            findings += motor.findings
     except NotIdentifiable as error:
         fit = None
         findings.append(refusal("not-identifiable", f"{error}."))
@@ -87,6 +96,7 @@ def identify(
         validation=validation,
         operating_range=_operating_range(records),
         nominal=comparisons,
+        motor_parameters=motor.estimates,
         provenance=Provenance(
             version=__version__,
             created=datetime.now(UTC).isoformat(timespec="seconds"),

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import Fit
+from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Finding, Verdict, verdict
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Output
@@ -80,7 +81,11 @@ class Comparison:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Result:
-    """The answer: a fit or None where the data can't support a model, findings, validation and provenance."""
+    """The answer: a fit or None where the data can't support a model, findings, validation and provenance.
+
+    `motor_parameters` are the motor's own (resistance, torque constant, inertia ...), as far as a measured current or a stated
+    value determines them; empty where nothing does.
+    """
 
     data: tuple[Dataset, ...]
     fit: Fit | None
@@ -89,6 +94,7 @@ class Result:
     operating_range: OperatingRange
     nominal: tuple[Comparison, ...]
     provenance: Provenance
+    motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
 
     @property
     def verdict(self) -> Verdict:
@@ -153,6 +159,9 @@ class Result:
         for name, e in self.fit.estimates.items() if self.fit else ():
             half = 0.5 * (e.interval[1] - e.interval[0])
             lines.append(f"{name.replace('_', ' '):16} {rounded(e.value, half, e.unit)}")
+        for name, e in self.motor_parameters.items():
+            half = 0.5 * (e.interval[1] - e.interval[0])
+            lines.append(f"{name.replace('_', ' '):16} {rounded(e.value, half, e.unit)}")
         if self.transfer_function is not None:
             lines.append(f"G(s) = {self.transfer_function}, in {self.transfer_function.unit}")
         lines.append(str(self.verdict))
@@ -177,6 +186,8 @@ class Result:
             "covariance": None if fit is None else {
                 "parameters": list(fit.model.names), "matrix": fit.covariance.tolist()
             },
+            "parameters": {} if fit is None else {name: _estimate(e) for name, e in fit.estimates.items()},
+            "motor_parameters": {name: _estimate(e) for name, e in self.motor_parameters.items()},
             "transfer_function": None if system is None else {
                 "numerator": list(system.numerator),
                 "denominator": list(system.denominator),
@@ -223,6 +234,10 @@ def _finding(finding: Finding) -> dict[str, Any]:
         "parameters": list(finding.parameters),
         "rows": list(finding.rows) if finding.rows else None,
     }
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {"value": e.value, "sd": e.sd, "interval": list(e.interval), "level": e.level, "unit": e.unit}
 
 
 def _record(data: Dataset) -> dict[str, Any]:

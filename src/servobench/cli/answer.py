@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from math import floor, isfinite
 from typing import TYPE_CHECKING
 
@@ -40,6 +40,8 @@ def show_result(console: Console, result: Result) -> None:
         for line in _model(result):
             show_wrapped(console, Text("  "), line, hanging=4)
         console.print()
+    if result.motor_parameters:
+        _show_parameters(console, result.motor_parameters, "motor")
     if result.nominal:
         _show_comparisons(console, result.nominal)
     style, sentence = _VERDICTS[result.verdict]
@@ -69,11 +71,11 @@ def in_words(name: str) -> str:
     return name.replace("_", " ").replace("coulomb", "Coulomb")
 
 
-def _show_parameters(console: Console, estimates: dict[str, Estimate]) -> None:
+def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: str = "parameter") -> None:
     from servobench.rounding import rounded
 
     level = next(iter(estimates.values())).level
-    headings = ("parameter", "value", "±", f"{100 * level:g} % interval", "unit")
+    headings = (what, "value", "±", f"{100 * level:g} % interval", "unit")
     rows = []
     for name, estimate in estimates.items():
         low, high = estimate.interval

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import TYPE_CHECKING
@@ -38,9 +38,11 @@ def concluded(
     estimator: str = "auto",
     nominal: str | None = None,
     others: Sequence[Evidence] = (),
+    known: Mapping[str, tuple[float, float]] | None = None,
 ) -> Result:
     """Return what recordings say about the motor; `others` are those to try the model on.
 
+    `known` states parameters of the motor, as `identify` takes them.
     Recordings that are too short for any data give a refused result, as all do that can't support a model.
     """
     from servobench.errors import NotIdentifiable
@@ -53,7 +55,9 @@ def concluded(
         others_data = [measure(each.recording, each.chain) for each in others]
     except NotIdentifiable as error:
         return _without_data([each.recording for each in evidence], error)
-    return identify(data, structure=structure, estimator=estimator, nominal=nominal, validate_on=others_data)
+    return identify(
+        data, structure=structure, estimator=estimator, nominal=nominal, validate_on=others_data, known=known
+    )
 
 
 def deliver(

@@ -57,6 +57,13 @@ def identify(
     nominal: Annotated[
         str | None, typer.Option(metavar="NAME", help="The data sheet to hold the result against.")
     ] = None,
+    known: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="NAME=VALUE[+-SD]",
+            help="A parameter of the motor that you know, such as resistance=8.4, to find the others; may be repeated.",
+        ),
+    ] = None,
     validate_with: Annotated[
         list[Path] | None,
         typer.Option(
@@ -92,12 +99,14 @@ def identify(
     deg/s, rpm, rev/s, counts/s, m/s).
     """
     from servobench.cli.conclusion import check_names, concluded, deliver, status_of
+    from servobench.cli.known import known_values
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import evidence, loaded, mapped, mapping_in
     from servobench.cli.terminal import messages, output
     from servobench.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
+    stated = known_values(known or ())
     _check_can_hold_a_file(report)
     _check_is_no_input(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
     base = mapping_in(mapping)
@@ -119,7 +128,13 @@ def identify(
         ]
         with told_when_compiling(progress):
             result = concluded(
-                fitted, progress, structure=structure, estimator=estimator, nominal=nominal, others=others
+                fitted,
+                progress,
+                structure=structure,
+                estimator=estimator,
+                nominal=nominal,
+                others=others,
+                known=stated,
             )
     deliver(
         result,

@@ -91,6 +91,7 @@ def _tables(result: Result) -> dict[str, Any]:
         "math": transfer_function_math(fit) if fit else "",
         "lost": words.lost(fit) if fit else "",
         "parameters": tables.parameter_rows(fit) if fit else (),
+        "motor": tables.motor_rows(result),
         "nominal": tables.comparison_rows(result.nominal),
         "operating_range": tables.operating_range(result.operating_range, data[0]) if data else (),
         "made_with": tables.made_with(result),

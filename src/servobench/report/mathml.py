@@ -12,7 +12,20 @@ from servobench.report.bands import coefficient_halves
 from servobench.rounding import plain
 from servobench.transfer_function import TransferFunction
 
-SYMBOLS = {"gain": "K", "time_constant": "τ", "delay": "d", "coulomb_voltage": "u_c", "offset_voltage": "u_0"}
+SYMBOLS = {
+    "gain": "K",
+    "time_constant": "τ",
+    "electrical_time_constant": "τ_e",
+    "delay": "d",
+    "coulomb_voltage": "u_c",
+    "offset_voltage": "u_0",
+    "resistance": "R",
+    "motor_constant": "k",
+    "inertia": "J",
+    "viscous_friction": "b",
+    "coulomb_torque": "T_c",
+    "inductance": "L",
+}
 _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 

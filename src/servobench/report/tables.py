@@ -18,6 +18,16 @@ from servobench.rounding import Rounded, plain, rounded, with_unit
 
 _RPM = 30 / np.pi  # in 1 rad/s
 
+_OF_THE_MOTOR = {
+    "resistance": "of the winding and of all that is in series with it",
+    "motor_constant": "torque for each ampere, and back-emf for each rad/s",
+    "inertia": "of all that turns",
+    "viscous_friction": "friction torque in proportion to the speed",
+    "coulomb_torque": "friction torque that is the same at all speeds",
+    "inductance": "of the winding",
+}
+"""What the motor's own parameters mean."""
+
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
@@ -71,6 +81,19 @@ def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
             estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
         )
         for parameter, estimate in zip(fit.model.structure.parameters, fit.estimates.values(), strict=True)
+    )
+
+
+def motor_rows(result: Result) -> tuple[ParameterRow, ...]:
+    """Return the motor's own parameters, as far as they are determined."""
+    return tuple(
+        ParameterRow(
+            name=name.replace("_", " "),
+            symbol=symbol(name),
+            meaning=_OF_THE_MOTOR[name],
+            estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
+        )
+        for name, estimate in result.motor_parameters.items()
     )
 
 
