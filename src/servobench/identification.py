@@ -50,10 +50,9 @@ def identify(
     `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and whether friction is
     needed, and the estimator by a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet, or
     parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any,
-    records, input levels or stretches are left out in turn (`held_out`).
-    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any, part of the
-    data is held out in turn. Where a current was measured, or `known` states a value, the motor's own parameters come along, as
-    far as they are determined: see `motor_parameters`.
+    records, input levels or stretches are left out in turn (`held_out`). Where a current was
+    measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
+    `motor_parameters`.
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
     known or data that don't belong together.
     """

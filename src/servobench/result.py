@@ -179,14 +179,10 @@ class Result:
             "findings": [_finding(finding) for finding in self.findings],
             "structure": fit.structure if fit else None,
             "estimator": fit.estimator if fit else None,
-            "parameters": {} if fit is None else {
-                name: {"value": e.value, "sd": e.sd, "interval": list(e.interval), "level": e.level, "unit": e.unit}
-                for name, e in fit.estimates.items()
-            },
+            "parameters": {} if fit is None else {name: _estimate(e) for name, e in fit.estimates.items()},
             "covariance": None if fit is None else {
                 "parameters": list(fit.model.names), "matrix": fit.covariance.tolist()
             },
-            "parameters": {} if fit is None else {name: _estimate(e) for name, e in fit.estimates.items()},
             "motor_parameters": {name: _estimate(e) for name, e in self.motor_parameters.items()},
             "transfer_function": None if system is None else {
                 "numerator": list(system.numerator),

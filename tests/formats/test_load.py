@@ -85,7 +85,9 @@ def test_a_pipe_or_the_like_is_an_error_and_not_waited_for(
 def test_an_unknown_format_is_an_error_that_lists_the_known_ones(tmp_path: Path) -> None:
     (tmp_path / "photo.jpg").write_bytes(b"\xff\xd8\xff\xe0\x00\x10JFIF\x00\x01\x01")
 
-    with pytest.raises(FormatError, match=r"known: .*csv \(\.csv .*mat \(\.mat\).*mcap.*sysid_json \(\.json\)"):
+    with pytest.raises(
+        FormatError, match=r"known: .*csv \(\.csv .*mat \(\.mat\).*mcap.*sysid_json \(\.json\)"
+    ):
         load(tmp_path / "photo.jpg")
 
 

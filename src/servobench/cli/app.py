@@ -63,6 +63,7 @@ def servobench(
 for command in (
     run,
     identify,
+    why,
     design,
     inspect,
     export,
@@ -72,7 +73,6 @@ for command in (
     signals,
     chains,
 ):
-for command in (run, identify, why, inspect, convert, recover, devices, signals):
     app.command()(command)
 
 

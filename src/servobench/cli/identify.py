@@ -101,7 +101,7 @@ def identify(
     from servobench.cli.conclusion import check_names, concluded, deliver, status_of
     from servobench.cli.known import known_values
     from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import evidence, loaded, mapped, mapping_in
+    from servobench.cli.recordings import evidence, loaded, mapped, mapping_in, seconds
     from servobench.cli.terminal import messages, output
     from servobench.formats.mapping import Mapping
 
@@ -116,7 +116,7 @@ def identify(
         output=output_column,
         supply=supply,
         reference=reference,
-        sample_time=_seconds(sample_time),
+        sample_time=seconds(sample_time),
         chain=chain,
         recordings=tuple(recording or ()),
     )
@@ -155,19 +155,6 @@ def _check_is_no_input(report: Path | None, inputs: Sequence[Path]) -> None:
         raise UsageError(
             f"--report {report}: is one of the files that are read, and would be lost; give another name"
         )
-
-
-def _seconds(text: str | None) -> float | None:
-    """A sample time with its unit, or in seconds."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
-
-    if text is None:
-        return None
-    try:
-        return quantity(text, "s")
-    except UnitError as error:
-        raise UsageError(f"--sample-time: {error}") from None
 
 
 def _check_can_hold_a_file(path: Path | None) -> None:

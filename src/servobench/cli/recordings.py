@@ -66,3 +66,16 @@ def evidence(recording: Recording, mapping: Mapping) -> Evidence:
     from servobench.cli.chain import with_chain
 
     return with_chain(replace(mapping, chain="").assigned(recording), mapping.chain)
+
+
+def seconds(text: str | None) -> float | None:
+    """Return the sample time in a text, with its unit or in seconds; raises `UsageError` where it is none."""
+    from servobench.errors import UnitError, UsageError
+    from servobench.units import quantity
+
+    if text is None:
+        return None
+    try:
+        return quantity(text, "s")
+    except UnitError as error:
+        raise UsageError(f"--sample-time: {error}") from None

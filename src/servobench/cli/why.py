@@ -63,6 +63,12 @@ def why(
             "applied now where the column shows that it wasn't.",
         ),
     ] = "",
+    mapping: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE.toml", help="A mapping that says what the columns are; options come before it."
+        ),
+    ] = None,
     recording: Annotated[
         list[str] | None,
         typer.Option(
@@ -81,10 +87,10 @@ def why(
     the method, ...) is held against the difference: how much it explains, how probable it is, and what would decide.
     """
     from servobench.cli.conclusion import check_names, concluded, status_of
-    from servobench.cli.identify import _Said, _seconds
     from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import chosen, loaded
+    from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
     from servobench.cli.terminal import messages, output, print_json
+    from servobench.formats.mapping import Mapping
     from servobench.reconciliation.asking import why as explained
     from servobench.reconciliation.claim import Claim
     from servobench.reconciliation.reenactment import check_method
@@ -94,11 +100,17 @@ def why(
     for text in claimed or ():
         Claim.parse(text)  # a mistake in it is told before any work is done
     _check_has_something(claimed, nominal)
-    said = _Said(
-        time=time, input=input_column, output=output_column, sample_time=_seconds(sample_time), chain=chain
+    base = mapping_in(mapping)
+    said = Mapping(
+        time=time,
+        input=input_column,
+        output=output_column,
+        sample_time=seconds(sample_time),
+        chain=chain,
+        recordings=tuple(recording or ()),
     )
     with Progress() as progress:
-        evidence = [said.of(each) for each in chosen(loaded(files, progress), recording or ())]
+        evidence = mapped(loaded(files, progress), base, said)
         with told_when_compiling(progress):
             result = concluded(evidence, progress)
             explanation = explained(result, claimed or (), nominal=nominal, method=method)
