@@ -157,8 +157,8 @@ def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
             info("column-skipped", f"Columns that aren't numbers aren't read: {quoted(skipped)}.")
         )
     if zero is not None:
-        stamp = np.datetime64(zero, "ns")
-        findings.append(info("time-stamps", f"Time stamps count from the first one, {stamp}, in s."))
+        began = f", {np.datetime64(zero, 'ns')}" if abs(zero) < 2**63 else ""  # or else beyond the calendar
+        findings.append(info("time-stamps", f"Time stamps count from the first one{began}, in s."))
     source = Source(name=path.name, format=format)
     return recording_of(columns, name=path.stem, source=source, findings=findings)
 

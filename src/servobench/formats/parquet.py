@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, ClassVar, final
+from typing import ClassVar, final
 
 from servobench.formats import arrow_table
 from servobench.formats.base import FORMATS
@@ -45,7 +44,8 @@ class Parquet:
             found = arrow_table.leaves(file.schema_arrow, path.name)
             wanted = [leaf for leaf in found if not leaf.skipped]
             arrow_table.check_size(file.metadata.num_rows, len(wanted))
-            _check_pages(file.metadata, data, {leaf.name for leaf in wanted})
+            if uncompressed_size(data, {leaf.name for leaf in wanted}) > MOST_BYTES:
+                raise ValueError(f"its pages come to more than {MOST_BYTES} bytes")
             batches = list(
                 file.iter_batches(batch_size=_ROWS, columns=[leaf.name for leaf in wanted], use_threads=False)
             )
@@ -58,25 +58,3 @@ class Parquet:
         with path.open("wb") as file:
             # A dictionary of floats would take 0.0 and -0.0 for one.
             pq.write_table(table, file, compression="zstd", use_dictionary=False)
-
-
-def _check_pages(known: Any, data: bytes, wanted: set[str]) -> None:
-    """Raise `ValueError` where the pages of the wanted columns come to more than is read, before one of them is decoded."""
-    total = 0
-    for start, size in _chunks(known, wanted):
-        total += uncompressed_size(data, start, start + size)
-        if total > MOST_BYTES:
-            raise ValueError(f"its pages come to more than {MOST_BYTES} bytes")
-
-
-def _chunks(known: Any, wanted: set[str]) -> Iterator[tuple[int, int]]:
-    """Where the wanted columns of each row group begin in the file, and the bytes that they take."""
-    for k in range(known.num_row_groups):
-        group = known.row_group(k)
-        for c in range(group.num_columns):
-            chunk = group.column(c)
-            if chunk.path_in_schema in wanted:
-                starts = [chunk.data_page_offset]
-                if chunk.has_dictionary_page and chunk.dictionary_page_offset:
-                    starts.append(chunk.dictionary_page_offset)
-                yield min(starts), chunk.total_compressed_size
