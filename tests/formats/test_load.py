@@ -87,6 +87,7 @@ def test_an_unknown_format_is_an_error_that_lists_the_known_ones(tmp_path: Path)
 
     with pytest.raises(
         FormatError, match=r"known: .*csv \(\.csv .*mat \(\.mat\).*mcap.*sysid_json \(\.json\)"
+        FormatError, match=r"known: arrow .*csv \(\.csv .*mat \(\.mat\).*mcap.*sysid_json \(\.json\)"
     ):
         load(tmp_path / "photo.jpg")
 

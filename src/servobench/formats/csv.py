@@ -19,7 +19,8 @@ import numpy as np
 
 from servobench.channels import Array, Channel
 from servobench.errors import FormatError, UsageError
-from servobench.formats import lvm_segments, metadata, text_table
+from servobench.finding import Finding
+from servobench.formats import lvm_segments, metadata, text_blocks, text_table
 from servobench.formats.base import FORMATS
 from servobench.formats.columns import Column, recording_of
 from servobench.recording.recording import Recording, Series, Source
@@ -52,18 +53,17 @@ class Csv:
             return False
 
     def read(self, path: Path) -> tuple[Recording, ...]:
-        """Return the one recording in a text table; raises `FormatError` where it can't be read."""
+        """Return the recordings in a text table, one for each of its blocks; raises `FormatError` where it can't be read."""
         text, findings = text_table.decoded(path.read_bytes(), path.name)
         if text.startswith(_MARK):
             return (_own(text, path.name),)
         table = text_table.parsed(text, path.name, self.separator, self.decimal)
-        columns = [
-            Column(heading=heading, values=np.ascontiguousarray(table.values[:, k]))
-            for k, heading in enumerate(table.headings)
-        ]
-        source = Source(name=path.name, format="csv")
-        findings = (*findings, *table.findings)
-        return (recording_of(columns, name=path.stem, source=source, findings=findings, rows=table.rows),)
+        blocks = text_blocks.blocks(table)
+        findings = (*findings, *table.findings, *text_blocks.about_blocks(table, blocks))
+        return tuple(
+            _foreign(table, block, path, f" {k}" if len(blocks) > 1 else "", findings)
+            for k, block in enumerate(blocks, 1)
+        )
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
         """Write a recording with all its digits and all that it knows; raises `UsageError` for more than one."""
@@ -84,6 +84,19 @@ class Csv:
             if columns:
                 file.write(_row(label for group in groups for label in group.labels))
                 file.writelines(_rows(columns))
+
+
+def _foreign(
+    table: text_table.Table, block: slice, path: Path, number: str, findings: tuple[Finding, ...]
+) -> Recording:
+    """The recording that a block of rows of a table is."""
+    columns = [
+        Column(heading=heading, values=np.ascontiguousarray(table.values[block, k]))
+        for k, heading in enumerate(table.headings)
+    ]
+    source = Source(name=path.name, format="csv")
+    name = f"{path.stem}{number}"
+    return recording_of(columns, name=name, source=source, findings=findings, rows=table.rows[block])
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -34,6 +34,7 @@ _THOUSANDS = re.compile(r"[+-]?[1-9][0-9]{0,2}(?:,[0-9]{3})+")
 _ONE_COMMA = re.compile(r"\s*[+-]?[0-9]+,[0-9]+(?:e[+-]?[0-9]+)?\s*", re.IGNORECASE)
 _ZERO_AFTER_COMMA = re.compile(r",0[0-9]")
 _BRACKETS = re.compile(r"[\[({]\s*(.*?)\s*[\])}]")
+_REMARK = re.compile(r"\s*[#%]")
 _EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 _SAMPLE = 300  # rows that the layout is found from, spread over the file
 _FIRST = 1000  # rows by which the numbers must have begun
@@ -75,11 +76,15 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """A table of numbers: a heading for each column, values (N, M), and the row of the file that each of the N stands in."""
+    """A table of numbers: a heading for each column, values (N, M), and the row of the file that each of the N stands in.
+
+    `blank` are the rows of the file that are blank.
+    """
 
     headings: tuple[Heading, ...]
     values: Array
     rows: NDArray[np.int64]
+    blank: NDArray[np.int64]
     findings: tuple[Finding, ...]
 
 
@@ -148,7 +153,11 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
     return Table(
-        headings=headings, values=values[usable], rows=lines.rows[start:][usable], findings=tuple(findings)
+        headings=headings,
+        values=values[usable],
+        rows=lines.rows[start:][usable],
+        blank=lines.blank,
+        findings=tuple(findings),
     )
 
 
@@ -310,9 +319,13 @@ def _headings(
 
 
 def _names_in_comment(text: str, layout: Layout) -> list[str]:
-    """The cells of a comment, which may name the columns between blanks where the numbers stand between tabs or commas."""
-    cells = _names_in(text, layout)
-    return cells if _are_names(cells, layout) else _names_in(text, replace(layout, separator=" "))
+    """The cells of a comment, which may separate the names of the columns in another way than the numbers are."""
+    for separator in (layout.separator, *SEPARATORS):
+        cells = _names_in(text, replace(layout, separator=separator))
+        # `t, u` between blanks would be a name with a comma.
+        if _are_names(cells, layout) and not any(cell.endswith((",", ";")) for cell in cells):
+            return cells
+    return []
 
 
 def _header(above: Sequence[_Names], layout: Layout) -> Sequence[_Names]:
@@ -384,10 +397,14 @@ def _finding(
 
 @dataclass(kw_only=True)
 class Faults:
-    """What is wrong with the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code."""
+    """What is wrong with the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code.
+
+    `remarks` are rows with a comment behind their numbers.
+    """
 
     rows: dict[str, list[int]] = field(default_factory=dict)
     cells: dict[str, dict[int, list[int]]] = field(default_factory=dict)
+    remarks: list[int] = field(default_factory=list)
     example: str = ""
 
     def row(self, code: str, k: int) -> None:
@@ -445,6 +462,9 @@ def _parsed_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Fau
     values = np.full((len(lines), layout.columns), np.nan)
     for at, line in enumerate(lines):
         k, row = begin + at, layout.row(line)
+        if (numbers_alone := _without_remark(line, layout)) is not None:
+            faults.remarks.append(k)
+            row = numbers_alone
         if row is None:
             faults.row("row-short" if len(layout.cells(line)) < layout.columns else "row-long", k)
         elif not any(map(layout.is_number, row)):
@@ -456,6 +476,13 @@ def _parsed_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Fau
                 else:
                     faults.cell("cell-not-a-number" if cell else "cell-empty", k, c, cell)
     return values
+
+
+def _without_remark(line: str, layout: Layout) -> list[str] | None:
+    """The cells of a row of numbers before a comment in it; None where there is none, or where it isn't whole without."""
+    remark = _REMARK.search(line)
+    row = layout.row(line[: remark.start()]) if remark else None
+    return row if row is not None and all(map(layout.is_number, row)) else None
 
 
 def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: int) -> list[Finding]:
@@ -474,6 +501,12 @@ def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: 
         where = rows[sorted({k for found in by_column.values() for k in found})]
         columns = ", ".join(str(c + 1) for c in sorted(by_column)[:12])
         findings.append(_finding(info, code, sentences[code], where, f", in column {columns}"))
+    if faults.remarks:
+        findings.append(
+            _finding(
+                info, "rows-remark", "Comments behind the numbers, which aren't read:", rows[faults.remarks]
+            )
+        )
     spelled = nan - sum(len(found) for by in faults.cells.values() for found in by.values())
     if spelled:
         findings.append(info("cell-nan", f"Cells that say NaN: {spelled}."))
