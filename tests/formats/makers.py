@@ -133,3 +133,13 @@ FOREIGN: dict[str, Callable[[Path], None]] = {
     "wpilog": _foreign_wpilog,
 }  # fmt: skip
 """What makes a file as others write it, for formats that we write as well: another one to damage."""
+MAKERS: dict[str, Callable[[Path], None]] = {
+    "lvm": _lvm,
+    "sysid_json": _sysid_json,
+    "tdms foreign": _foreign_tdms,
+    "parquet foreign": _foreign_parquet,
+    "arrow foreign": _foreign_arrow,
+    "csv foreign": _foreign_csv,
+    "mat foreign": _foreign_mat,
+}
+"""What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""

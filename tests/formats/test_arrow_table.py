@@ -6,6 +6,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pyarrow as pa
+import pyarrow.parquet as pq
 import pytest
 
 from servobench.errors import FormatError, UsageError
@@ -15,9 +17,6 @@ from servobench.formats.parquet_pages import uncompressed_size as size_of_pages
 from servobench.recording.recording import Recording
 from tests.formats.tables import codes, columns, finding, units
 from tests.recording.samples import small
-
-pa = pytest.importorskip("pyarrow")
-pq = pytest.importorskip("pyarrow.parquet")
 
 T = 0.002 * np.arange(50)
 U = np.sign(np.sin(9 * T))

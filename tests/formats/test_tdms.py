@@ -7,6 +7,7 @@ from datetime import datetime, timedelta
 from pathlib import Path
 from typing import Any
 
+import nptdms
 import numpy as np
 import pytest
 
@@ -15,8 +16,6 @@ from servobench.formats.base import load, save
 from servobench.recording.recording import Recording
 from tests.formats.tables import codes, columns, finding, units
 from tests.recording.samples import small
-
-nptdms = pytest.importorskip("nptdms")
 
 START = datetime(2024, 5, 17, 9, 30)
 U = np.sign(np.sin(0.3 * np.arange(40)))
