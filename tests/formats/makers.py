@@ -9,6 +9,7 @@ from servobench.channels import Channel
 from servobench.formats.base import FORMATS, save
 from servobench.recording.recording import Recording, Series, Source
 from tests.formats import wpilogs
+from tests.formats import matlab_objects, wpilogs
 
 T = 0.01 * np.arange(20)
 U = np.sign(np.sin(9 * T))
@@ -143,3 +144,26 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "mat foreign": _foreign_mat,
 }
 """What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""
+def mat_objects(path: Path) -> None:
+    matlab_objects.save(path, _objects(), compressed=False)  # so that damage gets at what is inside
+
+
+def mat_objects_7(path: Path) -> None:
+    matlab_objects.save(path, _objects(), "v7.3")
+
+
+def _objects() -> dict[str, object]:
+    t = matlab_objects.T
+    series = matlab_objects.timeseries(np.sin(t)[:, None], name="angle", unit="rad")
+    return {
+        "theta": series,
+        "log": {"u": matlab_objects.even(t, 0.0, 2.0)},
+        "out": matlab_objects.dataset(),
+        "x": t,
+    }
+
+
+MAKERS["wpilog"] = wpilog
+MAKERS["wpilog sysid"] = wpilog_sysid
+MAKERS["mat objects"] = mat_objects
+MAKERS["mat objects 7.3"] = mat_objects_7

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, final
 
@@ -13,11 +13,12 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import FormatError
 from servobench.finding import Finding, info
-from servobench.formats import matfile, metadata
+from servobench.formats import matfile, metadata, objectstore
 from servobench.formats.base import FORMATS
 from servobench.formats.columns import LARGEST_TABLE, Column, heading, quoted, recording_of
 from servobench.formats.matfile import Matrix, Skipped, Variable
-from servobench.recording.recording import Recording, Source
+from servobench.formats.matobjects import Objects, objects
+from servobench.recording.recording import Recording, Series, Source
 
 _OURS = "servobench"  # the variable with all that a recording knows beside its samples
 _MOST_CHANNELS = 100  # of one matrix
@@ -151,7 +152,7 @@ def _vector(matrix: Matrix) -> Array:
 def _foreign(found: Sequence[Variable], path: Path) -> Recording:
     columns: list[Column] = []
     findings: list[Finding] = []
-    skipped: list[str] = []
+    skipped: list[tuple[str, Skipped]] = []
     for variable in found:
         value = variable.value
         channels: list[Column] | Skipped = value if isinstance(value, Skipped) else Skipped(what="text")
@@ -159,22 +160,52 @@ def _foreign(found: Sequence[Variable], path: Path) -> Recording:
             channels, told = _channels(variable.name, value)
             findings.extend(told)
         if isinstance(channels, Skipped):
-            skipped.append(f"{variable.name} ({channels.what})")
+            skipped.append((variable.name, channels))
         else:
             columns.extend(channels)
-    if not columns:
+    held = _objects(path, [name for name, what in skipped if what.is_object])
+    columns.extend(held.columns)
+    taken = {each.channel.name for each in held.series}
+    left_out = [f"{name} ({what.what})" for name, what in skipped if not _within(name, taken)]
+    count = len(columns) + len(held.series)
+    if not count:
+        why = "".join(f" {each.sentence}" for each in held.findings)
         raise FormatError(
-            f"{path.name} has no variables that are vectors of numbers; it has {quoted(skipped) or 'none'}"
+            f"{path.name} has no variables that are vectors of numbers; it has {quoted(left_out) or 'none'}.{why}"
         )
-    if len(columns) > LARGEST_TABLE:
+    if count > LARGEST_TABLE:
         raise FormatError(
-            f"{path.name} has {len(columns)} columns; more than {LARGEST_TABLE} are no set of channels"
+            f"{path.name} has {count} columns; more than {LARGEST_TABLE} are no set of channels"
         )
-    if skipped:
-        sentence = f"Variables that aren't numbers in columns aren't read: {quoted(skipped)}."
+    if left_out:
+        sentence = f"Variables that aren't numbers in columns aren't read: {quoted(left_out)}."
         findings.append(info("variable-skipped", sentence))
     source = Source(name=path.name, format="mat")
-    return recording_of(columns, name=path.stem, source=source, findings=findings)
+    findings.extend(held.findings)
+    recording = recording_of(columns, name=path.stem, source=source, findings=findings)
+    named = {each.channel.name for each in recording.series}
+    return replace(recording, series=(*recording.series, *_renamed(held.series, named)))
+
+
+def _objects(path: Path, names: Sequence[str]) -> Objects:
+    """What is in the objects of a file, which are read only where there are some."""
+    return objects(path, names) if names and objectstore.is_there(path) else Objects()
+
+
+def _within(name: str, taken: set[str]) -> bool:
+    """Whether a variable, or something in it, is among the channels."""
+    return any(each == name or each.startswith((f"{name}.", f"{name}_")) for each in taken)
+
+
+def _renamed(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
+    """The series, those whose names are taken with a number behind."""
+    for each in series:
+        name, number = each.channel.name, 1
+        while name in taken:
+            number += 1
+            name = f"{each.channel.name}_{number}"
+        taken.add(name)
+        yield replace(each, channel=replace(each.channel, name=name))
 
 
 def _channels(name: str, matrix: Matrix) -> tuple[list[Column] | Skipped, list[Finding]]:

@@ -26,12 +26,12 @@ Order: TypeAlias = Literal["<", ">"]
 MOST_BYTES = 2**30
 """The most bytes that the variables of a file may come to, decompressed and as the floats of a recording."""
 
-_NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
+NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
 _MATRIX, _COMPRESSED = 14, 15
-_STRUCT, _CHAR, _OPAQUE = 2, 4, 17
+_CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
 _NUMBERS = range(6, 16)
-_OTHER = {1: "a cell array", 3: "an object", 5: "a sparse matrix", 16: "a function", _OPAQUE: "an object"}
+_OTHER = {_CELL: "a cell array", 3: "an object", 5: "a sparse matrix", 16: "a function", _OPAQUE: "an object"}
 _COMPLEX = 0x0800
 _DEEPEST = 16  # structs inside structs
 _LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
@@ -39,9 +39,10 @@ _LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 
 @dataclass(frozen=True, kw_only=True)
 class Skipped:
-    """What a variable is, where it has no numbers that a recording could hold."""
+    """What a variable is, where it has no numbers that a recording could hold; an object may hold some all the same."""
 
     what: str
+    is_object: bool = False
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -70,7 +71,7 @@ def variables(path: Path) -> tuple[Variable, ...]:
 
 def is_level_7(head: bytes) -> bool:
     """Return whether a file that begins like this is a MAT file of version 7.3, which is HDF5."""
-    return head.startswith(b"MATLAB 7.3")
+    return head.startswith(b"MATLAB 7.3") or head[124:128] in (b"\x00\x02IM", b"\x02\x00MI")
 
 
 def is_level_5(head: bytes) -> bool:
@@ -159,11 +160,23 @@ def _text_of(codes: Matrix) -> str:
 
 
 def _level_5(data: bytes) -> Iterator[Variable]:
-    """Elements one after the other behind 128 bytes of header, each a variable, compressed or not."""
+    """Elements one after the other behind 128 bytes of header, each a variable."""
     order: Order = "<" if data[126:128] == b"IM" else ">"
+    for _, kind, body in unpacked(data, order):
+        if kind != _MATRIX:
+            _damaged(f"an element of type {kind} stands where a variable should be")
+        yield from _matrix(body, order, None, 0)
+
+
+def unpacked(data: bytes, order: Order) -> Iterator[tuple[int, int, memoryview]]:
+    """Yield place, type and bytes of each element of a file of version 5, decompressed where it is compressed.
+
+    Raises `ValueError`, `struct.error` or `zlib.error` where the file is damaged, or has more than `MOST_BYTES`.
+    """
     view, at, left = memoryview(data), 128, MOST_BYTES
     while at < len(data):
-        kind, body, at = _element(view, at, order)
+        place = at
+        kind, body, at = element(view, at, order)
         if kind == _COMPRESSED:
             unpacker = zlib.decompressobj()
             plain = unpacker.decompress(body, left)
@@ -172,14 +185,12 @@ def _level_5(data: bytes) -> Iterator[Variable]:
                 _damaged(f"its variables come to more than {MOST_BYTES} bytes")
             if not unpacker.eof:
                 _damaged("a compressed variable is cut short")
-            kind, body, _ = _element(memoryview(plain), 0, order)
-        if kind != _MATRIX:
-            _damaged(f"an element of type {kind} stands where a variable should be")
-        yield from _matrix(body, order, None, 0)
+            kind, body, _ = element(memoryview(plain), 0, order)
+        yield place, kind, body
 
 
-def _element(view: memoryview, at: int, order: Order) -> tuple[int, memoryview, int]:
-    """The type of the element at a place, its bytes, and where the next one begins."""
+def element(view: memoryview, at: int, order: Order) -> tuple[int, memoryview, int]:
+    """Return the type of the element at a place, its bytes, and where the next one begins; raises as `unpacked` does."""
     kind, size = struct.unpack_from(f"{order}2I", view, at)
     if (
         kind >> 16
@@ -201,22 +212,23 @@ def _matrix(body: memoryview, order: Order, name: str | None, depth: int) -> Ite
     if not body:
         yield Variable(name=name or "", value=Skipped(what="empty"))
         return
-    _, flags, at = _element(body, 0, order)
+    _, flags, at = element(body, 0, order)
     (word,) = struct.unpack_from(f"{order}I", flags)
     kind = word & 0xFF
     dims: tuple[int, ...] = ()
     if kind != _OPAQUE:  # which has no dimensions
-        _, sizes, at = _element(body, at, order)
+        _, sizes, at = element(body, at, order)
         dims = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
         if len(dims) < 2 or min(dims) < 0:
             _damaged(f"a variable has the dimensions {dims}")
-    _, letters, at = _element(body, at, order)
+    _, letters, at = element(body, at, order)
     name = bytes(letters).decode("latin-1") if name is None else name
     if kind == _STRUCT:
         yield from _fields(body, at, order, name, prod(dims), depth + 1)
     elif kind in _OTHER:
         if name:  # without one it is where MATLAB keeps the contents of objects
-            yield Variable(name=name, value=Skipped(what=_OTHER[kind]))
+            is_object = kind in (_CELL, _OPAQUE)
+            yield Variable(name=name, value=Skipped(what=_OTHER[kind], is_object=is_object))
     elif kind == _CHAR:
         yield Variable(name=name, value=_text(body, at, order, dims))
     elif kind not in _NUMBERS:
@@ -228,10 +240,10 @@ def _matrix(body: memoryview, order: Order, name: str | None, depth: int) -> Ite
 
 
 def _values(body: memoryview, at: int, order: Order, dims: tuple[int, ...], name: str) -> Matrix:
-    kind, numbers, _ = _element(body, at, order)
-    if kind not in _NUMERIC:
+    kind, numbers, _ = element(body, at, order)
+    if kind not in NUMERIC:
         _damaged(f"the numbers of {name!r} are of the unknown type {kind}")
-    values = np.frombuffer(numbers, order + _NUMERIC[kind])
+    values = np.frombuffer(numbers, order + NUMERIC[kind])
     if values.size != prod(dims):
         _damaged(f"variable {name!r} has {values.size} numbers and the dimensions {dims}")
     return values.reshape(dims, order="F")
@@ -240,7 +252,7 @@ def _values(body: memoryview, at: int, order: Order, dims: tuple[int, ...], name
 def _text(body: memoryview, at: int, order: Order, dims: tuple[int, ...]) -> str:
     if not prod(dims):
         return ""
-    kind, letters, _ = _element(body, at, order)
+    kind, letters, _ = element(body, at, order)
     codec = _TEXT.get(kind)
     if codec is None:
         _damaged(f"text of the unknown type {kind}")
@@ -253,9 +265,9 @@ def _text(body: memoryview, at: int, order: Order, dims: tuple[int, ...]) -> str
 
 def _fields(body: memoryview, at: int, order: Order, name: str, count: int, depth: int) -> Iterator[Variable]:
     """The fields of a struct, or of each in an array of `count` structs."""
-    _, width, at = _element(body, at, order)
+    _, width, at = element(body, at, order)
     (length,) = struct.unpack(f"{order}i", width)
-    _, letters, at = _element(body, at, order)
+    _, letters, at = element(body, at, order)
     if length <= 0:
         _damaged(f"the fields of {name!r} have names of {length} letters")
     names = [
@@ -270,7 +282,7 @@ def _fields(body: memoryview, at: int, order: Order, name: str, count: int, dept
     for k in range(count):
         which = f"{name}_{k + 1}" if count > 1 else name
         for field in names:
-            kind, inner, at = _element(body, at, order)
+            kind, inner, at = element(body, at, order)
             if kind != _MATRIX:
                 _damaged(f"field {which}.{field} is of the unknown type {kind}")
             yield from _matrix(inner, order, f"{which}.{field}", depth)
@@ -322,7 +334,8 @@ def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
     kind = _class(item)
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs or kind not in (None, "struct"):
-            yield Variable(name=name, value=Skipped(what=f"of class {kind}"))
+            is_object = "MATLAB_object_decode" in item.attrs
+            yield Variable(name=name, value=Skipped(what=f"of class {kind}", is_object=is_object))
         elif depth >= _DEEPEST:
             yield Variable(name=name, value=Skipped(what="nested too deep"))
         else:
@@ -331,7 +344,8 @@ def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
         yield Variable(name=name, value=Skipped(what="empty"))
     elif "MATLAB_object_decode" in item.attrs or item.dtype.kind not in "biuf":
         what = "complex numbers" if item.dtype.names else f"of class {kind or item.dtype}"
-        yield Variable(name=name, value=Skipped(what=what))
+        is_object = "MATLAB_object_decode" in item.attrs or kind == "cell"
+        yield Variable(name=name, value=Skipped(what=what, is_object=is_object))
     elif item.is_virtual or item.external:
         yield Variable(name=name, value=Skipped(what="kept in another file"))
     else:
