@@ -1,7 +1,9 @@
 """A small valid file of every format, each with a few channels, for tests that damage it."""
 
-from collections.abc import Callable
+import json
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -163,7 +165,27 @@ def _objects() -> dict[str, object]:
     }
 
 
+def bench(
+    load: Sequence[int] = (0, 5, 65535, 65530, 3, 9), torque: Sequence[bool] = (True,) * 6
+) -> dict[str, Any]:
+    """What a servo bench writes, with as many readings as there are loads."""
+    entries = [
+        {
+            "position": 0.01 * k, "speed": 0.5, "load": each, "input_volts": 7.3 - 0.1 * k, "temp": 28, "timestamp": 0.004 * k,
+            "goal_position": 0.02 * k, "torque_enable": on,
+        }
+        for k, (each, on) in enumerate(zip(load, torque, strict=True))
+    ]  # fmt: skip
+    settings = {"mass": 0.49, "length": 0.1, "kp": 100, "vin": 7.4, "motor": "xl330", "trajectory": "sin_sin"}
+    return {**settings, "entries": entries}
+
+
+def servo_bench_json(path: Path) -> None:
+    path.write_text(json.dumps(bench()))
+
+
 MAKERS["wpilog"] = wpilog
 MAKERS["wpilog sysid"] = wpilog_sysid
 MAKERS["mat objects"] = mat_objects
 MAKERS["mat objects 7.3"] = mat_objects_7
+MAKERS["servo_bench_json"] = servo_bench_json

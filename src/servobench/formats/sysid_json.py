@@ -73,7 +73,7 @@ class SysIdJson:
         if not isinstance(content, dict) or content.get("sysid") is not True:
             has = ", ".join(map(repr, list(content)[:12])) if isinstance(content, dict) else "no object"
             raise FormatError(
-                f'{path.name} is no file of SysId, the only JSON that is read here: it lacks "sysid": true and has {has}; '
+                f'{path.name} is JSON, but not of SysId or a servo bench: it lacks "sysid": true and has {has}; '
                 "files of its forerunner frc-characterization can be converted in SysId"
             )
         told = _about_units(content, path.name)
