@@ -6,12 +6,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from mcap.writer import CompressionType
 
 from servobench.channels import Channel
 from servobench.formats.base import FORMATS, save
 from servobench.recording.recording import Recording, Series, Source
 from tests.formats import wpilogs
 from tests.formats import matlab_objects, wpilogs
+from tests.formats import bags, matlab_objects, wpilogs
 
 T = 0.01 * np.arange(20)
 U = np.sign(np.sin(9 * T))
@@ -184,8 +186,24 @@ def servo_bench_json(path: Path) -> None:
     path.write_text(json.dumps(bench()))
 
 
+def mcap_ros2(path: Path) -> None:
+    bags.bag(path, compression=CompressionType.NONE, enable_crcs=False)  # so that damage gets at the messages
+
+
+def mcap_ros2_packed(path: Path) -> None:
+    bags.bag(path)
+
+
+def mcap_json(path: Path) -> None:
+    content = [{"u": k, "motor": {"theta": 0.1 * k}} for k in range(20)]
+    bags.of_json(path, content, CompressionType.LZ4)
+
+
 MAKERS["wpilog"] = wpilog
 MAKERS["wpilog sysid"] = wpilog_sysid
 MAKERS["mat objects"] = mat_objects
 MAKERS["mat objects 7.3"] = mat_objects_7
 MAKERS["servo_bench_json"] = servo_bench_json
+MAKERS["mcap ros2"] = mcap_ros2
+MAKERS["mcap ros2 packed"] = mcap_ros2_packed
+MAKERS["mcap json"] = mcap_json

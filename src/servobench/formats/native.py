@@ -1,7 +1,8 @@
-"""The native file: MCAP, as a run writes it."""
+"""MCAP: the native file, as a run writes it, and those of others."""
 
 from __future__ import annotations
 
+import struct
 from pathlib import Path
 from typing import ClassVar
 
@@ -9,26 +10,32 @@ from servobench.formats.base import FORMATS
 from servobench.recording.recording import Recording
 
 _MAGIC = b"\x89MCAP"
+_LONGEST_HEADER = 1 << 16  # bytes
 
 
 @FORMATS.member("mcap")
 class Native:
     """The one format that holds all of a recording: what it gives back equals what it was given, to the bit.
 
-    Any MCAP reader shows its samples. A part that a run left behind (`.mcap.part`) is read as far as it is right.
+    Any MCAP reader shows its samples. A part that a run left behind (`.mcap.part`) is read as far as it is right. Of files that
+    others wrote, ROS 2's and Foxglove's, the numbers in their messages are read (the extra `ros2`).
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mcap", ".part")
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether the file is an MCAP file, by its first bytes; reading one that isn't ours says so."""
+        """Return whether the file is an MCAP file, by its first bytes."""
         return head.startswith(_MAGIC)
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recordings; the last one has the finding `recording-cut-short` where the file was torn.
 
-        Raises `FormatError` where it isn't a native file, or where nothing in it can be read.
+        Raises `FormatError` where nothing in it can be read.
         """
+        if _is_of_others(path):
+            from servobench.formats.mcap_foreign import read as read_foreign
+
+            return read_foreign(path)
         from servobench.recording.reader import read
 
         return read(path)
@@ -38,3 +45,20 @@ class Native:
         from servobench.recording.writer import save
 
         save(recordings, path)
+
+
+def _is_of_others(path: Path) -> bool:
+    """Whether the header names another program than this one as the one that wrote the file."""
+    from servobench.recording import mcap
+
+    with path.open("rb") as file:
+        head = file.read(len(mcap.MAGIC) + mcap.RECORD_HEAD)
+        if len(head) < len(mcap.MAGIC) + mcap.RECORD_HEAD or not head.startswith(mcap.MAGIC):
+            return False
+        op, length = struct.unpack_from("<BQ", head, len(mcap.MAGIC))
+        if op != mcap.Op.HEADER or length > _LONGEST_HEADER:
+            return False
+        try:
+            return not mcap.read_header(file.read(length)).startswith("servobench ")
+        except mcap.Damaged:
+            return False
