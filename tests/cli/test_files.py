@@ -44,7 +44,7 @@ def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -
 def test_inspect_sees_that_the_input_never_changes(servobench: Command, foreign: Path) -> None:
     foreign.write_text(foreign.read_text().replace(",3,", ",1,"))
 
-    assert "The input never changes" in servobench("inspect", foreign).out
+    assert "The input stays at 1 V throughout" in servobench("inspect", foreign).out
 
 
 def test_inspect_shows_a_run_of_ours_with_its_roles_and_how_it_ended(

@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servobench.channels import Channel
 from servobench.errors import UnknownName, UsageError
 from servobench.measurement.base import Chain
 from servobench.measurement.cost import lag_of
+from servobench.measurement.measure import measure
 from servobench.measurement.presets import PRESETS
+from servobench.recording.recording import Recording, Series, Source
 
 TOOL = Path(__file__).resolve().parent.parent.parent / "tools" / "write_chains.py"
 NAMES = pytest.mark.parametrize("name", PRESETS)
@@ -78,3 +81,23 @@ def test_the_page_of_chains_is_what_the_data_say() -> None:
     spec.loader.exec_module(tool)
 
     assert tool.PAGE.read_text(encoding="utf-8") == tool.page()
+
+
+@pytest.mark.parametrize(
+    ("chain", "known"), [("", False), ("none", True), ("odrive", True), ("lowpass 50 rad/s", True)]
+)
+def test_a_dataset_says_whether_anybody_said_what_its_chain_is(chain: str, known: bool) -> None:
+    t = 0.01 * np.arange(20)
+    series = tuple(
+        Series(channel=Channel(name=name, unit=unit), values=np.sin(t), t=t)
+        for name, unit in (("u", "V"), ("w", "rad/s"))
+    )
+    recording = Recording(
+        name="speed", series=series, source=Source(name="made"), input="u", output="w", chain=chain
+    )
+
+    data = measure(recording)
+
+    assert data.chain_known is known
+    assert data.part(0.05, 0.15).chain_known is known
+    assert bool(data.chain) is (known and chain != "none")

@@ -61,6 +61,16 @@ def test_what_has_to_be_said_is_on_it() -> None:
     assert "<code>--input</code>" in text
 
 
+def test_an_input_that_never_changes_is_not_called_ready() -> None:
+    one = recording(u="V", theta="rad")
+    constant = replace(one.series[0], values=np.full(400, 2.0))
+
+    text = InspectionReport([replace(one, series=(constant, one.series[1]))]).html()
+
+    assert "Not as it is" in text
+    assert "input-constant" in text
+
+
 def test_several_recordings_stand_below_each_other_and_names_from_files_are_harmless() -> None:
     one = recording(u="V", theta="rad")
     several = [replace(one, name=HOSTILE), replace(one, name="second")]

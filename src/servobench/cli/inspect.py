@@ -11,6 +11,7 @@ import typer
 if TYPE_CHECKING:
     from rich.console import Console
 
+    from servobench.finding import Finding
     from servobench.recording.recording import Recording, Series
 
 
@@ -37,7 +38,6 @@ def inspect(
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import loaded
     from servobench.cli.terminal import output, say
-    from servobench.report.inspection import InspectionReport
     from servobench.rounding import counted
 
     _check_new(file, [write_mapping, report], overwrite)
@@ -51,6 +51,8 @@ def inspect(
         console.print()
         _show(console, recording)
     if report is not None:
+        from servobench.report.inspection import InspectionReport
+
         InspectionReport(recordings).write(report)
         say(console, f"\nreport: {report}")
     if write_mapping is not None:
@@ -105,8 +107,10 @@ def _show(console: Console, recording: Recording) -> None:
     if recording.stopped.reason != "unknown":
         say(console, f"  ended: {recording.stopped.sentence}")
     show_findings(console, recording.findings)
-    for line in _support(recording):
+    lines, doubts = _support(recording)
+    for line in lines:
         say(console, line)
+    show_findings(console, doubts)
 
 
 def _show_channels(console: Console, recording: Recording) -> None:
@@ -191,27 +195,21 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
     return [*lines, ""] if lines else []
 
 
-def _support(recording: Recording) -> list[str]:
-    """What the recording can be used for as it is, or what has to be said before."""
+def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
+    """What the recording can be used for as it is, or what has to be said before; and what speaks against using it."""
     from servobench.errors import MissingInformation, ServobenchError
     from servobench.formats.mapping import assign
     from servobench.measurement.measure import measure
+    from servobench.plausibility import about_data
 
     try:
         data = measure(assign(recording))
     except MissingInformation as error:
-        return ["To identify it, more has to be known:", *(f"  • {sentence}" for sentence in error.missing)]
+        return ["To identify it, more has to be known:", *(f"  • {each}" for each in error.missing)], []
     except ServobenchError as error:
-        return [f"It can't be identified as it is: {error}"]
-    levels = len(set(data.u.tolist()))
-    lines = [
+        return [f"It can't be identified as it is: {error}"], []
+    told = (
         f"`servobench identify` can take it as it is: the output is a {data.kind} in {data.output_unit}, "
         f"{data.duration:.4g} s long, the input {data.u.min():.4g} to {data.u.max():.4g} {data.input_unit}."
-    ]
-    if levels == 1:
-        lines.append("The input never changes, so that no model can come of it.")
-    if data.kind == "speed" and not data.chain and not data.chain_known:
-        lines.append(
-            "Nobody says how the speed was measured; if it was filtered or averaged, say so with --chain."
-        )
-    return lines
+    )
+    return [told], about_data([data])

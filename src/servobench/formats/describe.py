@@ -120,6 +120,7 @@ def _known(recording: Recording) -> Mapping:
         time=_time_column(recording),
         input=_known_role(recording, "input", recording.input),
         output=_known_role(recording, "output", recording.output),
+        reference=recording.reference,
         chain=recording.chain,
     )
 

@@ -191,8 +191,6 @@ class Mapping:
         said = other._said()
         if {"time", "sample_time"} & said.keys():  # the one takes the place of the other
             said = {"time": None, "sample_time": None, **said}
-        if "input" in said:  # a supply belongs to the input that it was said with
-            said = {"supply": None, **said}
         return replace(self, **said)
 
     def of(self, name: str) -> Mapping:

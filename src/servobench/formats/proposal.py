@@ -149,6 +149,8 @@ def _supply(recording: Recording) -> _Entry:
 def _reference(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if plain_name(name) in REFERENCE_NAMES]
     told = "In a closed loop, what the loop was told to follow."
+    if recording.reference is not None:
+        return _Entry(key="reference", told=told, value=_said(recording, recording.reference))
     return _Entry(
         key="reference", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:UNIT",)
     )

@@ -28,6 +28,10 @@ class Preset:
 _WPILIB = "WPILib, SysId's FeedbackControllerPreset.h (https://github.com/wpilibsuite/allwpilib)"
 _PHOENIX_5 = "CTRE, Phoenix 5 API, velocityMeasurementPeriod and velocityMeasurementWindow (https://api.ctr-electronics.com/phoenix)"
 _REVLIB = "REV Robotics, REVLib documentation, setMeasurementPeriod and setAverageDepth (https://codedocs.revrobotics.com)"
+_SPARK_FRAMES = (
+    "The frame with the speed comes each 20 ms unless that was changed (REVLib, setPeriodicFramePeriod): a log that asks in "
+    "between is late by 10 ms on average, which `| delay 10 ms` adds."
+)
 _64_SAMPLES = (
     "The mean of 64 samples, 1 ms apart, is written as an average over the 63 ms between the first and the last: "
     "the same lag."
@@ -75,7 +79,7 @@ PRESETS: dict[str, Preset] = {
             uncertain="The mean of 8 samples, 32 ms apart, is written as an average over the 224 ms between the first "
             "and the last. "
             "What a single sample lags by isn't published; period and samples have become settings with "
-            "later firmware.",
+            f"later firmware. {_SPARK_FRAMES}",
         ),
         Preset(
             name="spark-max-quadrature",
@@ -84,7 +88,7 @@ PRESETS: dict[str, Preset] = {
             lag=0.0815,
             sources=(_REVLIB, _WPILIB),
             uncertain=f"{_64_SAMPLES} That a sample is taken each 1 ms is WPILib's reading; period and samples are "
-            f"settings.",
+            f"settings. {_SPARK_FRAMES}",
         ),
         Preset(
             name="venom",

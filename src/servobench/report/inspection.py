@@ -15,6 +15,7 @@ from servobench.formats.mapping import assign
 from servobench.formats.times import TimeBase
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure
+from servobench.plausibility import about_data
 from servobench.recording.recording import Recording
 from servobench.report import inspection_figures, tables, words
 from servobench.report.document import write_page
@@ -86,7 +87,9 @@ def _part(recording: Recording, number: int) -> _Part:
         name=recording.name,
         support=support,
         missing=missing,
-        findings=tables.finding_groups(description.findings if data is None else data.findings),
+        findings=tables.finding_groups(
+            description.findings if data is None else (*data.findings, *about_data([data]))
+        ),
         facts=_facts(recording, shown, data),
         channels=tuple(map(_channel_row, description.channels)),
         times=_time_rows(description),
