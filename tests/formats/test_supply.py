@@ -108,6 +108,25 @@ def test_the_unit_of_a_supply_is_asked_for() -> None:
         )
 
 
+def test_a_current_that_is_named_comes_before_one_that_is_recognised() -> None:
+    extra = tuple(
+        Series(channel=Channel(name=name, unit=unit), values=np.full(50, value), t=T)
+        for name, unit, value in (("motor_current", "A", 1.0), ("ia", "A", 2.0), ("shunt", None, 300.0))
+    )
+    recording = servo(DUTY, "1", np.ones(50))
+    recording = Recording(name="servo", series=(*recording.series, *extra), source=recording.source)
+
+    data = measure(assign(recording, input="load", output="theta", current="shunt:mA"))
+
+    assert data.current is not None
+    np.testing.assert_allclose(data.current, 0.3, rtol=1e-15)
+    codes = {each.code for each in data.findings}
+    assert "current-named" in codes
+    assert not {"current-ambiguous", "current-recognised"} & codes
+    with pytest.raises(UsageError, match="the current `shunt` is in V; expected A or mA"):
+        assign(recording, input="load", output="theta", current="shunt:V")
+
+
 def test_the_reference_is_held_at_the_times_of_the_input_in_si_units() -> None:
     goal = Series(
         channel=Channel(name="goal", unit="deg"), values=np.array([0.0, 90.0]), t=np.array([0.0, 0.255])

@@ -33,6 +33,10 @@ def identify(
         str | None,
         typer.Option(metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."),
     ] = None,
+    current: Annotated[
+        str | None,
+        typer.Option(metavar="COL[:UNIT]", help="The column of the measured current of the armature."),
+    ] = None,
     mapping: Annotated[
         Path | None,
         typer.Option(
@@ -116,6 +120,7 @@ def identify(
         output=output_column,
         supply=supply,
         reference=reference,
+        current=current,
         sample_time=seconds(sample_time),
         chain=chain,
         recordings=tuple(recording or ()),

@@ -25,7 +25,7 @@ from servobench.recording.recording import Recording, Series
 from servobench.units import unit
 
 _MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
-_EXAMPLE = {"input": "V", "output": "deg/s", "reference": "deg", "supply": "V"}
+_EXAMPLE = {"input": "V", "output": "deg/s", "reference": "deg", "supply": "V", "current": "A"}
 
 
 def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
@@ -109,6 +109,8 @@ def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -
     name, what = series.channel.name, unit(symbol).quantity
     if role == "supply" and what != "voltage":
         raise UsageError(f"{recording.name}: the supply `{name}` is in {symbol}; expected a voltage (V, mV)")
+    if role == "current" and what != "current":
+        raise UsageError(f"{recording.name}: the current `{name}` is in {symbol}; expected A or mA")
     if role == "output" and what not in {"position", "speed"}:
         raise UsageError(
             f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m) or a speed "

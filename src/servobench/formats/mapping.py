@@ -14,9 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from servobench.errors import MissingInformation, UnknownName, UsageError
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info, warning
 from servobench.formats.choice import Chosen, chosen, spec_of
-from servobench.formats.roles import ColumnSpec, Role
+from servobench.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
 from servobench.formats.stale import stale
 from servobench.formats.supply import constant, motor_voltage
 from servobench.formats.timing import seconds, timed
@@ -32,6 +32,7 @@ def assign(
     output: str | ColumnSpec | None = None,
     reference: str | ColumnSpec | None = None,
     supply: str | ColumnSpec | None = None,
+    current: str | ColumnSpec | None = None,
     sample_time: float | str | None = None,
     chain: str = "",
 ) -> Recording:
@@ -42,7 +43,8 @@ def assign(
     instead of the file's. Samples of the two channels whose time doesn't increase, or that have no finite value, are left out,
     with a finding. `chain` is the text of what lies between the shaft and the output.
     `reference` is what a feedback loop was told to follow. `supply` is what feeds the amplifier of an input that is a duty: a
-    channel, or a constant such as `7.4 V`; the input is then their product in V, a new channel.
+    channel, or a constant such as `7.4 V`; the input is then their product in V, a new channel. `current` is the measured current
+    of the armature, which is then called `armature_current`.
     Raises `MissingInformation` with a sentence for each thing that has to be said, `UnknownName` for a column that isn't there,
     `FormatError` for times that can't be used, and `UsageError` for what can't be so.
     """
@@ -54,6 +56,7 @@ def assign(
     asked: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
     asked |= {"reference": reference} if reference is not None else {}
     asked |= {"supply": supply} if supply is not None and volts is None else {}
+    asked |= {"current": current} if current is not None else {}
     roles, before = _chosen_and_timed(recording, asked, spec_of(time, recording), sample_time)
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
     result = replace(
@@ -119,7 +122,23 @@ def _chosen_and_timed(
     replaced = any(each.t is not series[role].t for role, each in with_times.items())
     before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
     about_roles = [finding for part in parts.values() for finding in part.findings]
+    if "current" in with_times:
+        with_times["current"], told = _armature_current(recording, with_times["current"])
+        about_roles.append(told)
     return _Roles(series=with_times, findings=(*about_roles, *about_times)), before
+
+
+def _armature_current(recording: Recording, series: Series) -> tuple[Series, Finding]:
+    """The measured current under the name that comes before all others, and the finding that says so."""
+    name = series.channel.name
+    if name != ARMATURE_CURRENT and ARMATURE_CURRENT in recording:
+        raise UsageError(
+            f"{recording.name}: `{name}` is to be the current, but there is a channel `{ARMATURE_CURRENT}`; take that one, or "
+            "rename it"
+        )
+    told = f"`{name}` is the armature's current, as said; it goes by the name `{ARMATURE_CURRENT}`."
+    channel = replace(series.channel, name=ARMATURE_CURRENT)
+    return replace(series, channel=channel), info("current-named", told)
 
 
 def _check_differ(recording: Recording, series: dict[Role, Series]) -> None:
@@ -156,6 +175,7 @@ class Mapping:
     output: str | None = None
     reference: str | None = None
     supply: str | None = None
+    current: str | None = None
     sample_time: float | None = None
     chain: str = ""
     recordings: tuple[str, ...] = ()
@@ -208,6 +228,7 @@ class Mapping:
             output=own.output,
             reference=own.reference,
             supply=own.supply,
+            current=own.current,
             sample_time=own.sample_time,
             chain=own.chain,
         )
@@ -252,6 +273,7 @@ _EXAMPLES = {
     "output": "y:deg/s",
     "reference": "r:deg",
     "supply": "vbat:V",
+    "current": "i:A",
     "chain": "derivative | lowpass 50 rad/s",
 }
 

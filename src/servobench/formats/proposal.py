@@ -101,7 +101,12 @@ def _entries(recording: Recording, description: Description) -> list[_Entry]:
     entries = _time(recording, known.time)
     for role in ("input", "output"):
         entries.append(_role(recording, role, known.input if role == "input" else known.output))
-    entries += [_supply(recording), _reference(recording), _chain(recording, known.output)]
+    entries += [
+        _supply(recording),
+        _reference(recording),
+        _current(recording),
+        _chain(recording, known.output),
+    ]
     return entries
 
 
@@ -153,6 +158,14 @@ def _reference(recording: Recording) -> _Entry:
         return _Entry(key="reference", told=told, value=_said(recording, recording.reference))
     return _Entry(
         key="reference", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:UNIT",)
+    )
+
+
+def _current(recording: Recording) -> _Entry:
+    told = "The measured current of the armature, which tells resistance and torque constant apart."
+    named = _measuring(recording, {"current"})
+    return _Entry(
+        key="current", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:A",)
     )
 
 

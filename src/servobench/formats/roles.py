@@ -16,8 +16,11 @@ from servobench.formats.columns import bare_name, heading
 from servobench.recording.recording import Recording, Series
 from servobench.units import is_unit, unit
 
-Role: TypeAlias = Literal["input", "output", "reference", "supply"]
-"""What a channel can be: what drives the motor, what was measured, what a loop was told to follow, what feeds the amplifier."""
+Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
+"""What a channel can be: what drives the motor, what was measured, what a loop followed, what feeds the amplifier, what flows."""
+
+ARMATURE_CURRENT = "armature_current"
+"""The name of the channel of the measured current where somebody said which it is; it comes before all others."""
 
 VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
 """The names of an input that mean volts where nobody says another unit."""
@@ -58,6 +61,7 @@ _MEASURES: dict[Role, list[str]] = {
     "output": ["position", "speed"],
     "reference": [],
     "supply": ["voltage"],
+    "current": ["current"],
 }
 
 _COMMON_UNITS = (

@@ -88,7 +88,7 @@ def _at(recording: Recording, role: Role, series: Series, name: str, t: Array) -
         return series
     if len(series.values) == len(t):
         return replace(series, t=t)
-    if series.t is not None and role in {"reference", "supply"}:
+    if series.t is not None and role in {"reference", "supply", "current"}:
         return series  # which may well be recorded at times of their own
     raise UsageError(
         f"{recording.name}: the time `{name}` has {len(t)} samples and the {role} `{series.channel.name}` has "

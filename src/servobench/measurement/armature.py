@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.finding import Finding, info
-from servobench.formats.roles import plain_name, quantity_of
+from servobench.formats.roles import ARMATURE_CURRENT, plain_name, quantity_of
 from servobench.measurement.column import si_factor
 from servobench.recording.recording import Recording, Series
 
@@ -15,25 +15,26 @@ CURRENT_NAMES = frozenset({
     "current_measured", "current_actual", "stator_current", "winding_current",
 })  # fmt: skip
 """The names by which a measured current is recognised, in lower case and without a unit."""
-
 _SAME = 0.01  # of a sample time: two channels that are latched that close together belong to the same sample
 
 
 def armature_current(recording: Recording, t_output: Array) -> tuple[Array | None, list[Finding]]:
     """Return the armature's current [A] at the times t_output (M,) [s], NaN where it isn't known, and what to know of it.
 
-    It is the one channel, neither input nor output, whose unit is a current's and whose name is one of `CURRENT_NAMES`.
+    It is the one channel, neither input nor output, whose unit is a current's and whose name is `ARMATURE_CURRENT`, or else
+    one of `CURRENT_NAMES`.
     Without such a channel it is None, and with several too: then a finding names them. Nothing is interpolated: a sample
     counts where it was taken at the time of one of the output.
     """
     found = [series for series in recording.series if _is_current(recording, series)]
+    found = [series for series in found if series.channel.name == ARMATURE_CURRENT] or found
     if not found:
         return None, []
     if len(found) > 1:
         names = ", ".join(repr(series.channel.name) for series in found)
         sentence = (
-            f"{recording.name}: {names} could each be the armature's current, so none of them is used; keep one of them (leave "
-            "the others out, or rename them) to learn resistance and torque constant, too."
+            f"{recording.name}: {names} could each be the armature's current, so none of them is used; say which with "
+            "--current COL to learn resistance and torque constant, too."
         )
         return None, [info("current-ambiguous", sentence)]
     series = found[0]
@@ -59,10 +60,12 @@ def _is_current(recording: Recording, series: Series) -> bool:
 
 def _recognised(recording: Recording, series: Series) -> list[Finding]:
     """A device of ours says itself which of its channels is the current; of any other file it has to be said."""
+    if any(finding.code == "current-named" for finding in recording.findings):
+        return []
     if recording.info is not None and recording.info.channel(series.channel.name) is not None:
         return []
     name = series.channel.name
-    sentence = f"`{name}` is recognised as the armature's current by its name and unit; if it is another one, rename it."
+    sentence = f"`{name}` is recognised as the armature's current by its name and unit; if it is another one, say --current COL."
     return [info("current-recognised", sentence)]
 
 
