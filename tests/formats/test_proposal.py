@@ -111,3 +111,13 @@ def test_names_from_a_hostile_file_stay_comments_and_texts(tmp_path: Path) -> No
 
     assert read(text, tmp_path).recordings == tuple(each.name for each in several)
     assert not re.search(r"^\[x", text, re.MULTILINE)
+
+
+def test_the_voltage_of_a_supply_is_never_taken_for_the_motors_own(tmp_path: Path) -> None:
+    servo = made(timestamp=None, load=None, input_volts="V", position="rad")
+
+    text = proposal([servo])
+
+    assert read(text, tmp_path).input is None
+    assert '\n# supply = "input_volts:V"\n' in text
+    assert '\n# time = "timestamp:s"\n' in proposal([made(t=None, timestamp=None, load=None, position="rad")])

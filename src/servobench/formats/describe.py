@@ -9,9 +9,9 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import MissingInformation, UsageError
 from servobench.finding import Finding
-from servobench.formats.columns import heading, time_unit
+from servobench.formats.columns import TIME_NAMES, heading, time_unit
 from servobench.formats.mapping import Mapping, assign
-from servobench.formats.roles import ColumnSpec, Role, quantity_of, recognised
+from servobench.formats.roles import ColumnSpec, Role, plain_name, quantity_of, recognised
 from servobench.formats.times import TimeBase, time_base
 from servobench.recording.recording import Recording, Series, Source
 
@@ -104,7 +104,10 @@ def shown_channels(recording: Recording, most: int = 4) -> tuple[str, ...]:
     changing = [
         series.channel.name
         for series in recording.series
-        if series.channel.name != times and len(series.values) == longest and _changes(series.values)
+        if series.channel.name != times
+        and plain_name(series.channel.name) not in TIME_NAMES
+        and len(series.values) == longest
+        and _changes(series.values)
     ]
     return tuple(dict.fromkeys([*named, *changing]))[:most]
 

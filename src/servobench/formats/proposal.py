@@ -6,13 +6,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from textwrap import wrap
 
+from servobench.formats.columns import TIME_NAMES
 from servobench.formats.describe import Description, describe
 from servobench.formats.mapping import toml_value
 from servobench.formats.roles import (
     REFERENCE_NAMES,
-    SUPPLY_NAMES,
     ColumnSpec,
     Role,
+    may_be_supply,
     plain_name,
     quantity_of,
     recognised,
@@ -117,8 +118,9 @@ def _time(recording: Recording, known: str | None) -> list[_Entry]:
         told = "The times come with the samples. Where they are wrong: a column in its unit, or the time between samples."
     else:
         told = "Which times do the samples have? No column is recognised: name one, or say the time between samples."
+    named = tuple(f"{name}:s" for name in _names(recording) if plain_name(name) in TIME_NAMES)
     return [
-        _Entry(key="time", told=told, choices=("COL:s",)),
+        _Entry(key="time", told=told, choices=named or ("COL:s",)),
         _Entry(
             key="sample_time",
             told="Or, in place of a column, for samples that are evenly spaced:",
@@ -141,7 +143,7 @@ def _role(recording: Recording, role: Role, known: str | None) -> _Entry:
 
 
 def _supply(recording: Recording) -> _Entry:
-    named = [name for name in _names(recording) if plain_name(name) in SUPPLY_NAMES]
+    named = [name for name in _names(recording) if may_be_supply(name)]
     told = (
         "Where the input is a duty, what is it a part of? A column of the measured supply, or a constant; the motor's voltage is "
         "then their product. Raw counts of a pulse width are a duty in the unit PWM/255, or whatever 100 % is."
@@ -185,9 +187,8 @@ def _names(recording: Recording) -> list[str]:
 
 def _measuring(recording: Recording, quantities: set[str]) -> list[str]:
     """The channels that measure one of some quantities, without those that are asked about as something else."""
-    others = REFERENCE_NAMES | SUPPLY_NAMES
     names = [each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities]
-    return [name for name in names if plain_name(name) not in others] or names
+    return [name for name in names if plain_name(name) not in REFERENCE_NAMES and not may_be_supply(name)]
 
 
 def _unit(recording: Recording, name: str) -> str | None:

@@ -56,6 +56,8 @@ SUPPLY_NAMES = frozenset({
 })  # fmt: skip
 """The names of what may feed the amplifier; such a column is asked about, never taken."""
 
+_BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
+
 _MEASURES: dict[Role, list[str]] = {
     "input": ["voltage", "duty"],
     "output": ["position", "speed"],
@@ -108,7 +110,11 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
 
     Only where there is exactly one is it sure. `without` names channels that are something else.
     """
-    series = [each for each in recording.series if each.channel.name not in without]
+    series = [
+        each
+        for each in recording.series
+        if each.channel.name not in without and not (role == "input" and may_be_supply(each.channel.name))
+    ]
     fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
     if role == "output":
         fitting = fitting or [each for each in series if _fits_by_its_unit(each)]
@@ -134,6 +140,12 @@ def full_scale(symbol: str | None) -> float | None:
     """Return the counts that are a duty of 100 % in a unit such as `PWM/885`; None for any other unit."""
     match = _PULSE_WIDTH.fullmatch((symbol or "").strip())
     return float(match[1]) or None if match else None
+
+
+def may_be_supply(name: str) -> bool:
+    """Return whether a name is that of a supply, as `input_volts` is, which isn't the voltage of a motor."""
+    whole = "_".join(name.rpartition(".")[2].lower().replace("-", " ").replace("_", " ").split())
+    return {whole, plain_name(name)} & SUPPLY_NAMES != set() and plain_name(name) not in _BOTH
 
 
 def plain_name(name: str) -> str:
