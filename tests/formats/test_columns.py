@@ -45,6 +45,8 @@ def table(*headers: str, **values: np.ndarray) -> Recording:
         ("u_V", "u_V", "V"),
         ("u_v", "u_v", None),
         ("wheel_speed_rad_s", "wheel_speed_rad_s", "rad/s"),
+        ("motor_current_mA", "motor_current_mA", "mA"),
+        ("encoder_A", "encoder_A", None),  # the first of two tracks
         ("RPM", "RPM", "rpm"),
         ("min", "min", None),
         ("", "", None),
@@ -79,6 +81,8 @@ def test_names_are_made_to_differ_and_the_first_of_each_stays(names: list[str]) 
         ("theta_deg", "theta"),
         ("wheel_speed_rad_s", "wheel_speed"),
         ("t_s", "t"),
+        ("current_A", "current"),
+        ("encoder_A", "encoder_A"),
         ("rpm", "rpm"),
         ("x_s", "x_s"),
     ],

@@ -41,6 +41,8 @@ _ENDINGS = {
     "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
 }  # fmt: skip
 _ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
+# `current_A` is a current; `encoder_A` is the first of two tracks.
+_CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
 _CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
 _JOINED = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|\s*,\s*)(?P<unit>.+)")
 
@@ -118,6 +120,8 @@ def _bracket(text: str) -> tuple[str, str] | None:
 def _unit_in_name(name: str) -> str | None:
     if "/" in name and is_unit(name) and unit(name).quantity == "speed":
         return name
+    if current := _CURRENT.fullmatch(name):
+        return current[1]
     ending = _ENDING.fullmatch(name)
     if ending:
         found = ending[1]
@@ -131,7 +135,7 @@ def bare_name(name: str) -> str:
     """Return a name without a unit that it ends in: `theta` of `theta_deg`; a name that is a unit stays."""
     if _unit_in_name(name) is None:
         return name
-    ending = _ENDING.fullmatch(name)
+    ending = _CURRENT.fullmatch(name) or _ENDING.fullmatch(name)
     return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
 
 
