@@ -263,6 +263,55 @@ def bound() -> None:
     save(ax, "bound")
 
 
+def claims() -> None:
+    """What explains the paper's 0.13 s: what methods read off its filtered speed, and what causes of a usual size explain."""
+    result = sb.identify(sb.measure(record(0), "derivative | lowpass 50 rad/s"))
+    found = sb.why(result, ["tau=0.13"], nominal="qube_servo_2")
+    print(found)
+    figure = Figure(figsize=(7.2, 2.9), layout="constrained")
+    left, right = figure.subplots(1, 2, width_ratios=(1.15, 1))
+    readings = sorted(found.readings, key=lambda each: each.time_constant)
+    short = {"step_63": "63.2 %", "log_linear": "slope of the logarithm", "rise_time": "10 to 90 %"}
+    short |= {"arx": "ARX", "output_error": "fit without the chain"}
+    names = ["the motor", *(short[each.method] for each in readings)]
+    values = [found.differences[0].data, *(each.time_constant for each in readings)]
+    left.axvspan(125, 135, color="#f1f1f1", linewidth=0)
+    left.axvline(130, color=WARN, linewidth=1)
+    left.text(130, -1.2, "claim: 0.13 s", color=WARN, ha="center", va="bottom")
+    for n, (name, value) in enumerate(zip(names, values, strict=True)):
+        colour = INK if n == 0 else ACCENT if name == "63.2 %" else MUTED
+        left.plot(1e3 * value, n, "o", color=colour)
+        side = -1 if 0.11 < value < 0.13 else 1  # clear of the claim
+        left.text(
+            1e3 * (value + side * 0.002),
+            n,
+            f"{1e3 * value:.1f}",
+            color=colour,
+            va="center",
+            ha="right" if side < 0 else "left",
+        )
+        print(f"{name}: {1e3 * value:.2f} ms")
+    left.set_yticks(range(len(names)), names)
+    left.set(xlabel="time constant (ms)", xlim=(95, 152), ylim=(len(names) - 0.4, -1.1))
+    weighed = [each for each in found.causes if each.needed is not None and each.name != "method"]
+    for n, each in enumerate(weighed):
+        share = 100 * each.explains[0].value
+        right.barh(n, share, color=ACCENT if n == 0 else MUTED, height=0.55)
+        right.text(share + 2, n, f"{share:.0f} %", va="center", color=INK)
+        print(
+            f"{each.label}: probability {each.probability:.3f}, explains {share:.1f} %, needed {each.needed}"
+        )
+    right.set_yticks(
+        range(len(weighed)), [f"{each.label} ({100 * each.probability:.0f} %)" for each in weighed]
+    )
+    right.invert_yaxis()
+    right.set(xlabel="explained at its usual size (%)", xlim=(0, 100))
+    for ax in (left, right):
+        ax.spines[["top", "right"]].set_visible(False)
+        ax.tick_params(axis="y", length=0)
+    save(left, "claims")
+
+
 def of(fit: Fit) -> tuple[float, float]:
     return fit["time_constant"].value, fit["time_constant"].sd
 
@@ -300,6 +349,7 @@ FIGURES: dict[str, Callable[[], None]] = {
     "information": information,
     "intervals": intervals,
     "bound": bound,
+    "claims": claims,
 }
 
 if __name__ == "__main__":

@@ -18,6 +18,7 @@ _SPELLINGS: dict[str, Claimed] = {
     "tau": "time_constant",
     "τ": "time_constant",
 }
+_EXPECTED: dict[Claimed, str] = {"gain": "any number but 0", "time_constant": "more than 0"}
 _NUMBER = re.compile(r"\s*[+-]?(?P<digits>\d+\.?\d*|\.\d+)(?:[eE](?P<exponent>[+-]?\d{1,3}))?")
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _FEWEST_DIGITS = 2  # of a data sheet's value: 4e-06 was written 4.0e-6
@@ -52,12 +53,12 @@ class Claim:
             half = quantity(bounds[0], unit) if len(bounds) == 1 else _half_digit(written, value)
         except UnitError as error:
             raise UsageError(f"claim {text!r}: {error}") from None
-        if len(bounds) > 1 or not half > 0:
-            raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")
         if not (value > 0 or (known == "gain" and value != 0)):
             raise UsageError(
-                f"claim {text!r}: a {known.replace('_', ' ')} of {value:g} is none; expected more than 0"
+                f"claim {text!r}: a {known.replace('_', ' ')} of {value:g} is none; expected {_EXPECTED[known]}"
             )
+        if len(bounds) > 1 or not half > 0:
+            raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")
         return cls(name=known, value=value, half_width=half, text=text.strip())
 
 

@@ -6,6 +6,8 @@ import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from servobench.propagation import TWO_SIDED
 from servobench.reconciliation.base import CAUSES, Question, Sizes
 from servobench.reconciliation.judging import Judged, Share, Size
@@ -111,7 +113,7 @@ def _rest(question: Question, first: Judged, hypotheses: Sequence[Hypothesis]) -
             continue
         left = float(question.difference[n] - effect[n])
         rest = question.after[name] * (1 - math.exp(-left))
-        scatter = float(sizes.scatter.get(name, 0.0))
+        scatter = float(np.max(sizes.scatter.get(name, 0.0)))
         amount = with_unit(abs(rest), question.fit[name].unit, 2)
         sd = math.hypot(float(question.sd[n]), scatter)
         if abs(left) <= TWO_SIDED * sd:

@@ -38,6 +38,8 @@ class MeasurementLag:
         """Known where the chain is; otherwise as probable as the filters are that people use."""
         if "time_constant" not in question.names:
             return Excluded("it changes no gain")
+        if question.method is not None and question.method not in BY_HAND:
+            return Excluded(f"what {question.method} makes of the measurement is weighed as the method")
         by_eye = BY_EYE if question.origin == "claim" and (question.method or "step_63") in BY_HAND else 0.0
         if question.known_lag is not None:
             return single(question.known_lag, time_constant=by_eye)
@@ -85,7 +87,7 @@ class MeasurementLag:
 
     def decided_by(self, question: Question, size: float) -> Decision:
         """Raw counts have no filter."""
-        if question.origin == "claim" and question.lags is not None:
+        if question.origin == "claim" and question.lags is not None and "time_constant" in question.names:
             bare = with_unit(question.before["time_constant"], "s", 3)
             return Decision(
                 sentence="Find out through which filter the claimed figure was read, and read it again without: behind "

@@ -10,7 +10,8 @@ import numpy as np
 from servobench.channels import Array
 from servobench.reconciliation.base import CAUSES, Decision, Excluded, Question, Sizes
 from servobench.reconciliation.causes.measurement_lag import BY_EYE
-from servobench.reconciliation.reenactment import SPOKEN, Reading
+from servobench.reconciliation.reenactment import BY_HAND, SPOKEN, Reading
+from servobench.rounding import with_unit
 
 
 @dataclass(frozen=True)
@@ -26,8 +27,8 @@ class Method:
         """One for each method that could be re-enacted, but for the 63.2 % that the measurement's lag is about."""
         if question.origin == "data sheet":
             return Excluded("a data sheet reads nothing off the data")
-        if question.method is not None:
-            return Excluded(f"it is said that {question.method} was the method")
+        if question.method in BY_HAND:
+            return Excluded(f"it is said that {question.method} was the method; what that adds is the lag")
         others = _others(question)
         if not others:
             return Excluded("no other method can be applied to these data")
@@ -55,7 +56,8 @@ class Method:
 
     def told(self, question: Question, size: float) -> str:
         """Its name in words."""
-        return SPOKEN[_others(question)[round(size)].method]
+        reading = _others(question)[round(size)]
+        return f"{SPOKEN[reading.method]}, which gives {with_unit(reading.time_constant, 's')}"
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""

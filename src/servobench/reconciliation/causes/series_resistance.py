@@ -11,7 +11,7 @@ from servobench.reconciliation.base import CAUSES, Decision, Excluded, Question,
 from servobench.rounding import plain
 from servobench.signals.constant import Constant
 
-_SD = 0.12  # of ln R: a maker's ±12 % at 25 °C, and copper's 0.39 % for each K
+_SD = 0.12  # of ln R: a maker's ±12 % (QUBE-Servo 3 manual), cable and amplifier, and copper's 0.39 % for each K
 _LEVEL = 2.0  # V on a locked shaft: enough to be read, too little to warm the winding in 2 s
 
 

@@ -9,7 +9,7 @@ from servobench.channels import Array
 from servobench.reconciliation.base import CAUSES, Decision, Excluded, Question, Sizes, normal, share_of
 from servobench.rounding import plain
 
-_SD = 0.05  # of ln k: ±10 % as two standard deviations
+_SD = 0.06  # of ln k: ±12 % on a maker's no-load speed (QUBE-Servo 3 manual) as two standard deviations
 
 
 @dataclass(frozen=True)
@@ -22,7 +22,7 @@ class TorqueConstant:
     not_with: tuple[str, ...] = ()
 
     def sizes(self, question: Question) -> Sizes | Excluded:
-        """ln κ: normal, 5 %."""
+        """ln κ: normal, 6 %."""
         return normal(_SD)
 
     def domain(self, question: Question) -> tuple[float, float]:
