@@ -3,9 +3,10 @@
 import math
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
-from servobench.errors import UnknownName, UsageError
+from servobench.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.finding import Severity
 from servobench.identification import identify
 from servobench.reconciliation.asking import reconcile, why
@@ -175,6 +176,23 @@ def test_data_that_can_t_support_a_model_explain_nothing_and_say_so() -> None:
     assert found.verdict == "refused"
     assert found.differences == ()
     assert "can't support a model" in str(found)
+
+
+def test_a_gain_or_time_constant_that_is_hardly_known_is_held_against_nothing() -> None:
+    fit = identified().fit
+    assert fit is not None
+    vague = replace(fit, covariance=np.diag([(0.6 * value) ** 2 for value in np.abs(fit.model.theta)]))
+
+    assert reconcile(vague, SHEET) == []
+    with pytest.raises(NotIdentifiable, match="gain"):
+        why(replace(identified(), fit=vague), ["gain=23.8"])
+
+
+def test_a_sheet_is_of_no_use_for_data_in_other_units() -> None:
+    data = replace(dataset(seed=1), input_unit="%")
+
+    with pytest.raises(UsageError, match="V and rad"):
+        why(identify(data), ["tau=0.13"], nominal=SHEET)
 
 
 def test_a_record_without_steps_is_read_off_simulated_ones() -> None:

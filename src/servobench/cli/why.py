@@ -49,6 +49,17 @@ def why(
             "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
         ),
     ] = None,
+    supply: Annotated[
+        str | None,
+        typer.Option(
+            metavar="COL[:UNIT]",
+            help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
+        ),
+    ] = None,
+    reference: Annotated[
+        str | None,
+        typer.Option(metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."),
+    ] = None,
     sample_time: Annotated[
         str | None,
         typer.Option(
@@ -105,6 +116,8 @@ def why(
         time=time,
         input=input_column,
         output=output_column,
+        supply=supply,
+        reference=reference,
         sample_time=seconds(sample_time),
         chain=chain,
         recordings=tuple(recording or ()),

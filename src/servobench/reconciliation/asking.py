@@ -8,14 +8,14 @@ import numpy as np
 
 from servobench.errors import UsageError
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, info, warning
+from servobench.finding import Finding, Verdict, info, warning
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.propagation import TWO_SIDED
 from servobench.reconciliation.base import CAUSES, Question
 from servobench.reconciliation.claim import Claim
 from servobench.reconciliation.explanation import Difference, Explanation
 from servobench.reconciliation.judging import Judged, judge
-from servobench.reconciliation.questions import about_claims, about_sheet
+from servobench.reconciliation.questions import about_claims, about_sheet, is_known
 from servobench.reconciliation.reenactment import Reading, check_method
 from servobench.reconciliation.sentences import differences_told, likeliest, sentences
 from servobench.reconciliation.weighing import (
@@ -51,7 +51,7 @@ def why(
     told = _claims(claims, result)
     if not told and motor is None:
         raise UsageError("nothing to explain: name a claim, such as tau=0.13, or a data sheet")
-    if result.fit is None:
+    if result.fit is None or result.verdict is Verdict.REFUSED:
         refusals = [each.sentence for each in result.findings if each.severity == "refusal"]
         return Explanation(
             verdict=result.verdict,
@@ -72,7 +72,7 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     Nothing where the data leave the figures open, as then there is no difference to explain. Raises `UsageError` for data in
     other units than V and rad.
     """
-    if not all(name in fit.model.names and np.isfinite(fit[name].sd) for name in ("gain", "time_constant")):
+    if not all(name in fit.model.names and is_known(fit[name]) for name in ("gain", "time_constant")):
         return []
     question = about_sheet(fit, parameters)
     told = " ".join(differences_told(_differences(question), question))

@@ -10,7 +10,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable, UsageError
-from servobench.estimators.base import ESTIMATORS, Fit
+from servobench.estimators.base import ESTIMATORS, Estimate, Fit
 from servobench.models.nominal import nominal_values
 from servobench.motor.parameters import MotorParameters
 from servobench.reconciliation.base import Name, Question
@@ -19,6 +19,7 @@ from servobench.reconciliation.reenactment import fitted_lags, read_lags, reenac
 
 _UNIFORM = 1 / math.sqrt(3)  # the standard deviation of what is spread evenly over ± 1
 _FEW_DIGITS = 4  # of a value that was written by hand; one with more was computed
+_UNKNOWN = 0.5  # of an estimate: a larger standard deviation is a refusal in `plausibility`, too
 _READINGS = {"step_63", "log_linear"}  # estimators that leave the measurement's lag in
 
 
@@ -34,6 +35,8 @@ def about_claims(
     if len(set(names)) != len(names):
         raise UsageError(f"{', '.join(names)}: claim each parameter once")
     _check(fit, names)
+    if motor is not None:
+        _check_units(fit)
     before = _figures(fit)
     after: dict[str, float] = {claim.name: abs(claim.value) for claim in claims}
     rounding = [_UNIFORM * claim.half_width / abs(claim.value) for claim in claims]
@@ -67,11 +70,7 @@ def about_sheet(fit: Fit, motor: MotorParameters) -> Question:
     Raises `UsageError` for data in other units than V and rad or a structure without gain and time constant,
     `NotIdentifiable` where the data don't tell those.
     """
-    data = fit.records[0].data
-    if data.input_unit != "V" or data.position_unit != "rad":
-        raise UsageError(
-            f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave it out"
-        )
+    _check_units(fit)
     unknown = any(record.data.kind == "speed" and not record.data.chain for record in fit.records)
     delay = unknown and "delay" in fit.model.names and bool(np.isfinite(fit["delay"].sd))
     names: tuple[Name, ...] = ("gain", "time_constant", "delay") if delay else ("gain", "time_constant")
@@ -92,6 +91,11 @@ def about_sheet(fit: Fit, motor: MotorParameters) -> Question:
         known_lag=_left_in(fit) if fit.estimator in _READINGS else None,
         lags=lags,
     )
+
+
+def is_known(estimate: Estimate) -> bool:
+    """Return whether an estimate has a standard deviation of half its value at the most: else logarithms mean nothing."""
+    return bool(estimate.sd <= _UNKNOWN * abs(estimate.value))
 
 
 def sheet_covariance(motor: MotorParameters, names: Sequence[Name]) -> Array:
@@ -142,11 +146,19 @@ def _check(fit: Fit, names: Sequence[Name]) -> None:
                 f"the structure {fit.structure} has no {name.replace('_', ' ')}; take first_order, or auto"
             )
     for name in names:
-        if not np.isfinite(fit[name].sd):
+        if name != "delay" and not is_known(fit[name]):
             raise NotIdentifiable(
                 f"the data don't tell how well the {name.replace('_', ' ')} is known, so no difference can be weighed: take "
                 "the estimator output_error, or record more steps"
             )
+
+
+def _check_units(fit: Fit) -> None:
+    data = fit.records[0].data
+    if data.input_unit != "V" or data.position_unit != "rad":
+        raise UsageError(
+            f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave it out"
+        )
 
 
 def _left_in(fit: Fit) -> float | None:

@@ -22,6 +22,7 @@ from servobench.estimators.step_63 import time_to_63
 from servobench.estimators.steps import TEXTBOOK, Rule, read_steps, time_at
 from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
+from servobench.models.base import STRUCTURES
 from servobench.reconciliation.base import Lags
 
 _SAMPLES = 20_000  # at the most, of a simulated step
@@ -89,7 +90,8 @@ def _by_rule(rule: Rule) -> Callable[[Sequence[Dataset], Fit], tuple[float, floa
 
 def _without_chain(data: Sequence[Dataset], fit: Fit) -> tuple[float, float]:
     bare = [replace(record, declared=Chain(), applied=Chain()) for record in data]
-    found = ESTIMATORS["output_error"].fit(fit.model.structure, bare)
+    structure = STRUCTURES[fit.structure.replace("second_order", "first_order")]
+    found = ESTIMATORS["output_error"].fit(structure, bare)
     return found["gain"].value, found["time_constant"].value
 
 
