@@ -188,7 +188,7 @@ settings = 8
     assert told(text) == [
         "my.toml:3: experiment.duration: '10 A' is a current; expected something in s (for example \"1 s\")",
         "my.toml:4: experiment.sampel_time: not known here (did you mean 'sample_time'?); "
-        "known: name, notes, duration, sample_time, sample_rate, seed, chain, nominal",
+        "known: name, notes, duration, sample_time, sample_rate, seed, chain, nominal, until",
         "my.toml:5: experiment.name: 4 should be a text in quotes",
         "my.toml:9: signal.freqency: not known here (did you mean 'frequency'?); "
         "known: low, high, frequency, phase, duty, start",

@@ -15,6 +15,7 @@ from servobench.cli.design import design
 from servobench.cli.devices import devices
 from servobench.cli.export import export
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
+from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
 from servobench.cli.recover import recover
@@ -65,6 +66,7 @@ for command in (
     identify,
     why,
     design,
+    honest,
     inspect,
     export,
     convert,

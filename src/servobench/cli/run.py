@@ -66,6 +66,13 @@ def run(
         int | None,
         typer.Option(metavar="N", min=0, help="The seed of simulated noise, in place of the experiment's."),
     ] = None,
+    until: Annotated[
+        str | None,
+        typer.Option(
+            metavar="WISH",
+            help="End once an interval is as narrow as that: time_constant=0.5% (half of it, over the value).",
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
     ] = False,
@@ -83,13 +90,15 @@ def run(
     from servobench.cli.terminal import messages, output
     from servobench.rounding import counted
 
-    asked = _experiment(experiment, device, seed)
+    asked = experiment_asked_for(experiment, device, seed, until)
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
     folder = run_folder(out, datetime.now())
     with Progress() as progress, told_when_compiling(progress):
-        recording = _carried_out(asked, _device(asked, experiment), folder, console, progress)
+        recording = _carried_out(
+            asked, device_asked_for(asked, experiment), folder, console, progress, structure
+        )
         result = _identified(
             recording, asked, structure, held_against or _own_data_sheet(recording), progress
         )
@@ -109,10 +118,13 @@ def run(
     raise typer.Exit(_status(recording, result))
 
 
-def _experiment(file: Path | None, device: str | None, seed: int | None) -> Experiment:
+def experiment_asked_for(
+    file: Path | None, device: str | None, seed: int | None, until: str | None
+) -> Experiment:
     """What is asked for, with what the command line says in place of what the file says."""
     from servobench.experiment import PAPER, DeviceChoice, load_experiment
     from servobench.measurement.base import Chain
+    from servobench.stopping_rule import parse_wish
 
     asked = PAPER if file is None else load_experiment(file)
     if device is not None and device != asked.device.name:
@@ -120,11 +132,15 @@ def _experiment(file: Path | None, device: str | None, seed: int | None) -> Expe
         asked = asked.model_copy(update={"device": DeviceChoice(name=device)})
     if seed is not None:
         asked = asked.model_copy(update={"seed": seed})
+    if until is not None:
+        asked = asked.model_copy(update={"until": until})
+    if asked.until:
+        parse_wish(asked.until)
     Chain.parse(asked.chain)  # a mistake in it should show before the motor turns
     return asked
 
 
-def _device(asked: Experiment, file: Path | None) -> Device:
+def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     """The device that is asked for, not yet connected; mistakes in its settings are told with their lines in the file."""
     from pydantic import ValidationError
 
@@ -141,7 +157,7 @@ def _device(asked: Experiment, file: Path | None) -> Device:
 
 
 def _carried_out(
-    asked: Experiment, device: Device, folder: RunFolder, console: Console, progress: Progress
+    asked: Experiment, device: Device, folder: RunFolder, console: Console, progress: Progress, structure: str
 ) -> Recording:
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
     from servobench.cli.answer import show_findings
@@ -150,18 +166,20 @@ def _carried_out(
     from servobench.formats.base import save
     from servobench.loop.run import Progress as Place
     from servobench.loop.run import run as carry_out
+    from servobench.stopping_rule import StoppingRule, parse_wish
 
     def watch(place: Place) -> None:
         if place.ticks:
             progress.reached(place.tick / place.ticks)
 
-    with _ended_like_ctrl_c(), device:
+    look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
+    with ended_like_ctrl_c(), device:
         say(console, _asked_in_words(asked))
         show_findings(console, asked.findings())
         folder.begin(asked.to_toml())
         progress.begin("running" if asked.duration else "running until Ctrl-C")
         try:
-            recording = carry_out(asked, device, to=folder.recording, watch=watch)
+            recording = carry_out(asked, device, to=folder.recording, watch=watch, look=look)
         except DeviceLost as error:
             recording = error.recording
     save(recording, folder.data)
@@ -171,7 +189,7 @@ def _carried_out(
 
 
 @contextmanager
-def _ended_like_ctrl_c() -> Iterator[None]:
+def ended_like_ctrl_c() -> Iterator[None]:
     """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:

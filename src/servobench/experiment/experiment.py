@@ -96,6 +96,8 @@ class Experiment(Settings):
     """Measurement chain through which the recording is to be looked at, such as `derivative | lowpass 50 rad/s`."""
     nominal: Text = ""
     """Name of the data sheet that the result is held against."""
+    until: Text = ""
+    """Interval at which the run ends before its time, such as `time_constant=0.5%` (half of the 95 % interval)."""
 
     @model_validator(mode="after")
     def _has_two_samples(self) -> Self:

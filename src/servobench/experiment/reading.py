@@ -32,6 +32,7 @@ class _ExperimentTable(Settings):
     seed: Seed = None
     chain: str = ""
     nominal: str = ""
+    until: str = ""
 
     @model_validator(mode="after")
     def _one_pace(self) -> Self:

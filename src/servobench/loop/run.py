@@ -26,6 +26,7 @@ BLOCK_TIME = 0.5  # s; what a crash of the process may cost
 BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
 REFERENCES = 512  # evaluated at once: a call of a signal costs far more than one more value in it
 WATCH_INTERVAL = 0.1  # s of the run
+LOOK_INTERVAL = 0.5  # s of the run
 PATIENCE = 60.0  # s; how long a run in virtual time waits for a disk that's behind
 MANY_MISSED = 0.01  # of all ticks
 
@@ -45,6 +46,9 @@ class Progress:
 Watch: TypeAlias = Callable[[Progress], str | None]
 """Is shown the progress of a run; returns None, or the sentence with which the run is to stop. It holds the loop up."""
 
+Look: TypeAlias = Callable[[Recording], str | None]
+"""Is shown the recording so far; returns None, or the sentence with which the run is to end, as asked."""
+
 
 def run(
     experiment: Experiment,
@@ -53,6 +57,7 @@ def run(
     to: str | os.PathLike[str] | None = None,
     clock: Clock | None = None,
     watch: Watch | None = None,
+    look: Look | None = None,
 ) -> Recording:
     """Carry out an experiment on a connected device, and return what happened.
 
@@ -61,7 +66,8 @@ def run(
     `counts`, `tachometer` and `current` where the device has them, `scheduled` and `late`, all at the samples' actual times.
 
     With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
-    it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second.
+    it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
+    twice; to look at the data holds the loop up, so that only a device in virtual time allows it.
 
     However it ends, the device is stopped first. The end of the experiment, Ctrl-C, a word from `watch`, the device's own
     (`RunEnded`) and a voltage that isn't finite are results: `stopped` says which. Raises `DeviceLost`, which carries the
@@ -72,6 +78,11 @@ def run(
         raise UsageError(
             "an endless experiment is recorded to a file, as no memory is large enough: give `to`"
         )
+    if look is not None and device.info.timing != "virtual":
+        raise UsageError(
+            f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
+            "its loop up: run without `look` (--until), and longer"
+        )
     keeper = _keeper(clock, device.info)
     references = _References(experiment.signal, experiment.sample_time)
     opening = _opening(experiment, device.info)
@@ -81,10 +92,11 @@ def run(
     except BaseException:
         _stop(device)
         raise
-    log = _Log(recorder, _sensors(device.info), experiment.sample_time)
+    so_far = None if look is None else InMemory(opening)
+    log = _Log(recorder, _sensors(device.info), experiment.sample_time, so_far)
     try:
         stopped, error = _outcome(
-            lambda: _carry_out(experiment, device, keeper, references, log, watch), device
+            lambda: _carry_out(experiment, device, keeper, references, log, watch, look), device
         )
         if isinstance(error, StorageError):
             raise error
@@ -129,6 +141,7 @@ def _carry_out(
     references: _References,
     log: _Log,
     watch: Watch | None,
+    look: Look | None,
 ) -> Stopped:
     """Let the ticks pass, one after the other, to the end of the experiment or to a fault; the device is started."""
     ticks = experiment.samples
@@ -137,6 +150,7 @@ def _carry_out(
     state = controller.start(experiment.sample_time)
     watching = watch or _nobody
     watch_every, watch_next = max(1, round(WATCH_INTERVAL / experiment.sample_time)), 0
+    look_every = look_next = max(1, round(LOOK_INTERVAL / experiment.sample_time))
     due = 0
     clock.start(experiment.sample_time)
     while ticks is None or due < ticks:
@@ -162,6 +176,11 @@ def _carry_out(
                 raise UsageError(
                     f"watch returned {word!r}; expected None, or the sentence with which the run is to stop"
                 )
+        if look is not None and tick.index >= look_next:
+            look_next = tick.index + look_every
+            sentence = look(log.so_far())
+            if sentence is not None:
+                return Stopped(reason="finished", sentence=sentence)
     return Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
 
 
@@ -214,8 +233,15 @@ class _References:
 class _Log:
     """Gathers the ticks of a run in blocks for the recorder, and keeps account of lateness."""
 
-    def __init__(self, recorder: Recorder, sensors: tuple[str, ...], sample_time: float) -> None:
+    def __init__(
+        self,
+        recorder: Recorder,
+        sensors: tuple[str, ...],
+        sample_time: float,
+        kept: InMemory | None = None,
+    ) -> None:
         self._recorder = recorder
+        self._kept = kept
         self._sensors = sensors
         self._block = max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
         self._rows: list[tuple[float, ...]] = []
@@ -240,6 +266,14 @@ class _Log:
         if len(self._rows) >= self._block:
             self._flush()
 
+    def so_far(self) -> Recording:
+        """Hand on what is left, and return the recording so far; only where the log keeps it."""
+        if self._kept is None:
+            raise UsageError("this run keeps no recording to look at: give `look`")
+        if self._rows:
+            self._flush()
+        return self._kept.end(Stopped(reason="unknown", sentence="the run goes on"), self._findings())
+
     def end(self, stopped: Stopped) -> Recording:
         """Hand on what is left, and return the recording with what was found."""
         if self._rows:
@@ -253,7 +287,10 @@ class _Log:
     def _flush(self) -> None:
         # Away with the rows first: an interruption in the middle may lose a block at the end, but never doubles one.
         rows, self._rows = self._rows, []
-        self._recorder.append(np.array(rows, dtype=np.float64))
+        block = np.array(rows, dtype=np.float64)
+        self._recorder.append(block)
+        if self._kept is not None:
+            self._kept.append(block)
 
     def _findings(self) -> tuple[Finding, ...]:
         findings = []

@@ -1,0 +1,209 @@
+"""`servobench honest`: do the intervals cover between runs?"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servobench.cli.failures import DONE
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servobench.cli.progress import Progress
+    from servobench.experiment import Experiment
+    from servobench.honest.repeated import Honesty
+    from servobench.honest.scatter import Scatter
+    from servobench.recording.recording import Recording
+
+_WIDTH = 40  # characters of a picture
+_MOST_DRAWN = 20  # runs
+
+
+def honest(
+    files: Annotated[
+        list[Path] | None, typer.Argument(metavar="[EXPERIMENT.toml | FILE...]", hidden=True)
+    ] = None,
+    runs: Annotated[int, typer.Option(metavar="N", min=2, help="How often an experiment is repeated.")] = 10,
+    device: Annotated[
+        str | None, typer.Option(metavar="NAME", help="The device, in place of the experiment's.")
+    ] = None,
+    seed: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="The seed of the first run; each has the next.")
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="The folder for the recordings; without, one called after the time."
+        ),
+    ] = None,
+    structure: Annotated[
+        str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that most runs need.")
+    ] = "auto",
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the answer as JSON, and nothing else, on standard output.")
+    ] = False,
+) -> None:
+    """Hold runs of one motor against each other: do their 95 % intervals cover?
+
+    Without a file, or with an experiment's, the experiment is repeated and the recordings are kept. With recordings,
+    each is a run of the same motor. Intervals that don't cover between runs are widened by what is found, and what
+    makes the runs differ is named where the parameters that move together tell it.
+    """
+    from servobench.cli.conclusion import check_names
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.recordings import loaded
+    from servobench.cli.terminal import messages, output, print_json
+    from servobench.honest.repeated import honest as held_together
+    from servobench.measurement.measure import measure
+
+    check_names(structure, "auto", None)
+    given = files or []
+    experiment = given[0] if len(given) == 1 and given[0].suffix == ".toml" else None
+    console = messages() if as_json else output()
+    with Progress() as progress, told_when_compiling(progress):
+        if given and experiment is None:
+            recordings, chain = loaded(given, progress), ""
+        else:
+            recordings, chain = _repeated(experiment, device, seed, runs, out, console, progress)
+        progress.begin("identifying")
+        data = [measure(recording, chain) for recording in recordings]
+        found = held_together(data, structure=structure, beside=_beside(recordings))
+    _show(console, found)
+    if as_json:
+        print_json(found.to_dict())
+    raise typer.Exit(DONE)
+
+
+def _repeated(
+    file: Path | None,
+    device: str | None,
+    seed: int | None,
+    runs: int,
+    out: Path | None,
+    console: Console,
+    progress: Progress,
+) -> tuple[list[Recording], str]:
+    """An experiment carried out so many times, and the chain through which it is to be looked at."""
+    from dataclasses import replace
+
+    from servobench.cli.run import device_asked_for, ended_like_ctrl_c, experiment_asked_for
+    from servobench.cli.terminal import say
+    from servobench.loop.run import run
+
+    asked = experiment_asked_for(file, device, seed, None)
+    folder = _folder(out)
+    (folder / "experiment.toml").write_text(asked.to_toml(), encoding="utf-8", newline="\n")
+    recordings = []
+    progress.begin("running")
+    with ended_like_ctrl_c():
+        for number in range(runs):
+            one = _numbered(asked, number)
+            with device_asked_for(one, file) as motor:
+                recording = run(one, motor, to=folder / f"run-{number + 1}.mcap")
+            recordings.append(replace(recording, name=f"run {number + 1}"))
+            progress.reached((number + 1) / runs)
+            if recording.stopped.reason != "finished":
+                break
+    say(console, f"{len(recordings)} runs in {folder}")
+    return recordings, asked.chain
+
+
+def _numbered(asked: Experiment, number: int) -> Experiment:
+    """The experiment of a run: with a seed of its own, and a twin's shaft where chance left it, as a real one's is."""
+    import numpy as np
+
+    changed: dict[str, object] = {"until": ""}
+    if asked.seed is not None:
+        changed["seed"] = asked.seed + number
+    if asked.device.name == "twin" and "start_angle" not in asked.device.settings:
+        angle = float(np.random.default_rng([asked.seed or 0, number]).uniform(0, 2 * math.pi))
+        settings = {**asked.device.settings, "start_angle": angle}
+        changed["device"] = asked.device.model_copy(update={"settings": settings})
+    return asked.model_copy(update=changed)
+
+
+def _folder(out: Path | None) -> Path:
+    from servobench.errors import StorageError, UsageError
+
+    folder = out or Path(f"honest-{datetime.now():%Y%m%d-%H%M%S}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"--out {folder}: isn't an empty folder; give a new one")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
+    return folder
+
+
+def _beside(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
+    """The means of the temperatures and supplies that all recordings have as a channel."""
+    import numpy as np
+
+    words = {"temp": "the temperature", "supply": "the supply", "batter": "the supply", "bus": "the supply"}
+    found: dict[str, list[float]] = {}
+    for series in recordings[0].series:
+        what = next((told for word, told in words.items() if word in series.channel.name.lower()), None)
+        same = [
+            next((s for s in each.series if s.channel.name == series.channel.name), None)
+            for each in recordings
+        ]
+        if what is not None and all(s is not None and len(s.values) for s in same):
+            found.setdefault(what, [float(np.nanmean(s.values)) for s in same if s is not None])
+    return found
+
+
+def _show(console: Console, found: Honesty) -> None:
+    """Print how each parameter scatters, a picture of those that matter most, and what was found."""
+    from servobench.cli.answer import in_words, show_findings
+    from servobench.cli.layout import show_table
+    from servobench.cli.terminal import say
+    from servobench.rounding import plain, rounded
+
+    say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
+    headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
+    rows = []
+    for each in found.parameters:
+        told = rounded(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
+        ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
+        cells = (told.value, told.half, told.unit, plain(each.ratio, 2), ends)
+        rows.append((in_words(each.name), *cells, f"{each.covered} of {len(found.runs)}"))
+    show_table(console, headings, rows, right=headings[1:3])
+    console.print()
+    for each in found.parameters:
+        if each.name in ("gain", "time_constant") or each.differs:
+            _draw(console, each, found.runs)
+    if found.left_out:
+        say(console, f"without a model: {', '.join(found.left_out)}\n")
+    show_findings(console, found.findings)
+
+
+def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
+    """Print the runs' intervals below each other, and that over all runs: a forest plot."""
+    from servobench.cli.answer import in_words
+    from servobench.cli.layout import show_table
+
+    halves = [1.959964 * sd for sd in each.sds]
+    lines = [(name, v - h, v, v + h) for name, v, h in zip(runs, each.values, halves, strict=True)][
+        :_MOST_DRAWN
+    ]
+    lines.append(("over all runs", each.interval[0], each.mean, each.interval[1]))
+    low, high = min(line[1] for line in lines), max(line[3] for line in lines)
+    rows = [(name, _picture(*ends, low=low, high=high)) for name, *ends in lines]
+    show_table(console, (in_words(each.name), f"{low:.6g} to {high:.6g} {each.unit}"), rows)
+    console.print()
+
+
+def _picture(first: float, middle: float, last: float, *, low: float, high: float) -> str:
+    """An interval as a line of dashes with an o at its middle."""
+    scale = (_WIDTH - 1) / (high - low) if high > low else 0.0
+    a, b, c = (round(scale * (value - low)) for value in (first, middle, last))
+    marks = [" "] * _WIDTH
+    marks[a : c + 1] = "-" * (c + 1 - a)
+    marks[b] = "o"
+    return "".join(marks).rstrip().replace(" ", ".")
