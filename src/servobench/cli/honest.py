@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -36,6 +37,16 @@ def honest(
     seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="The seed of the first run; each has the next.")
     ] = None,
+    input_column: Annotated[
+        str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
+    ] = None,
+    output_column: Annotated[
+        str | None,
+        typer.Option("--output", metavar="COL[:UNIT]", help="The column of what was measured."),
+    ] = None,
+    chain: Annotated[
+        str, typer.Option(metavar="TEXT", help="What lies between the shaft and the output.")
+    ] = "",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -55,10 +66,13 @@ def honest(
     each is a run of the same motor. Intervals that don't cover between runs are widened by what is found, and what
     makes the runs differ is named where the parameters that move together tell it.
     """
+    from servobench.cli.chain import with_chain
     from servobench.cli.conclusion import check_names
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded
+    from servobench.cli.run import CUT_SHORT
     from servobench.cli.terminal import messages, output, print_json
+    from servobench.formats.mapping import assign
     from servobench.honest.repeated import honest as held_together
     from servobench.measurement.measure import measure
 
@@ -68,16 +82,30 @@ def honest(
     console = messages() if as_json else output()
     with Progress() as progress, told_when_compiling(progress):
         if given and experiment is None:
-            recordings, chain = loaded(given, progress), ""
+            recordings, own = _told_apart(loaded(given, progress)), chain
         else:
-            recordings, chain = _repeated(experiment, device, seed, runs, out, console, progress)
+            recordings, own = _repeated(experiment, device, seed, runs, out, console, progress)
         progress.begin("identifying")
-        data = [measure(recording, chain) for recording in recordings]
+        assigned = [assign(each, input=input_column, output=output_column) for each in recordings]
+        evidence = [with_chain(each, own) for each in assigned]
+        data = [measure(each.recording, each.chain) for each in evidence]
         found = held_together(data, structure=structure, beside=_beside(recordings))
     _show(console, found)
     if as_json:
         print_json(found.to_dict())
-    raise typer.Exit(DONE)
+    cut_short = recordings[-1].stopped.reason if experiment or not given else "finished"
+    raise typer.Exit(CUT_SHORT.get(cut_short, DONE))
+
+
+def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
+    """The recordings, called after their files where several have one name."""
+    names = [recording.name for recording in recordings]
+    return [
+        replace(each, name=f"{Path(each.source.name).stem} {each.name}")
+        if names.count(each.name) > 1
+        else each
+        for each in recordings
+    ]
 
 
 def _repeated(
@@ -90,8 +118,6 @@ def _repeated(
     progress: Progress,
 ) -> tuple[list[Recording], str]:
     """An experiment carried out so many times, and the chain through which it is to be looked at."""
-    from dataclasses import replace
-
     from servobench.cli.run import device_asked_for, ended_like_ctrl_c, experiment_asked_for
     from servobench.cli.terminal import say
     from servobench.loop.run import run
@@ -178,8 +204,6 @@ def _show(console: Console, found: Honesty) -> None:
     for each in found.parameters:
         if each.name in ("gain", "time_constant") or each.differs:
             _draw(console, each, found.runs)
-    if found.left_out:
-        say(console, f"without a model: {', '.join(found.left_out)}\n")
     show_findings(console, found.findings)
 
 

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from servobench.recording.recording import Recording, StopReason
     from servobench.result import Result
 
-_CUT_SHORT: dict[StopReason, int] = {
+CUT_SHORT: dict[StopReason, int] = {
     "interrupted": INTERRUPTED,
     "fault": DEVICE_FAILED,
     "device_lost": DEVICE_FAILED,
@@ -217,7 +217,7 @@ def _identified(
     try:
         return concluded([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
     except UsageError as error:
-        if recording.stopped.reason not in _CUT_SHORT:
+        if recording.stopped.reason not in CUT_SHORT:
             raise
         complain(f"not identified: {error}")
         return None
@@ -245,4 +245,4 @@ def _status(recording: Recording, result: Result | None) -> int:
     """The exit status: how the run ended comes before what its data say."""
     from servobench.cli.conclusion import status_of
 
-    return _CUT_SHORT.get(recording.stopped.reason, DONE if result is None else status_of(result))
+    return CUT_SHORT.get(recording.stopped.reason, DONE if result is None else status_of(result))

@@ -115,7 +115,10 @@ def honest(
         parameters=found,
         causes=why,
         trends=follows,
-        findings=tuple(_told(found, why, follows, [data[n] for n in used])),
+        findings=(
+            *_without_model([record.name for n, record in enumerate(data) if n not in used]),
+            *_told(found, why, follows, [data[n] for n in used]),
+        ),
     )
 
 
@@ -180,6 +183,18 @@ def _told(
     if any(each.differs for each in found):
         told += _reasons(why, follows)
     return told
+
+
+def _without_model(names: Sequence[str]) -> list[Finding]:
+    if not names:
+        return []
+    return [
+        warning(
+            "runs-left-out",
+            f"Without a model, and left out: {', '.join(names)}. What the others say of the motor may be the lucky part; "
+            "`servobench identify` on each of them says why.",
+        )
+    ]
 
 
 def _about(each: Scatter, runs: int) -> Finding:
