@@ -8,7 +8,8 @@ cause moves (ln K, ln τ, ln u_c) in a direction of its own, to first order, for
     viscous friction                         (-1, -1, 0)      scale of the encoder       (1, 0, -0)
     supply or gain of the amplifier          (1, 0, -1)
 
-The share of a direction v in the scatter S between runs, what is stated for each run taken off, is v' S v / tr S for |v| = 1.
+The share of a direction v in the scatter S between runs, what is stated for each run taken off, is v' S v / tr S for |v| = 1, in
+axes that are scaled so that one which is known less well than a tenth of the scatter counts less.
 """
 
 from __future__ import annotations
@@ -24,6 +25,7 @@ from servobench.estimators.base import Fit
 _AXES = ("gain", "time_constant", "coulomb_voltage")
 _EXPLAINED = 0.9  # of the scatter; below that no single cause is named
 _AS_GOOD = 0.02  # shares that are nearer can't be told apart
+_DIM = 0.1  # of the scatter's variance: noise of an axis that is as large halves what the axis counts
 _KNOWN = 5.0  # standard deviations that a parameter has to be away from zero, for its logarithm
 _COPPER = 0.0039  # 1/K, change of copper's resistance
 
@@ -82,16 +84,19 @@ def causes(fits: Sequence[Fit]) -> tuple[Cause, ...]:
     logs, noise = _logarithms(fits)
     scattered = (logs - logs.mean(axis=0)).T @ (logs - logs.mean(axis=0)) / (len(logs) - 1) - noise
     total = float(np.trace(scattered))
-    if total <= 0:
+    if total <= 0 or np.any(np.diag(noise) <= 0):
         return ()
+    weights = 1 / (np.diag(noise) + _DIM * total / len(noise))
+    whole = float(weights @ np.diag(scattered))
     found = []
     for name, (direction, words) in _SIGNATURES.items():
         v = np.array(direction, dtype=np.float64)[: logs.shape[1]]
-        length = float(np.linalg.norm(v))
-        if length == 0:
+        along = weights * v
+        if not v.any():
             continue
-        share = float(v @ scattered @ v) / (length**2 * total)
-        changes = (logs - logs.mean(axis=0)) @ v / length**2
+        share = float(along @ scattered @ along) / (float(along @ v) * whole)
+        known_best = v / np.diag(noise)
+        changes = (logs - logs.mean(axis=0)) @ known_best / float(known_best @ v)
         found.append(
             Cause(name=name, share=min(share, 1.0), changes=tuple(map(float, changes)), sentence=words)
         )
