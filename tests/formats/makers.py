@@ -11,8 +11,6 @@ from mcap.writer import CompressionType
 from servobench.channels import Channel
 from servobench.formats.base import FORMATS, save
 from servobench.recording.recording import Recording, Series, Source
-from tests.formats import wpilogs
-from tests.formats import matlab_objects, wpilogs
 from tests.formats import bags, matlab_objects, wpilogs
 
 T = 0.01 * np.arange(20)
@@ -46,14 +44,6 @@ def _sysid_json(path: Path) -> None:
     path.write_text(
         '{"sysid": true, "units": "Rotations", "unitsPerRotation": 1.0, "fast-forward": [' + rows + "]}"
     )
-
-
-def _wpilog(path: Path) -> None:
-    path.write_bytes(wpilogs.robot())
-
-
-MAKERS: dict[str, Callable[[Path], None]] = {"lvm": _lvm, "sysid_json": _sysid_json, "wpilog": _wpilog}
-"""What makes a file of each format that can't be written."""
 
 
 def make(name: str, folder: Path) -> Path:
@@ -129,25 +119,6 @@ def _foreign_mat(path: Path) -> None:
     scipy.io.savemat(path, {"t": T, "data": {"u": U, "y": Y}, "note": "a"}, do_compression=True)
 
 
-def _foreign_wpilog(path: Path) -> None:
-    path.write_bytes(wpilogs.sysid())
-
-
-FOREIGN: dict[str, Callable[[Path], None]] = {
-    "tdms": _foreign_tdms, "parquet": _foreign_parquet, "arrow": _foreign_arrow, "csv": _foreign_csv, "mat": _foreign_mat,
-    "wpilog": _foreign_wpilog,
-}  # fmt: skip
-"""What makes a file as others write it, for formats that we write as well: another one to damage."""
-MAKERS: dict[str, Callable[[Path], None]] = {
-    "lvm": _lvm,
-    "sysid_json": _sysid_json,
-    "tdms foreign": _foreign_tdms,
-    "parquet foreign": _foreign_parquet,
-    "arrow foreign": _foreign_arrow,
-    "csv foreign": _foreign_csv,
-    "mat foreign": _foreign_mat,
-}
-"""What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""
 def mat_objects(path: Path) -> None:
     matlab_objects.save(path, _objects(), compressed=False)  # so that damage gets at what is inside
 
@@ -199,11 +170,29 @@ def mcap_json(path: Path) -> None:
     bags.of_json(path, content, CompressionType.LZ4)
 
 
-MAKERS["wpilog"] = wpilog
-MAKERS["wpilog sysid"] = wpilog_sysid
-MAKERS["mat objects"] = mat_objects
-MAKERS["mat objects 7.3"] = mat_objects_7
-MAKERS["servo_bench_json"] = servo_bench_json
-MAKERS["mcap ros2"] = mcap_ros2
-MAKERS["mcap ros2 packed"] = mcap_ros2_packed
-MAKERS["mcap json"] = mcap_json
+def wpilog_robot(path: Path) -> None:
+    path.write_bytes(wpilogs.robot())
+
+
+def wpilog_sysid(path: Path) -> None:
+    path.write_bytes(wpilogs.sysid())
+
+
+MAKERS: dict[str, Callable[[Path], None]] = {
+    "lvm": _lvm,
+    "sysid_json": _sysid_json,
+    "servo_bench_json": servo_bench_json,
+    "tdms foreign": _foreign_tdms,
+    "parquet foreign": _foreign_parquet,
+    "arrow foreign": _foreign_arrow,
+    "csv foreign": _foreign_csv,
+    "mat foreign": _foreign_mat,
+    "mat objects": mat_objects,
+    "mat objects 7.3": mat_objects_7,
+    "wpilog robot": wpilog_robot,
+    "wpilog sysid": wpilog_sysid,
+    "mcap ros2": mcap_ros2,
+    "mcap ros2 packed": mcap_ros2_packed,
+    "mcap json": mcap_json,
+}
+"""What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""

@@ -77,7 +77,7 @@ def import_library() -> Any:
     with warnings.catch_warnings():
         # mat-io 1.0 sets an option that pandas 3 has by default and tells on.
         warnings.filterwarnings("ignore", message="The 'future.infer_string' option is deprecated")
-        import matio  # type: ignore[import-untyped]
+        import matio
     return matio
 
 
