@@ -76,7 +76,7 @@ def test_a_motor_that_is_as_the_model_says_is_trusted(seed: int) -> None:
     ],
 )
 def test_what_the_model_lacks_is_named(code: str, what: dict[str, float]) -> None:
-    result = identify(odd(1, **what))
+    result = identify(odd(1, **what), structure="first_order_coulomb")
     assert code in doubts(result)
     assert result.verdict == Verdict.DOUBTFUL
 

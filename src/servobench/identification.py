@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -23,9 +25,8 @@ from servobench.finding import Finding, info, refusal
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import fast_pole_doubt, missing_terms
-from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
-from servobench.models.search import directions, smoothed_speed
+from servobench.models.search import smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
 from servobench.motor_parameters.current import has_current
@@ -34,6 +35,8 @@ from servobench.reconciliation.asking import reconcile
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import explains_the_colour, validate
 from servobench.winding import about_winding
+from servobench.structure_choice import chosen
+from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
 
 
 def identify(
@@ -53,8 +56,12 @@ def identify(
     records, input levels or stretches are left out in turn (`held_out`). Where a current was
     measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
     `motor_parameters`.
+    `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and which friction and
+    gravity the data ask for (see `servobench.structure_choice`), and the estimator by a likelihood-ratio test for a random
+    torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further datasets
+    to try the model on; without any, part of the data is held out in turn.
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
-    known or data that don't belong together.
+    known, a structure and an estimator that can't go together, or data that don't.
     """
     records = (data,) if isinstance(data, Dataset) else tuple(data)
     _check_together(records)
@@ -68,18 +75,20 @@ def identify(
     refused = any(finding.severity == "refusal" for finding in findings)
     try:
         if not refused:
-            chosen = _choose(method, records, structure)
-            fit = _allowing_for_disturbance(chosen.fit) if estimator == "auto" else chosen.fit
-            fit = replace(fit, covariance=fit.covariance + fast_pole_doubt(fit))
+            allow = _allowing_for_disturbance if estimator == "auto" else _as_it_is
+            choice = chosen(method, records, structure, estimator, allow)
+            fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
             validation = _validation(method, records, fit, validate_on)
             findings += [
-                *chosen.findings,
+                *choice.findings,
                 *fit.findings,
                 *about_fit(fit),
                 *about_winding(fit),
                 *validate(fit),
                 *missing_terms(fit),
                 *about_validation(fit, validation),
+                *missing_terms(choice.shown),
+                *_about_validation(fit, validation),
             ]
             comparisons = _compare(fit, nominal)
             findings += _causes(fit, nominal)
@@ -104,14 +113,6 @@ def identify(
     )
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class _Choice:
-    """The fit of the structure that was chosen, and why it was."""
-
-    fit: Fit
-    findings: tuple[Finding, ...] = ()
-
-
 def _check_together(records: Sequence[Dataset]) -> None:
     if not records:
         raise UsageError("nothing to identify: expected at least one dataset")
@@ -123,39 +124,9 @@ def _check_together(records: Sequence[Dataset]) -> None:
             )
 
 
-def _choose(method: Estimator, data: Sequence[Dataset], structure: str) -> _Choice:
-    """Fit the structure asked for, or the one that the data need."""
-    if structure != "auto":
-        return _Choice(fit=_fitted(method, STRUCTURES[structure], data))
-    if not _turns_both_ways(data):
-        fit = _fitted(method, STRUCTURES["first_order_one_way"], data)
-        return _Choice(fit=fit)
-    frictionless = _fitted(method, STRUCTURES["first_order"], data)
-    try:
-        with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
-    except NotIdentifiable:
-        return _Choice(fit=frictionless)
-    if _better(with_friction, frictionless):
-        sentence = (
-            f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
-            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless['gain'].value:.4g} instead of "
-            f"{with_friction['gain'].value:.4g}."
-        )
-        return _Choice(
-            fit=with_friction, findings=(info("friction-found", sentence, parameters=("coulomb_voltage",)),)
-        )
-    if _moved(with_friction, frictionless):
-        sentence = (
-            "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
-            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better "
-            "known than it is."
-        )
-        return _Choice(
-            fit=with_friction,
-            findings=(info("friction-possible", sentence, parameters=("coulomb_voltage",)),),
-        )
-    sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
-    return _Choice(fit=frictionless, findings=(info("friction-not-found", sentence),))
+def _as_it_is(fit: Fit) -> Fit:
+    """The fit itself, of an estimator that was asked for by its name."""
+    return fit
 
 
 def _allowing_for_disturbance(fit: Fit) -> Fit:
@@ -230,34 +201,6 @@ def _by_counts(fit: Fit) -> Fit | None:
         "The estimator interval_likelihood takes each count for what it is; to output_error it would look like a moving shaft."
     )
     return replace(counted, findings=(*counted.findings, info("rounding-beats", sentence)))
-
-
-def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
-    """The fit, or `NotIdentifiable` with the estimator's reason why it can't be done."""
-    hindrance = method.supports(structure, data)
-    if hindrance is not None:
-        raise NotIdentifiable(hindrance.sentence.rstrip("."))
-    return method.fit(structure, data)
-
-
-def _turns_both_ways(data: Sequence[Dataset]) -> bool:
-    """Whether at least one sample in fifty was taken while the motor turned the other way."""
-    senses = np.concatenate([directions(record) for record in data])
-    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
-
-
-def _better(one: Fit, other: Fit) -> bool:
-    """Whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
-    samples = sum(int(record.valid.sum()) for record in one.records)
-    return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
-
-
-def _moved(one: Fit, other: Fit) -> bool:
-    """Whether the other fit's gain or time constant is out by more than its own standard deviation if the one is right.
-
-    Then leaving a parameter out would claim to know more than the data tell.
-    """
-    return any(abs(one[n].value - other[n].value) > other[n].sd for n in ("gain", "time_constant"))
 
 
 def _validation(

@@ -15,6 +15,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.models.base import Prediction, Structure
 
 _STEPS = 100
+_STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
 _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
@@ -172,14 +173,17 @@ def _in_the_valley(
     if not (moves[: len(held)] & held).any():
         return starts
     moves[: len(held)] &= ~held
-    ends = sorted((descent(layout, start, moves).point for start in starts), key=lambda point: point.cost)
+    found = (descent(layout, start, moves, _STEPS_TO_VALLEY).point for start in starts)
+    ends = sorted(found, key=lambda point: point.cost)
     distinct = [
         end for n, end in enumerate(ends) if n == 0 or end.cost > (1 + _SAME_PLACE) * ends[n - 1].cost
     ]
     return [end.theta for end in distinct[:_VALLEYS]]
 
 
-def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None) -> Descent:
+def descent(
+    layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
+) -> Descent:
     """Go from a start vector to a minimum of the sum of squared residuals; `free` says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
@@ -188,7 +192,7 @@ def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None)
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
-    for step in range(1, _STEPS + 1):
+    for step in range(1, steps + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
         active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > _NOTHING))
         if not len(active):
@@ -209,7 +213,7 @@ def descent(layout: Layout, start: Array, free: NDArray[np.bool_] | None = None)
                 return _ended(point, None, True, f"converged in {step} steps")
         else:
             damping = max(damping, 1e-3) * _after_a_rise(trial.cost, point.cost)
-    return _ended(point, None, False, f"did not settle within {_STEPS} steps")
+    return _ended(point, None, False, f"did not settle within {steps} steps")
 
 
 def at(layout: Layout, theta: Array) -> Point:

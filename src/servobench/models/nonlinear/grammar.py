@@ -55,4 +55,25 @@ def ladder(name: str) -> NonlinearMotor | None:
     )
 
 
+def with_term(name: str, term: str) -> str | None:
+    """Return the name of the structure with a term more: coulomb, asymmetric, stribeck, gravity, load; None where there is none.
+
+    A structure without friction gets Coulomb friction with a Stribeck term, and one whose Coulomb friction was the same in both
+    directions gets one for each.
+    """
+    has = name.removeprefix("first_order").split("_")
+    if not name.startswith("first_order") or term in has:
+        return None
+    friction = next((f for f in ("asymmetric", "coulomb", "one_way") if f"_{f}" in name), "")
+    if term == "coulomb":
+        friction = friction or "coulomb"
+    elif term == "asymmetric":
+        friction = "asymmetric" if friction != "one_way" else ""
+    elif term == "stribeck":
+        friction = friction or "coulomb"
+    parts = ["first_order", friction, *(t for t in ("stribeck", "gravity", "load") if t in has or t == term)]
+    richer = "_".join(part for part in parts if part)
+    return richer if richer != name and ladder(richer) is not None else None
+
+
 STRUCTURES.family(FORM, ladder, MEANING)

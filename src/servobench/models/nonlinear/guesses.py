@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 _TAUS = 14
 _DELAYS = (0.1, 1.0, 3.0, 8.0)  # sample times
-_STRIBECK = (0.02, 0.06, 0.2)  # of the largest speed
+_STRIBECK = (0.03, 0.15)  # of the largest speed
 _ROWS = 1500  # of a record: a guess needs no more
 _LOAD = 0.05  # the first guess of μ, which multiplies gravity and so isn't linear
 _UNIT = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY))

@@ -1,0 +1,242 @@
+"""The score test of one fit for a term that its structure lacks: how strongly the data ask for it, and for how much of it.
+
+The term is an extra input e(t) that depends on what the motor does, or something that the sensor adds: what it would add to the
+output is a column c beside the Jacobian J. If the structure is right, the innovations r (of unit variance) have no part of c
+that J can't have as well:
+
+    t² = (C⊥'r)' (C⊥'C⊥)⁻¹ C⊥'r,   C⊥ = C - J (J'J)⁻¹ J'C
+
+is χ² with as many degrees of freedom as the term has columns (Rao 1948). No parameter is fitted again. The rounding of an ideal
+encoder is not quite white, which is why the limit lies well above what chance gives. (C⊥'C⊥)⁻¹ C⊥'r is how much of the
+term the data ask for, and (J'J)⁻¹ J'C times that is how far its absence has moved the parameters: both to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.estimators.base import Fit, FittedRecord
+from servobench.estimators.covariance import andrews_lag, long_run
+from servobench.estimators.disturbance import whitened
+
+LIMIT = 5.0  # standard deviations of a normal number that is as improbable
+ASKED = 3.0  # below that nobody asks how much of a term there would be
+_SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a motor did, at the same times: input and speed over their largest values, position, and how far the record is gone.
+
+    `gone` runs from -1 to 1; the position is in its own unit; `load` is what gravity takes by the model, over its largest value.
+    """
+
+    input: Array
+    speed: Array
+    position: Array
+    gone: Array
+    load: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A term that a model may lack: its finding's code, a sentence, and what it adds to the input or to the output.
+
+    `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations. `rung` is what a
+    structure with the term has in its name, where there is one. `sized` says how much of the term there is.
+    """
+
+    code: str
+    sentence: str
+    to_input: Callable[[Motion], tuple[Array, ...]] | None = None
+    to_output: Callable[[Motion], tuple[Array, ...]] | None = None
+    curved: str | None = None
+    limit: float = LIMIT
+    rung: str | None = None
+    sized: Callable[[Shown], str] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """How strongly the data ask for a term, in standard deviations, and how much of it they ask for.
+
+    `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
+    how many of their own standard deviations gain or time constant, whichever is worse, are off without it. `fit` is the one
+    tested, `largest` its largest input.
+    """
+
+    term: Term
+    size: float
+    fit: Fit
+    largest: float
+    amount: Array = field(default_factory=lambda: np.zeros(0))
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    moved: float = 0.0
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """The size of the amount, √(a'a), and the half of its 95 % interval."""
+        size = float(np.linalg.norm(self.amount))
+        along = self.amount / size if size > 0 else self.amount
+        variance = float(along @ self.covariance @ along)
+        return size, 1.959964 * float(np.sqrt(max(variance, 0.0)))
+
+
+class ScoreTest:
+    """The score test of one fit: the parts that all terms share."""
+
+    def __init__(self, fit: Fit, largest: float) -> None:
+        self.fit = fit
+        self.runs = [_Run(fit, record, largest) for record in fit.records]
+        jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
+        scale = np.linalg.norm(jacobian, axis=0)
+        self.jacobian, self.scale = jacobian, np.where(scale > 0, scale, 1.0)
+        self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
+        self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
+
+    def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
+        """How much of each term that could show in these data the innovations have; its amount only from 3 deviations on."""
+        in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
+        for term in terms:
+            if term.code == "ripple" and not in_radians:
+                continue
+            yield self._shown(term, np.concatenate([run.columns(term) for run in self.runs]))
+
+    def _shown(self, term: Term, columns: Array) -> Shown:
+        """The test for one term, for white innovations or for their own colour.
+
+        The colour is looked at only where white innovations would call for the term.
+        """
+        plain = Shown(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
+        norms = np.linalg.norm(columns, axis=0)
+        rest = columns - self.basis @ (self.basis.T @ columns)
+        # What is left of a column that the Jacobian explains is rounding error.
+        told = np.isfinite(norms) & (np.linalg.norm(rest, axis=0) > 1e-6 * norms)
+        if not told.any():
+            return plain
+        rest = rest[:, told] / norms[told]
+        total, power = self.innovations @ rest, rest.T @ rest
+        size = _normal_equivalent(total, power)
+        if size <= ASKED:
+            return replace(plain, size=size)
+        score = rest * self.innovations[:, None]
+        coloured = long_run(score, andrews_lag(score))
+        size = min(size, _normal_equivalent(total, coloured))
+        bread = np.linalg.pinv(power) / norms[told]
+        amount = total @ bread
+        unit = 1.0 if term.to_input is None else _SMALL * self.runs[0].largest
+        return replace(
+            plain,
+            size=size,
+            amount=unit * amount,
+            covariance=unit**2 * bread.T @ coloured @ bread,
+            moved=self._moved(columns[:, told] @ amount),
+        )
+
+    def _moved(self, lacking: Array) -> float:
+        """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
+        off = np.linalg.lstsq(self.jacobian / self.scale, lacking, rcond=1e-12)[0] / self.scale
+        sd = np.sqrt(np.diag(self.fit.covariance))
+        names = self.fit.model.names
+        at = [names.index(name) for name in ("gain", "time_constant") if name in names]
+        return max((float(abs(off[n]) / sd[n]) for n in at if sd[n] > 0), default=0.0)
+
+
+def _normal_equivalent(total: Array, spread: Array) -> float:
+    """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
+    from scipy.special import chdtrc, ndtri
+
+    chi2 = float(total @ np.linalg.lstsq(spread, total, rcond=1e-9)[0])
+    return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
+
+
+class _Run:
+    """One record, simulated once without any term."""
+
+    def __init__(self, fit: Fit, record: FittedRecord, largest: float) -> None:
+        data = record.data
+        self.fit, self.record, self.largest = fit, record, largest
+        self.theta = np.concatenate([fit.model.theta, record.nuisance])
+        self.times = np.union1d(data.t_input, data.t_output)
+        held = np.searchsorted(data.t_input, self.times, side="right") - 1
+        self.u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
+        self.plain = replace(data, t_input=self.times, u=self.u)
+        self.without = fit.model.structure.predict(self.theta, self.plain).y
+        self.motion = self._motion()
+
+    def columns(self, term: Term) -> Array:
+        """What the term adds to the innovations, as columns (valid, K)."""
+        added = []
+        if term.to_input is not None:
+            for extra in term.to_input(self.motion):
+                driven = replace(self.plain, u=self.u + _SMALL * self.largest * extra)
+                added.append(self.fit.model.structure.predict(self.theta, driven).y - self.without)
+        if term.to_output is not None and self.record.data.kind == "position":
+            data = self.record.data
+            now = np.searchsorted(self.times, data.t_output)
+            added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
+        if term.curved in self.fit.model.names:
+            added.append(self._curvature(self.fit.model.names.index(term.curved)))
+        columns = np.column_stack(added) if added else np.zeros((len(self.without), 1))
+        return _in_innovations(self.fit, self.record, columns)
+
+    def _curvature(self, at: int) -> Array:
+        """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way."""
+        data, step = self.record.data, np.zeros(len(self.theta))
+        step[at] = 0.1 * data.sample_time
+        predict = self.fit.model.structure.predict
+        after, before = predict(self.theta + step, data).y, predict(self.theta - step, data).y
+        return np.asarray((after - 2 * self.record.prediction + before) / step[at] ** 2)
+
+    def _motion(self) -> Motion:
+        """The motion as the model simulates it, at the times of the input and the output."""
+        data, t = self.record.data, self.times
+        if data.kind == "speed":
+            speed = np.interp(t, data.t_output, self.record.prediction)
+            steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+            position = np.concatenate([[0.0], np.cumsum(steps)])
+        else:
+            position = np.interp(t, data.t_output, self.record.prediction)
+            speed = np.interp(t, data.t_output, np.gradient(self.record.prediction, data.t_output))
+        top = float(np.abs(speed).max(initial=0.0)) or 1.0
+        value = dict(zip(self.fit.model.names, self.fit.model.theta, strict=True))
+        sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
+        load = np.abs(sine * np.sin(position) + cosine * np.cos(position))
+        return Motion(
+            input=self.u / self.largest,
+            speed=speed / top,
+            position=position,
+            load=load / (float(load.max(initial=0.0)) or 1.0),
+            gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
+        )
+
+
+def _jacobian(fit: Fit, record: FittedRecord) -> Array:
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    return _in_innovations(fit, record, fit.model.structure.predict(theta, record.data).jacobian)
+
+
+def _in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
+    """Columns of the output as columns of the innovations, the valid samples of them."""
+    if fit.disturbance is None:
+        return np.asarray(x[record.valid] / fit.residual_sd, dtype=np.float64)
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    sliding = fit.model.structure.sliding(theta, record.data)
+    return whitened(x, record.data, sliding, fit.disturbance)[record.valid]
+
+
+def _joint(jacobians: list[Array], shared: int) -> Array:
+    """The Jacobian of all records: shared parameters in the same columns, each record's own beside them."""
+    own = [jacobian.shape[1] - shared for jacobian in jacobians]
+    out = np.zeros((sum(len(jacobian) for jacobian in jacobians), shared + sum(own)))
+    row, place = 0, shared
+    for jacobian, count in zip(jacobians, own, strict=True):
+        rows = slice(row, row + len(jacobian))
+        out[rows, :shared] = jacobian[:, :shared]
+        out[rows, place : place + count] = jacobian[:, shared:]
+        row, place = row + len(jacobian), place + count
+    return out

@@ -1,0 +1,338 @@
+"""The choice of a structure: a base that the motion calls for, then a rung of the ladder for each term that the data ask for.
+
+The score tests propose: they cost no fit, so that data which ask for nothing cost nothing. A proposed rung is fitted, and kept if
+
+- the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
+- the new term is known to half of itself, or else leaving it out would move gain or time constant by more than their own
+  standard deviation, which would claim to know more than the data tell,
+- gain and time constant are still known to half of themselves, and the search has settled.
+
+Then the tests look at what is left, until they ask for nothing, or for nothing that can be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import NotIdentifiable, UsageError
+from servobench.estimators.base import Estimator, Fit
+from servobench.estimators.covariance import andrews_lag, long_run
+from servobench.finding import Finding, info
+from servobench.measurement.dataset import Dataset
+from servobench.missing_terms import shown_terms
+from servobench.models.base import STRUCTURES, Structure
+from servobench.models.nonlinear.grammar import with_term
+from servobench.models.search import directions, smoothed_speed
+from servobench.score_test import ASKED, Shown
+from servobench.validate import explains_the_colour
+
+_RUNGS = 5  # as many as there are
+_BY_TRIAL = (
+    "gravity",
+    "coulomb",
+    "asymmetric",
+    "stribeck",
+    "load",
+)  # what hides the others if it is large comes first
+_ASKED_IF_MOVED = 3.5  # standard deviations of a term whose absence moves the gain by more than its own
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """The fit of the structure that was chosen, why it was, and what the score tests still show in it."""
+
+    fit: Fit
+    shown: tuple[Shown, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Rung:
+    """A rung that was tried: its term, the fit with it, as it is and as it is allowed for, and why it can't be kept."""
+
+    term: str
+    plain: Fit
+    fit: Fit
+    doubt: str
+
+
+def chosen(
+    method: Estimator,
+    data: Sequence[Dataset],
+    structure: str,
+    estimator: str,
+    allow: Callable[[Fit], Fit],
+) -> Choice:
+    """Return the fit of the structure asked for, or of the one that the data need ("auto").
+
+    `allow` makes of a fit one that allows for what disturbs the motor. Raises `NotIdentifiable` where the data can't support it,
+    and `UsageError` where a structure and an estimator were named that can't go together.
+    """
+    if structure != "auto":
+        _check_combination(method, STRUCTURES[structure], data, estimator)
+        fit = allow(_fitted(method, STRUCTURES[structure], data))
+        return Choice(fit=fit, shown=shown_terms(fit))
+    return _climbed(method, data, *_base(method, data), allow)
+
+
+def _check_combination(
+    method: Estimator, structure: Structure, data: Sequence[Dataset], estimator: str
+) -> None:
+    """Raise `UsageError` where the estimator that was named can't work on the structure that was named."""
+    hindrance = method.supports(structure, data) if estimator != "auto" else None
+    if hindrance is not None:
+        raise UsageError(hindrance.sentence)
+
+
+def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Finding, ...]]:
+    """The fit of the simplest structure for a motor that turned so, with Coulomb friction if that is needed, and why."""
+    if not _turns_both_ways(data):
+        return _fitted(method, STRUCTURES["first_order_one_way"], data), ()
+    frictionless = _fitted(method, STRUCTURES["first_order"], data)
+    try:
+        with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return frictionless, ()
+    if _better(with_friction, frictionless):
+        sentence = (
+            f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
+            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless['gain'].value:.4g} instead of "
+            f"{with_friction['gain'].value:.4g}."
+        )
+        return with_friction, (info("friction-found", sentence, parameters=("coulomb_voltage",)),)
+    if _moved(with_friction, frictionless):
+        sentence = (
+            "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
+            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better "
+            "known than it is."
+        )
+        return with_friction, (info("friction-possible", sentence, parameters=("coulomb_voltage",)),)
+    sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
+    return frictionless, (info("friction-not-found", sentence),)
+
+
+def _climbed(
+    method: Estimator,
+    data: Sequence[Dataset],
+    base: Fit,
+    findings: tuple[Finding, ...],
+    allow: Callable[[Fit], Fit],
+) -> Choice:
+    """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
+    plain, fit, refused = base, allow(base), dict[str, str]()
+    shown = shown_terms(fit)
+    for _ in range(_RUNGS):
+        terms = [t for t in _suspected(shown, fit) if t not in refused and with_term(fit.structure, t)]
+        tried = (_tried(method, data, plain, fit, term, allow) for term in terms)
+        kept = next((rung for rung in tried if not _noted(rung, refused)), None)
+        if kept is None:
+            break
+        earlier = [f for f in findings if kept.term != "coulomb" or f.code != "friction-not-found"]
+        findings = (*earlier, _found(kept, plain, fit))
+        plain, fit = kept.plain, kept.fit
+        shown = shown_terms(fit)
+    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused)))
+
+
+def _noted(rung: _Rung, refused: dict[str, str]) -> bool:
+    """Whether something speaks against a rung; it is noted in `refused`."""
+    if rung.doubt:
+        refused[rung.term] = rung.doubt
+    return bool(rung.doubt)
+
+
+def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
+    """The rungs to try: those that the data ask for, and all where the fit leaves a colour that nothing explains.
+
+    A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
+    """
+    asked = _asked(shown)
+    if not explains_the_colour(fit):
+        return list(dict.fromkeys([*_BY_TRIAL, *asked]))
+    # Friction was looked for before gravity was known, and so in vain.
+    return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked
+
+
+def _asked(shown: Sequence[Shown]) -> list[str]:
+    """The rungs that the data ask for, strongest first."""
+    asked = [one for one in shown if _asks(one)]
+    asked.sort(key=lambda one: -one.size)
+    return list(dict.fromkeys(str(one.term.rung) for one in asked))
+
+
+def _asks(one: Shown) -> bool:
+    """Whether a score test calls for a rung: friction that falls with the speed or grows with the load, not the other way."""
+    if one.term.rung is None or one.size <= ASKED:
+        return False
+    if one.term.rung in ("stribeck", "load") and one.amount[0] < 0:
+        return False
+    return one.size > one.term.limit or (one.size > _ASKED_IF_MOVED and one.moved > 1)
+
+
+def _tried(
+    method: Estimator,
+    data: Sequence[Dataset],
+    plain: Fit,
+    fit: Fit,
+    term: str,
+    allow: Callable[[Fit], Fit],
+) -> _Rung:
+    """The rung with a term, fitted, and what speaks against it."""
+    structure = STRUCTURES[with_term(fit.structure, term) or ""]
+    if method.supports(structure, data) is not None:
+        return _Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
+    try:
+        starts = (_embedded(plain, structure, data), *structure.guesses(data))
+        richer = method.fit(structure, data, starts)
+        if not _worth_it(richer, plain):
+            return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
+        allowed = allow(richer)
+    except NotIdentifiable as error:
+        return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
+    return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, richer, allowed, fit))
+
+
+def _worth_it(richer: Fit, plain: Fit) -> bool:
+    """Whether a rung explains more by Schwarz's criterion (1978), with as many samples as the colour of what is left is worth.
+
+    Of n samples whose mean varies as that of n/κ white ones, n/κ count: κ is the long-run variance over the variance.
+    """
+    more = len(richer.model.theta) - len(plain.model.theta)
+    samples, worth = 0, 0.0
+    for record in richer.records:
+        residual = record.residual[record.valid][:, None]
+        power = float(np.sum(residual**2))
+        colour = float(long_run(residual, andrews_lag(residual))[0, 0]) / power if power > 0 else 1.0
+        samples += len(residual)
+        worth += len(residual) / max(colour, 1.0)
+    gained = worth * float(np.log(plain.residual_sd**2 / richer.residual_sd**2))
+    return gained > max(more, 1) * float(np.log(samples))
+
+
+def _doubt(term: str, richer: Fit, allowed: Fit, fit: Fit) -> str:
+    """Why a rung that explains more can't be kept all the same; empty where it can."""
+    if not richer.converged:
+        return "the search for it doesn't settle"
+    if any(not allowed[n].sd < 0.5 * abs(allowed[n].value) for n in ("gain", "time_constant")):
+        return "gain and time constant would not be known any more"
+    value, sd = _amount(term, allowed)
+    if not sd < 0.5 * value and not _moved(allowed, fit):
+        return f"its size can't be told from zero ({value:.2g} ± {1.959964 * sd:.1g})"
+    return ""
+
+
+_NAMES = {"coulomb": "coulomb_voltage", "load": "load_friction", "asymmetric": "drag_asymmetry"}
+
+
+def _amount(term: str, fit: Fit) -> tuple[float, float]:
+    """How much of a term a fit has, and its standard deviation: of Stribeck friction the area u_s ω_s, which reversals tell."""
+    names = fit.model.names
+    value, slope = 0.0, np.zeros(len(names))
+    if term == "stribeck":
+        u, speed = (names.index(n) for n in ("stribeck_voltage", "stribeck_speed"))
+        value = float(fit.model.theta[u] * fit.model.theta[speed])
+        slope[u], slope[speed] = fit.model.theta[speed], fit.model.theta[u]
+    elif term == "gravity":
+        at = [names.index(n) for n in ("gravity_voltage_sine", "gravity_voltage_cosine")]
+        value = float(np.hypot(*fit.model.theta[at]))
+        slope[at] = fit.model.theta[at] / (value or 1.0)
+    else:
+        at_one = names.index(_NAMES[term])
+        value = abs(float(fit.model.theta[at_one]))
+        slope[at_one] = 1.0
+    variance = float(slope @ fit.covariance @ slope)
+    return value, float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf
+
+
+def _embedded(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
+    """The simpler fit as a start vector of a richer structure, with a little of what is new."""
+    value = dict(zip(plain.model.names, plain.model.theta, strict=True))
+    coulomb, offset = value.get("coulomb_voltage", 0.0), value.get("offset_voltage", 0.0)
+    top = max(float(np.abs(smoothed_speed(record)).max()) for record in data)
+    little = {
+        "coulomb_voltage": max(coulomb, 0.0),
+        "coulomb_voltage_forward": coulomb + offset,
+        "coulomb_voltage_backward": coulomb - offset,
+        "stribeck_voltage": 0.3 * abs(coulomb),
+        "stribeck_speed": 0.1 * top,
+        "load_friction": 0.05,
+    }
+    shared = [value.get(p.name, little.get(p.name, 0.0)) for p in structure.parameters]
+    return np.concatenate([shared, *(record.nuisance for record in plain.records)])
+
+
+_CODES = {
+    "coulomb": "friction-found",
+    "stribeck": "stribeck-found",
+    "gravity": "gravity-found",
+    "asymmetric": "friction-asymmetric",
+    "load": "load-friction-found",
+}
+_SAYS = {
+    "coulomb": "Coulomb friction is needed",
+    "stribeck": "Friction is larger near standstill than at speed (Stribeck)",
+    "gravity": "Gravity pulls at the shaft, as at an arm or a pendulum",
+    "asymmetric": "Friction isn't the same in the two directions",
+    "load": "Friction grows with the load that gravity puts on the shaft",
+}
+
+
+def _found(rung: _Rung, plain: Fit, fit: Fit) -> Finding:
+    """The finding that a rung is kept: how large the term is, what it explains, and what the gain would be without it."""
+    new = [n for n in rung.fit.model.names if n not in fit.model.names]
+    sizes = ", ".join(f"{n} {_estimate(rung.fit, n)}" for n in new)
+    sentence = (
+        f"{_SAYS[rung.term]}: {sizes}. Without it the simulation explains {plain.fit_percent:.2f} % of the output, with it "
+        f"{rung.plain.fit_percent:.2f} %, and the gain would be {fit['gain'].value:.4g} instead of {rung.fit['gain'].value:.4g}."
+    )
+    return info(_CODES[rung.term], sentence, parameters=tuple(new))
+
+
+def _estimate(fit: Fit, name: str) -> str:
+    """A parameter with the half of its interval and its unit."""
+    found = fit[name]
+    unit = "" if found.unit == "1" else f" {found.unit}"
+    return f"{found.value:.3g} ± {1.959964 * found.sd:.1g}{unit}"
+
+
+def _stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, str]) -> Finding:
+    """The finding that says why no further rung was climbed."""
+    left = [term for term in _asked(shown) if term in refused]
+    if left:
+        reasons = "; ".join(f"{_SAYS[term][0].lower()}{_SAYS[term][1:]}: {refused[term]}" for term in left)
+        sentence = f"The structure is {fit.structure}. The data ask for a further term, which can't be told from them: {reasons}."
+    else:
+        sentence = f"The structure is {fit.structure}. No further term of friction or gravity is asked for by the data."
+    return info("structure-chosen", sentence)
+
+
+def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> Fit:
+    """The fit, or `NotIdentifiable` with the estimator's reason why it can't be done."""
+    hindrance = method.supports(structure, data)
+    if hindrance is not None:
+        raise NotIdentifiable(hindrance.sentence.rstrip("."))
+    return method.fit(structure, data)
+
+
+def _turns_both_ways(data: Sequence[Dataset]) -> bool:
+    """Whether at least one sample in fifty was taken while the motor turned the other way."""
+    senses = np.concatenate([directions(record) for record in data])
+    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
+
+
+def _better(one: Fit, other: Fit) -> bool:
+    """Whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
+    samples = sum(int(record.valid.sum()) for record in one.records)
+    return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
+
+
+def _moved(one: Fit, other: Fit) -> bool:
+    """Whether the other fit's gain or time constant is out by more than its own standard deviation if the one is right.
+
+    Then leaving a parameter out would claim to know more than the data tell.
+    """
+    return any(abs(one[n].value - other[n].value) > other[n].sd for n in ("gain", "time_constant"))
