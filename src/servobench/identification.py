@@ -11,6 +11,7 @@ from datetime import UTC, datetime
 import numpy as np
 
 from servobench._version import __version__
+from servobench.doubts.base import about_data, about_fit
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.estimators.prediction_error import (
@@ -21,6 +22,7 @@ from servobench.estimators.prediction_error import (
 )
 from servobench.estimators.repetition import period, repeats
 from servobench.estimators.second_weighing import weighed_twice
+from servobench.explanations.base import explain, unexplained
 from servobench.finding import Finding, info, refusal
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
@@ -30,7 +32,6 @@ from servobench.models.search import smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
 from servobench.motor_parameters.current import has_current
-from servobench.plausibility import about_data, about_fit
 from servobench.reconciliation.asking import reconcile
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.validate import explains_the_colour, validate
@@ -82,7 +83,7 @@ def identify(
             findings += [
                 *choice.findings,
                 *fit.findings,
-                *about_fit(fit),
+                *about_fit(fit, _parameters(nominal)),
                 *about_winding(fit),
                 *validate(fit),
                 *missing_terms(fit),
@@ -97,6 +98,8 @@ def identify(
     except NotIdentifiable as error:
         fit = None
         findings.append(refusal("not-identifiable", f"{error}."))
+    if unexplained(findings):
+        findings += explain(records)
     return Result(
         data=records,
         fit=fit,
@@ -209,11 +212,15 @@ def _validation(
     return validate_with(fit, others) if others else cross_validate(method, data, fit)
 
 
+def _parameters(nominal: str | MotorParameters | None) -> MotorParameters | None:
+    return data_sheet(nominal).motor if isinstance(nominal, str) else nominal
+
+
 def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Comparison, ...]:
     """The estimates beside the nominal values, for data in volts and radians."""
-    if nominal is None:
+    motor = _parameters(nominal)
+    if motor is None:
         return ()
-    motor = data_sheet(nominal).motor if isinstance(nominal, str) else nominal
     data = fit.records[0].data
     if data.input_unit != "V" or data.position_unit != "rad":
         raise UsageError(

@@ -197,10 +197,10 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
 
 def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
     """What the recording can be used for as it is, or what has to be said before; and what speaks against using it."""
+    from servobench.doubts.base import about_data
     from servobench.errors import MissingInformation, ServobenchError
     from servobench.formats.mapping import assign
     from servobench.measurement.measure import measure
-    from servobench.plausibility import about_data
 
     try:
         data = measure(assign(recording))

@@ -284,7 +284,9 @@ def _after_a_rise(cost: float, before: float) -> float:
 def _damped_step(h: Array, g: Array, damping: float) -> Array:
     """The step of (H + λ diag H) s = g, in scaled parameters, so that their units don't matter."""
     scale = 1.0 / np.sqrt(np.diag(h))
-    scaled = h * (scale[:, None] * scale)
+    scaled = (
+        scale[:, None] * h * scale
+    )  # in this order: the scales' product alone may be too large for a float
     scaled.flat[:: len(g) + 1] += damping
     try:
         step = np.linalg.solve(scaled, scale * g)

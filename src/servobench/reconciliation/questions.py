@@ -19,7 +19,7 @@ from servobench.reconciliation.reenactment import fitted_lags, read_lags, reenac
 
 _UNIFORM = 1 / math.sqrt(3)  # the standard deviation of what is spread evenly over ± 1
 _FEW_DIGITS = 4  # of a value that was written by hand; one with more was computed
-_UNKNOWN = 0.5  # of an estimate: a larger standard deviation is a refusal in `plausibility`, too
+_UNKNOWN = 0.5  # of an estimate: a larger standard deviation is a refusal in `doubts.uncertain`, too
 _READINGS = {"step_63", "log_linear"}  # estimators that leave the measurement's lag in
 
 

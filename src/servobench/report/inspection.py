@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from servobench._version import __version__
+from servobench.doubts.base import about_data
 from servobench.errors import MissingInformation, ServobenchError
 from servobench.finding import Finding, Severity
 from servobench.formats.describe import ChannelDescription, Description, describe, shown_channels
@@ -15,7 +16,6 @@ from servobench.formats.mapping import assign
 from servobench.formats.times import TimeBase
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure
-from servobench.plausibility import about_data
 from servobench.recording.recording import Recording
 from servobench.report import inspection_figures, tables, words
 from servobench.report.document import write_page

@@ -1,0 +1,81 @@
+"""An input that is the output once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.finding import Finding, refusal, warning
+from servobench.measurement.dataset import Dataset
+from servobench.models.search import smoothed_speed
+
+_EQUAL = 0.02  # of the largest level: how near a speed comes to its reference
+_SETTLED = 10  # samples at the end of a level
+_ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    own = [finding for record in records for finding in (*_of(record), *_settles_at_it(record))]
+    return [*_reference(records), *own]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    """Whether input and output, at the same times, are the same but for scale and offset."""
+    if len(data.u) < 20:
+        return []
+    u = np.interp(data.t_output, data.t_input, data.u)
+    speed = smoothed_speed(data)
+    for what, y in (("the output", data.y), ("the output's speed", speed)):
+        if np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE:
+            sentence = (
+                f"{data.name}: the input is {what} once more, but for its scale: this column was measured at the shaft and "
+                "drives nothing. Name the column of the voltage with --input COL:UNIT; if the file has none, the input "
+                "wasn't recorded."
+            )
+            return [refusal("input-is-output", sentence)]
+    return []
+
+
+def _reference(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether the input is itself a position or a speed: then it is what a loop was told, and not what drove the motor."""
+    unit = records[0].input_unit
+    if unit not in {"rad", "rad/s", "m", "m/s"}:
+        return []
+    sentence = (
+        f"The input is in {unit}: it is the reference of a control loop, and the voltage that drove the motor isn't there. "
+        "What is identified is the whole loop, controller included, and not the motor; name the voltage's column with "
+        "--input COL:V."
+    )
+    return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
+
+
+def _settles_at_it(data: Dataset) -> list[Finding]:
+    """Whether a speed settles at just the value of each level of the input: as behind a controller with an integral part."""
+    if data.kind != "speed" or data.input_unit in {"rad/s", "m/s"}:
+        return []
+    switches = np.append(data.t_input[np.flatnonzero(np.diff(data.u)) + 1], data.t_output[-1])
+    starts = np.append(data.t_output[0], switches[:-1])
+    settled = []
+    for start, end in zip(starts, switches, strict=True):
+        late = (data.t_output > start + 0.7 * (end - start)) & (data.t_output < end)
+        if late.sum() >= _SETTLED:
+            settled.append((input_held(data, float(end)), float(np.mean(data.y[late]))))
+    levels, speeds = np.array(settled).reshape(-1, 2).T
+    if len(np.unique(levels)) < 2 or np.abs(speeds - levels).max() > _EQUAL * np.abs(levels).max():
+        return []
+    sentence = (
+        f"{data.name}: the speed settles at just the value of the input, at each level: the input looks like the reference "
+        "of a speed controller, and the voltage that drove the motor isn't there. What is identified is the whole loop and "
+        "not the motor; name the voltage's column with --input COL:V."
+    )
+    return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
+
+
+def input_held(data: Dataset, end: float) -> float:
+    """Return the input that held just before a time [s]."""
+    return float(data.u[max(int(np.searchsorted(data.t_input, end, side="left")) - 1, 0)])
+
+
+DOUBTS.member("echo")(Doubt(codes=("input-is-output", "input-is-reference"), about_data=_about))

@@ -1,0 +1,149 @@
+"""Stretches in which the output stands still: a sensor at the end of its range, a blocked shaft, a dead channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.channels import Array
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.doubts.lattice import lattice_step
+from servobench.finding import Finding, refusal, warning
+from servobench.measurement.dataset import Dataset
+from servobench.models.search import smoothed_speed
+
+_FEW = 3.0  # quanta: what moves less than that hasn't moved
+_FINE = 200.0  # quanta in the range: of a coarser sensor nobody can say at what pace it reached its end
+_SHORTEST = 5  # samples in a stretch
+_ABRUPT = 0.3  # of the usual pace at which a stretch is entered: a motor slows down first
+_PILE = 0.005  # of the samples are exactly alike where a sensor without steps is at its end
+_PART = 0.05  # of the record, for a blocked shaft
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Flat:
+    """Samples `first` to `last`, which are alike, and the pace of the output before them, per sample."""
+
+    first: int
+    last: int
+    pace: float
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _of(record)]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    if not np.ptp(np.append(data.u, data.input_before)) > 0 or len(data.y) < 20:
+        return []
+    quantum = data.quantum or lattice_step(data.y) or 0.0
+    if np.ptp(data.y) <= _FEW * quantum:
+        sentence = (
+            f"{data.name}: the output doesn't move, although the input goes from {data.u.min():.3g} to {data.u.max():.3g} "
+            f"{data.input_unit}: the shaft is blocked, the amplifier is off, or this is another motor's sensor."
+        )
+        return [refusal("output-still", sentence)]
+    flats = _flats(data, quantum)
+    return (
+        _clipped(data, flats, quantum)
+        or _piled_up(data, quantum)
+        or (_stops(data, flats) if data.kind == "position" else [])
+    )
+
+
+def _flats(data: Dataset, quantum: float) -> list[_Flat]:
+    """The stretches of the same value, longer than one of the rounding at the slowest usual pace."""
+    same = np.abs(np.diff(data.y)) <= 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+    lengths = edges[1::2] - edges[::2]
+    pace = _usual_pace(data.y)
+    shortest = max(_SHORTEST, int(np.ceil(5 * quantum / pace)) if pace > 0 else _SHORTEST)
+    window = max(2, shortest // 2)
+    return [
+        _Flat(first=int(first), last=int(first + length), pace=_pace_before(data.y, int(first), window))
+        for first, length in zip(edges[::2], lengths, strict=True)
+        if length >= shortest
+    ]
+
+
+def _usual_pace(y: Array) -> float:
+    """How far the output goes in a sample while it goes: the median over windows of 20 samples in which it moves at all."""
+    steps = np.abs(y[20:] - y[:-20]) / 20
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+def _pace_before(y: Array, at: int, window: int) -> float:
+    return abs(float(y[at] - y[max(at - window, 0)])) / window if at >= window else 0.0
+
+
+def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
+    """Whether flat tops stand at an end of the range, and are reached at full pace: no motor stops within a sample."""
+    usual = _usual_pace(data.y)
+    if np.ptp(data.y) < _FINE * quantum:
+        return []
+    for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
+        at_end = [flat for flat in flats if data.y[flat.first] == end]
+        abrupt = [flat for flat in at_end if flat.pace > _ABRUPT * usual]
+        if abrupt and len(abrupt) >= 0.5 * len(at_end) and _leaves(data, abrupt, usual):
+            return [_at_the_end(data, which, end, np.flatnonzero(data.y == end))]
+    return []
+
+
+def _piled_up(data: Dataset, quantum: float) -> list[Finding]:
+    """Whether many samples of an output that has no steps of its own are exactly alike, at an end of the range."""
+    jumps = np.abs(np.diff(data.y))
+    if quantum > 0 or not (jumps > 0).any():
+        return []
+    usual = float(np.median(jumps[jumps > 0]))
+    for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
+        at_end = np.flatnonzero(data.y == end)
+        if len(at_end) < max(10, _PILE * len(data.y)):
+            continue
+        entered = at_end[(at_end > 0) & (data.y[at_end - 1] != end)]
+        # A motor that settles comes near its last value in ever smaller steps, which end in a float's last digit.
+        if len(entered) and np.median(jumps[entered - 1]) > 0.05 * usual:
+            return [_at_the_end(data, which, end, at_end)]
+    return []
+
+
+def _at_the_end(data: Dataset, which: str, end: float, samples: NDArray[np.int64]) -> Finding:
+    sentence = (
+        f"{data.name}: the output stays at its {which} value, {end:.4g} {data.output_unit}, in {len(samples)} samples and "
+        "gets there at full pace: the sensor is at the end of its range. What the motor did there isn't known; take a "
+        "smaller input, or leave these rows out."
+    )
+    rows = (int(samples[0]) + 1, int(samples[-1]) + 1)
+    return warning("output-clipped", sentence, parameters=("gain", "time_constant"), rows=rows)
+
+
+def _leaves(data: Dataset, flats: list[_Flat], usual: float) -> bool:
+    """Whether the output comes back from the end of its range, at least once, at full pace: a blocked shaft doesn't."""
+    window = max(2, (flats[0].last - flats[0].first) // 2)
+    ends = [flat.last for flat in flats if flat.last + window < len(data.y)]
+    return any(abs(float(data.y[k + window] - data.y[k])) / window > _ABRUPT * usual for k in ends)
+
+
+def _stops(data: Dataset, flats: list[_Flat]) -> list[Finding]:
+    """Whether the shaft stands although the input is one that moved it at other times."""
+    held = np.searchsorted(data.t_input, data.t_output, side="left") - 1
+    u = np.abs(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before))
+    speed = np.abs(smoothed_speed(data))
+    usual = float(np.median(u[speed > 0.5 * np.percentile(speed, 95)]))
+    for flat in flats:
+        inside = u[flat.first : flat.last + 1]
+        if len(inside) >= _PART * len(data.y) and np.mean(inside >= 0.99 * usual) > 0.3:
+            sentence = (
+                f"{data.name}: from {data.t_output[flat.first]:.4g} s to {data.t_output[flat.last]:.4g} s the output stands "
+                "still although the input would move it at other times: the shaft was blocked or the amplifier off. Leave "
+                "this stretch out."
+            )
+            rows = (flat.first + 1, flat.last + 1)
+            return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=rows)]
+    return []
+
+
+DOUBTS.member("flats")(Doubt(codes=("output-still", "output-clipped", "output-stops"), about_data=_about))

@@ -1,0 +1,67 @@
+"""Times that aren't even, and gaps in which nobody knows what the input did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.finding import Finding, info, warning
+from servobench.formats.times import GAP, UNEVEN
+from servobench.measurement.dataset import Dataset
+
+_CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't matter
+_SAME_STAMPS = 0.9  # of the input's times are also the output's: it was written in every row, and not only when it changed
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in (*_unknown_input(record), *_uneven(record))]
+
+
+def _unknown_input(data: Dataset) -> list[Finding]:
+    """Whether rows are missing in which the input may have changed, for inputs that are written in every row."""
+    steps = np.diff(data.t_input)
+    if len(steps) < 10 or np.isin(data.t_input, data.t_output).mean() < _SAME_STAMPS:
+        return []
+    typical = float(np.median(steps))
+    gaps = np.flatnonzero(steps > GAP * typical)
+    unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
+    if not unknown:
+        return []
+    longest = max(unknown, key=lambda k: float(steps[k]))
+    many = "a gap" if len(unknown) == 1 else f"{len(unknown)} gaps"
+    sentence = (
+        f"{data.name}: there is {many} of up to {steps[longest]:.3g} s (at {data.t_input[longest]:.4g} s), and nobody knows "
+        "when the input changed in it; the model takes it to have held its last value. Cut the file at the gap and give the "
+        "parts as two files, or record again without losing rows."
+    )
+    rows = (unknown[0] + 1, unknown[-1] + 2)
+    return [warning("gap-input-unknown", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)]
+
+
+def _may_have_changed(u: Array, k: int, rows: int) -> bool:
+    """Whether the input is another one after the gap, or usually changes within so many rows."""
+    least = _CHANGED * float(np.ptp(u))
+    span = min(rows, len(u) // 2)
+    usual = float(np.mean(np.abs(u[span:] - u[:-span])))
+    return bool(abs(u[k + 1] - u[k]) > least or usual > least)
+
+
+def _uneven(data: Dataset) -> list[Finding]:
+    """How the times scatter, where the file's reader hasn't told already."""
+    steps = np.diff(data.t_output)
+    if len(steps) < 10 or any(finding.code == "time-uneven" for finding in data.findings):
+        return []
+    low, middle, high = (float(step) for step in np.percentile(steps, (1, 50, 99)))
+    if high - low <= UNEVEN * middle:
+        return []
+    sentence = (
+        f"{data.name}: samples come late or early: the sample time is {middle:.4g} s in the median, and 98 % of the steps "
+        f"lie between {low:.4g} s and {high:.4g} s. Each sample is taken at its own time."
+    )
+    return [info("time-uneven", sentence)]
+
+
+DOUBTS.member("gaps")(Doubt(codes=("gap-input-unknown", "time-uneven"), about_data=_about))

@@ -1,0 +1,43 @@
+"""What the one voltage stands for where the motor turned one way only."""
+
+from __future__ import annotations
+
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, info, warning
+
+
+def _one_way(fit: Fit) -> list[Finding]:
+    """What the one voltage stands for where the motor turned one way only."""
+    if fit.structure != "first_order_one_way":
+        return []
+    estimate = fit["coulomb_voltage"]
+    unit = estimate.unit
+    together = info(
+        "friction-and-offset-together",
+        "The motor turned one way only, so Coulomb friction and an offset can't be told apart: coulomb_voltage is their sum. "
+        "Let it turn both ways to separate them.",
+        parameters=("coulomb_voltage",),
+    )
+    if abs(estimate.value) <= 3 * estimate.sd:
+        return [together]
+    if estimate.value < 0:
+        sentence = (
+            f"The friction voltage comes out negative, {estimate.value:.3g} {unit}: friction never helps. The motor isn't "
+            "linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
+        )
+        return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
+    return [
+        together,
+        info(
+            "offset-found",
+            f"{estimate.value:.4g} {unit} of the input are lost before the motor turns; a model without this offset would get "
+            "the gain wrong.",
+            parameters=("coulomb_voltage", "gain"),
+        ),
+    ]
+
+
+DOUBTS.member("one_way")(
+    Doubt(codes=("friction-and-offset-together", "offset-negative", "offset-found"), about_fit=_one_way)
+)

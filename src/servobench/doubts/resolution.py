@@ -1,0 +1,48 @@
+"""An output that comes in coarse steps beside what the motor does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.doubts.lattice import lattice_step
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, warning
+from servobench.models.search import smoothed_speed
+
+_FEWEST = 40.0  # steps in a time constant, or in the range of a speed
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether the sensor has few steps in what tells the time constant: the way gone in it, or the range of the speed."""
+    fewest, quantum, kind = np.inf, 0.0, "position"
+    for record in fit.records:
+        data = record.data
+        q = data.quantum or lattice_step(data.y)
+        if not q or (data.chain and not data.quantum):
+            continue
+        if data.kind == "position":
+            if "time_constant" not in fit.model.names:
+                continue
+            speed = float(np.percentile(np.abs(smoothed_speed(data)), 95))
+            estimate = fit["time_constant"]
+            # A time constant that is hardly known may be as long as its interval reaches.
+            steps = speed * np.nanmin([estimate.value + 2 * estimate.sd, data.duration]) / q
+        else:
+            low, high = np.percentile(data.y, (1, 99))
+            steps = float(high - low) / q
+        if steps < fewest:
+            fewest, quantum, kind = steps, q, data.kind
+    if not fewest < _FEWEST:
+        return []
+    unit = fit.records[0].data.output_unit
+    where = "while the motor gets to its speed" if kind == "position" else "over the whole range of the speed"
+    sentence = (
+        f"The sensor is coarse: it has steps of {quantum:.3g} {unit}, {fewest:.2g} of them {where}. Its rounding, which "
+        "isn't random, may move the time constant and the friction by more than their intervals; take a finer sensor or a "
+        "longer record."
+    )
+    return [warning("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
+
+
+DOUBTS.member("resolution")(Doubt(codes=("resolution-coarse",), about_fit=_about_fit))

@@ -1,0 +1,52 @@
+"""A motor that only ever moved under one level of the input: gain and friction can't be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.finding import Finding, warning
+from servobench.measurement.dataset import Dataset
+from servobench.models.search import smoothed_speed
+
+_MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
+_ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
+
+
+def _single_level(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether one level moved the motor: then only K (u - u_c), the speed that it leads to, is known, and not its two factors.
+
+    Coasting under no input counts as a second level: it is friction alone that brakes there.
+    """
+    levels = np.concatenate([_levels_while_moving(record) for record in records])
+    every = np.concatenate([np.append(record.u, record.input_before) for record in records])
+    largest = float(np.abs(every).max(initial=0.0))
+    if len(levels) < 10 or not np.ptp(every) > 0:
+        return []
+    low, high = (float(level) for level in np.percentile(levels, (1, 99)))
+    if high - low > _ONE * largest:
+        return []
+    return [
+        warning(
+            "single-level",
+            f"The motor moved under one level of the input only, {0.5 * (low + high):.3g} {records[0].input_unit}: what is "
+            "known is the speed that this level leads to. How much of the level friction takes isn't, so that gain and "
+            "friction can't be "
+            "told apart; add a second level, or let the motor coast.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _levels_while_moving(record: Dataset) -> Array:
+    """The input at those samples of the output at which the shaft moves."""
+    speed = np.abs(smoothed_speed(record))
+    held = np.searchsorted(record.t_input, record.t_output, side="left") - 1
+    u = np.where(held >= 0, record.u[np.maximum(held, 0)], record.input_before)
+    return np.asarray(u[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64)
+
+
+DOUBTS.member("single_level")(Doubt(codes=("single-level",), about_data=_single_level))

@@ -1,0 +1,30 @@
+"""A time constant that is too short for the sampling, or too long for the record."""
+
+from __future__ import annotations
+
+from servobench.doubts.base import DOUBTS, Doubt
+from servobench.estimators.base import Fit
+from servobench.finding import Finding, warning
+
+
+def _time_scale(fit: Fit) -> list[Finding]:
+    """Whether the time constant lies between the sample time and the length of the record."""
+    if "time_constant" not in fit.model.names:
+        return []
+    tau = fit["time_constant"].value
+    step = max(record.data.sample_time for record in fit.records)
+    longest = max(record.data.duration for record in fit.records)
+    if tau < 2 * step:
+        sentence = (
+            f"The time constant, {tau:.3g} s, is less than two sample times of {step:.3g} s: sample faster."
+        )
+        return [warning("sampling-too-slow", sentence, parameters=("time_constant",))]
+    if tau > 0.5 * longest:
+        sentence = (
+            f"The time constant, {tau:.3g} s, is longer than half of the longest record: record for longer."
+        )
+        return [warning("record-too-short", sentence, parameters=("time_constant", "gain"))]
+    return []
+
+
+DOUBTS.member("time_scale")(Doubt(codes=("sampling-too-slow", "record-too-short"), about_fit=_time_scale))

@@ -1,0 +1,125 @@
+"""The kind `explanations`: causes that a bad fit may have, which are tried against each other on the data.
+
+Where the residuals of a fit object, or no fit was possible, each explanation says by how much it makes the motor's equation
+(`equation`) hold better. The best one is told, if it is a good one: then the user knows what to mend, and not only that something
+is wrong.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.explanations.equation import Motion, Regression, joined, motion, regression
+from servobench.finding import Finding, Severity
+from servobench.measurement.dataset import Dataset
+from servobench.registry import Registry
+
+_CONVINCING = 0.6  # of the misfit may be left where a cause is told
+_AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, and the simpler cause is told
+
+
+@dataclass(frozen=True, eq=False)
+class Case:
+    """The records on even grids, and how well the motor's equation holds without any further cause."""
+
+    motions: tuple[Motion, ...]
+
+    @cached_property
+    def base(self) -> tuple[Array, Array]:
+        """The columns (R, 5) of τ, K, K d, K u_c and K u₀, and the speed (R,)."""
+        return joined(self.motions)
+
+    @cached_property
+    def plain(self) -> Regression:
+        """The equation without any further cause."""
+        return regression(*self.base)
+
+    def with_columns(self, *extra: Sequence[Array]) -> Regression:
+        """Return the equation with further columns, each given as one array (R_r,) a record."""
+        columns, speed = self.base
+        return regression(np.column_stack([columns, *(np.concatenate(list(each)) for each in extra)]), speed)
+
+    def with_input(self, change: Callable[[Motion], Array], *extra: Sequence[Array]) -> Regression:
+        """Return the equation with another input (N,) in place of each record's."""
+        columns, speed = self.base
+        changed = [change(each) for each in self.motions]
+        columns = columns.copy()
+        columns[:, 1] = np.concatenate([m.filtered(u) for m, u in zip(self.motions, changed, strict=True)])
+        columns[:, 2] = -np.concatenate(
+            [m.filtered(u, 1) for m, u in zip(self.motions, changed, strict=True)]
+        )
+        return regression(np.column_stack([columns, *(np.concatenate(list(each)) for each in extra)]), speed)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Explained:
+    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose."""
+
+    finding: Finding
+    misfit: float
+    chosen: int = 1
+
+
+Explain: TypeAlias = Callable[[Case], Explained | None]
+
+# What says that something is wrong, and not what.
+_SYMPTOMS = frozenset(
+    {
+        "fit-poor",
+        "parameter-at-bound",
+        "parameter-uncertain",
+        "parameter-unknown",
+        "residual-coloured",
+        "residual-follows-input",
+        "search-not-settled",
+        "validation-poor",
+        "validation-worse",
+        "not-identifiable",
+    }
+)
+# What says what is wrong: then nothing further is looked for.
+_CAUSES = frozenset(
+    {
+        "angle-wraps",
+        "gap-input-unknown",
+        "input-constant",
+        "input-is-output",
+        "output-clipped",
+        "output-spikes",
+        "output-stale",
+        "output-still",
+        "output-stops",
+    }
+)
+
+EXPLANATIONS: Registry[Explain] = Registry("explanation", "servobench.explanations")
+
+
+def unexplained(findings: Sequence[Finding]) -> bool:
+    """Return whether findings say that something is wrong with a fit, and none says what."""
+    grave = {finding.code for finding in findings if finding.severity != Severity.INFO}
+    return bool(grave & _SYMPTOMS) and not grave & _CAUSES
+
+
+def explain(records: Sequence[Dataset]) -> list[Finding]:
+    """Return the finding of the cause that explains best why no model fits these records; none where no cause does."""
+    motions = [found for found in map(motion, records) if found is not None]
+    if not motions or len(motions) < len(records):
+        return []
+    case = Case(tuple(motions))
+    found = [each for each in (member(case) for member in EXPLANATIONS) if each is not None]
+    good = [each for each in found if each.misfit <= _CONVINCING * case.plain.misfit]
+    if not good:
+        return []
+    least = min(each.misfit for each in good)
+    best = min(
+        (each for each in good if each.misfit <= _AS_GOOD * least),
+        key=lambda each: (each.chosen, each.misfit),
+    )
+    return [best.finding]

@@ -1,0 +1,44 @@
+"""An input that acts only after it has turned round by some width: a valve's or a gear's play before the motor."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.finding import warning
+
+_WIDTHS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+
+
+def _hysteresis(case: Case) -> Explained | None:
+    """The best half width of a play that the input goes through."""
+    largest = max(float(np.abs(each.u).max()) for each in case.motions)
+    tried = [
+        (case.with_input(lambda m, width=width: play(m.u, width)), width)  # type: ignore[misc]
+        for width in (part * largest for part in _WIDTHS)
+    ]
+    found, width = min(tried, key=lambda each: each[0].misfit)
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"What acts lags behind the input by about {width:.2g} {unit} whenever the input turns round (hysteresis, as of a "
+        "valve or of play before the motor): the same input has two effects, depending on where it came from. A linear "
+        "model is the wrong structure."
+    )
+    return Explained(
+        finding=warning("hysteresis", sentence, parameters=("gain", "time_constant")),
+        misfit=found.misfit,
+        chosen=1,
+    )
+
+
+def play(u: Array, width: float) -> Array:
+    """Return u behind a play of half that width on either side, from its first value."""
+    out, now = np.empty(len(u)), float(u[0])
+    for k, value in enumerate(u.tolist()):
+        now = min(max(now, value - width), value + width)
+        out[k] = now
+    return out
+
+
+EXPLANATIONS.member("hysteresis")(_hysteresis)

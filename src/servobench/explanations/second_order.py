@@ -1,0 +1,33 @@
+"""A response with one more pole than a motor has: something swings or lags behind the shaft."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.finding import warning
+
+
+def _second_order(case: Case) -> Explained | None:
+    """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
+    orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
+    bent = [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
+    found = case.with_columns(bent)
+    tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
+    if squared == 0:
+        return None
+    frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
+    swings = squared > 0 and tau**2 < 4 * squared
+    how = f"swings at about {frequency:.2g} Hz" if swings else "has a second pole"
+    sentence = (
+        f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a shaft that gives, or a controller "
+        "that closes a loop around the motor takes part. First order is the wrong structure; take one of second order, or "
+        "record the motor alone."
+    )
+    code = "response-oscillates" if swings else "second-pole"
+    return Explained(
+        finding=warning(code, sentence, parameters=("gain", "time_constant")), misfit=found.misfit, chosen=3
+    )
+
+
+EXPLANATIONS.member("second_order")(_second_order)

@@ -1,0 +1,30 @@
+"""An input that the output doesn't know of."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.explanations.equation import regression
+from servobench.finding import refusal
+
+_SHARE = 0.9  # of what the equation leaves over without any input is still left over with it
+
+
+def _unrelated(case: Case) -> Explained | None:
+    """Whether the equation holds nearly as well without the input; then no other cause needs to be looked for."""
+    columns, speed = case.base
+    without = regression(columns[:, [0, 3, 4]], speed)
+    if case.plain.misfit < _SHARE * without.misfit or case.plain.misfit < 0.02 * case.plain.total:
+        return None
+    name = case.motions[0].data.name
+    sentence = (
+        f"{name}: the output doesn't follow this input: knowing the input tells "
+        f"{100 * (1 - np.sqrt(case.plain.misfit / without.misfit)):.0f} % of what moves the output. It is another column, "
+        "another motor's, or another recording's. Name the voltage of this motor with --input COL:UNIT; if the file has "
+        "none, the input wasn't recorded."
+    )
+    return Explained(finding=refusal("input-unrelated", sentence), misfit=0.5 * case.plain.misfit, chosen=1)
+
+
+EXPLANATIONS.member("unrelated")(_unrelated)
