@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from collections.abc import Sequence
 from dataclasses import replace
 from datetime import UTC, datetime
 
@@ -34,10 +32,9 @@ from servobench.motor_parameters.combined import MotorEstimates, motor_parameter
 from servobench.motor_parameters.current import has_current
 from servobench.reconciliation.asking import reconcile
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
+from servobench.structure_choice import chosen
 from servobench.validate import explains_the_colour, validate
 from servobench.winding import about_winding
-from servobench.structure_choice import chosen
-from servobench.validate import cross_validate, explains_the_colour, validate, validate_with
 
 
 def identify(
@@ -51,16 +48,12 @@ def identify(
     """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
 
     Several datasets are fitted jointly: they share the parameters, and each has its own start state. `structure` and
-    `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and whether friction is
-    needed, and the estimator by a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet, or
-    parameters, to hold the result against. `validate_on` are further datasets to try the model on; without any,
-    records, input levels or stretches are left out in turn (`held_out`). Where a current was
-    measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
-    `motor_parameters`.
     `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and which friction and
     gravity the data ask for (see `servobench.structure_choice`), and the estimator by a likelihood-ratio test for a random
     torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further datasets
-    to try the model on; without any, part of the data is held out in turn.
+    to try the model on; without any, records, input levels or stretches are left out in turn (`held_out`). Where a current was
+    measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
+    `motor_parameters`.
     Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
     known, a structure and an estimator that can't go together, or data that don't.
     """
@@ -86,10 +79,8 @@ def identify(
                 *about_fit(fit, _parameters(nominal)),
                 *about_winding(fit),
                 *validate(fit),
-                *missing_terms(fit),
-                *about_validation(fit, validation),
                 *missing_terms(choice.shown),
-                *_about_validation(fit, validation),
+                *about_validation(fit, validation),
             ]
             comparisons = _compare(fit, nominal)
             findings += _causes(fit, nominal)

@@ -16,7 +16,7 @@ def _of_each(records: Sequence[Dataset]) -> list[Finding]:
 def _chain_unknown(data: Dataset) -> list[Finding]:
     """Whether a speed comes without word of how it was measured."""
     found = []
-    if data.kind == "speed" and not data.chain:
+    if data.kind == "speed" and not data.chain and not data.chain_known:
         found.append(
             warning(
                 "chain-unknown",
