@@ -155,9 +155,8 @@ def test_a_chunk_that_claims_more_than_it_holds_is_left_out(tmp_path: Path) -> N
     path = tmp_path / "a.mcap"
     bag(path, count=50, chunk_size=2000)
     data = bytearray(path.read_bytes())
-    chunk = (
-        data.index(b"zstd") - 4 - 28
-    )  # behind two times, the size, the checksum, and the length of the text
+    second = data.index(b"zstd", data.index(b"zstd") + 1)  # the first chunk has the definitions
+    chunk = second - 32  # behind two times, the size, the checksum, and the length of the text
     data[chunk + 16 : chunk + 24] = (2**40).to_bytes(8, "little")
     path.write_bytes(data)
 

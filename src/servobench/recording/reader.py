@@ -205,7 +205,7 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
     if not library.startswith("servobench "):
         raise FormatError(
             f"{path} is an MCAP file, but was written by {library or 'an unknown program'!r} and not by servobench; "
-            f"of MCAP files only servobench's own can be read: export it as CSV"
+            f"it can be read by servobench inspect and identify, but only servobench's own can be recovered"
         )
 
 
