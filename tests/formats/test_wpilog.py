@@ -166,7 +166,7 @@ def test_a_value_of_another_size_than_its_type_is_left_out(tmp_path: Path) -> No
 
 def test_a_log_that_notes_changes_says_that_its_gaps_are_no_lack_of_data(tmp_path: Path) -> None:
     random = np.random.default_rng(2)
-    stamps = np.cumsum(np.where(np.arange(40) == 20, 3_000_000, 20_000)).tolist()
+    stamps = np.cumsum(np.where(np.arange(40) % 10 == 5, 3_000_000, 20_000)).tolist()
     even = (20_000 * np.arange(40)).tolist()
     noise = random.normal(size=40).tolist()
 
@@ -176,6 +176,10 @@ def test_a_log_that_notes_changes_says_that_its_gaps_are_no_lack_of_data(tmp_pat
 
     assert "`u`" in (sentence := finding(recording.findings, "values-on-change").sentence)
     assert "`y`" not in sentence
+
+
+def test_pauses_between_tests_are_not_taken_for_values_noted_on_change(tmp_path: Path) -> None:
+    assert all("values-on-change" not in codes(each.findings) for each in loaded(tmp_path, sysid()))
 
 
 def test_a_cut_log_is_read_up_to_the_cut(tmp_path: Path) -> None:

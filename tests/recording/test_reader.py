@@ -200,7 +200,10 @@ def test_an_mcap_file_of_another_program_is_called_one(tmp_path: Path) -> None:
         writer.add_message(channel, 0, b"{}", 0)
         writer.finish()
 
-    with pytest.raises(FormatError, match=r"is an MCAP file, but was written by 'rosbag2.*export it as CSV"):
+    with pytest.raises(
+        FormatError,
+        match=r"is an MCAP file, but was written by 'rosbag2.*only servobench's own can be recovered",
+    ):
         read(path)
 
 

@@ -29,6 +29,7 @@ from servobench.units import is_unit
 
 _MOST_CHANNELS = 100  # of one entry that is a list
 _LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
+_MANY = 0.05  # of the steps that are gaps, from which on they aren't pauses between tests
 _FEWEST = 10  # samples that it takes to say how a channel was noted
 
 
@@ -294,10 +295,10 @@ def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
 
 
 def _only_changes(channel: _Channel) -> bool:
-    """Whether a channel never has the same value twice in a row, and gaps."""
+    """Whether a channel never has the same value twice in a row, and gaps in more than the few places where a log may pause."""
     steps = np.diff(channel.t)
     forward = steps[steps > 0]
     if len(channel.values) < _FEWEST or not len(forward):
         return False
     changed = channel.values[1:] != channel.values[:-1]
-    return bool(changed.all() and (steps > GAP * np.median(forward)).any())
+    return bool(changed.all() and np.mean(steps > GAP * np.median(forward)) > _MANY)
