@@ -225,6 +225,7 @@ def test_limits_and_resolution_do_not_survive_another_unit() -> None:
         ({"output": "y:s"}, "the output `y` is in s; expected a position"),
         ({"input": "u:ms", "output": "y:rad"}, "the input `u` is in ms; expected V"),
         ({"input": "y:V", "output": "y:rad"}, "`y` can't be both input and output"),
+        ({"output": "y:rad", "time": "y:ms"}, "`y` is said to be the time; it can't be the output, too"),
         ({"output": "y:rad", "time": "t:V"}, "the time `t` is in V; expected s"),
         ({"output": "y:rad", "time": "t:s", "sample_time": 0.1}, "say one of them"),
         ({"output": "y:rad", "sample_time": 0.0}, "expected a positive number"),

@@ -64,6 +64,11 @@ def timed(
 def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:
     column, findings = found(recording, spec, None)
     name = column.channel.name
+    for role, each in series.items():
+        if each.channel.name == name:
+            raise UsageError(
+                f"{recording.name}: `{name}` is said to be the time; it can't be the {role}, too"
+            )
     symbol = spec.unit or column.channel.unit
     if symbol is None and (symbol := time_unit(heading(name))) is not None:
         sentence = (
