@@ -11,6 +11,7 @@ from servobench.errors import UsageError
 from servobench.finding import Finding, info
 from servobench.formats.columns import Heading, heading, quoted, time_unit
 from servobench.formats.roles import (
+    SUPPLY_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
@@ -135,7 +136,10 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
     names = [each.channel.name for each in recording.series]
-    candidates = candidates or [name for name in names if quantity_of(recording[name].channel.unit) in wanted]
+    possible = [name for name in names if plain_name(name) not in SUPPLY_NAMES]
+    candidates = candidates or [
+        each for each in possible if quantity_of(recording[each].channel.unit) in wanted
+    ]
     if candidates:
         options = " or ".join(f"--{role} {_with_unit(recording, name)}" for name in candidates)
         return f"which column is the {role}, as {quoted(candidates)} may be: say {options}"
