@@ -31,6 +31,8 @@ from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
 from servobench.motor_parameters.current import has_current
 from servobench.reconciliation.asking import reconcile
+from servobench.motor_parameters.current_input import about_current_input
+from servobench.plausibility import about_data, about_fit
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.structure_choice import chosen
 from servobench.validate import explains_the_colour, validate
@@ -78,6 +80,7 @@ def identify(
                 *fit.findings,
                 *about_fit(fit, _parameters(nominal)),
                 *about_winding(fit),
+                *about_current_input(fit),
                 *validate(fit),
                 *missing_terms(choice.shown),
                 *about_validation(fit, validation),

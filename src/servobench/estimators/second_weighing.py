@@ -106,10 +106,12 @@ def _minimum(fit: Fit) -> Minimum:
 
 def _told(fit: Fit, theta: Array) -> Finding:
     value = dict(zip(fit.model.names, theta, strict=True))
+    first = fit.model.names[0]
     return info(
         "weighed-twice",
         "No model of the noise explains what is left over, so that it is partly an error of the model. Weighed as under a random "
-        f"torque, the same data give a gain of {value['gain']:.4g} instead of {fit['gain'].value:.4g} and a time constant of "
-        f"{value['time_constant']:.4g} s instead of {fit['time_constant'].value:.4g} s; the intervals allow for the difference.",
+        f"torque, the same data give a {first.replace('_', ' ')} of {value[first]:.4g} instead of {fit[first].value:.4g} and a "
+        f"time constant of {value['time_constant']:.4g} s instead of {fit['time_constant'].value:.4g} s; the intervals allow for "
+        "the difference.",
         parameters=("gain", "time_constant"),
     )
