@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.errors import NotIdentifiable
 from servobench.finding import Verdict
 from servobench.identification import identify
+from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
 from servobench.models.position_loop import kernels
@@ -136,6 +137,27 @@ def test_loop_gain_time_constant_and_dead_band_are_found(loop: float, tau: float
     assert result.verdict is Verdict.TRUSTED
     system = result.fit.model.transfer_function("position")
     assert system.numerator[0] == system.denominator[-1]  # the position follows the goal one to one
+
+
+def test_a_chain_is_in_the_prediction_and_its_jacobian() -> None:
+    chain = Chain.parse("derivative | lowpass 50 rad/s")
+    raw = servo()
+    data = replace(
+        raw, y=chain(raw.y, raw.t_output), kind="speed", output_unit="rad/s", quantum=None, applied=chain
+    )
+    structure = STRUCTURES["position_loop_coulomb"]
+    theta = np.array([15.0, 0.08, 0.03, 0.01, 0.0021, raw.y[0], 1.0])
+    prediction = structure.predict(theta, data)
+
+    for n in range(len(theta)):
+        step = 1e-6 * max(abs(theta[n]), 1e-3)
+        up, down = theta.copy(), theta.copy()
+        up[n] += step
+        down[n] -= step
+        difference = (structure.predict(up, data).y - structure.predict(down, data).y) / (2 * step)
+        # The derivative over 5 ms makes 200 times the rounding of the position, 1e-15/1e-9.
+        error = np.abs(difference - prediction.jacobian[:, n]).max()
+        assert error <= 2e-6 * np.abs(prediction.jacobian[:, n]).max() + 3e-4, n
 
 
 def test_a_rest_tells_its_position_once() -> None:
