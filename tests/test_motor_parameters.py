@@ -209,3 +209,14 @@ def test_a_run_of_the_twin_brings_its_motors_parameters_along() -> None:
     assert abs(found["motor_constant"].value - 0.042) < 4.5 * found["motor_constant"].sd
     plain = json.loads(json.dumps(result.to_dict()))["motor_parameters"]
     assert plain["resistance"]["unit"] == "Ω"
+
+
+def test_a_fit_that_knows_nothing_tells_nothing_of_the_motor() -> None:
+    """A constant input: gain and friction are one and the same, so that the covariance is singular."""
+    data = with_current(5, "square", samples=1000)
+    constant = replace(data, u=np.full(1000, 2.0))
+    motion = march(Truth(), constant.u, 0.002)
+    steady = replace(constant, y=(np.floor(motion[:, 2] / QUANTUM) + 0.5) * QUANTUM, current=motion[:, 0])
+    found = motor_parameters(fitted(steady, "first_order_one_way"))
+
+    assert not {"inertia", "viscous_friction", "coulomb_torque"} & set(found.estimates)

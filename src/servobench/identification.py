@@ -23,6 +23,7 @@ from servobench.estimators.second_weighing import weighed_twice
 from servobench.explanations.base import explain, unexplained
 from servobench.finding import Finding, info, refusal
 from servobench.held_out import about_validation, cross_validate, validate_with
+from servobench.finding import Finding, Verdict, info, refusal, verdict, warning
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import fast_pole_doubt, missing_terms
 from servobench.models.nominal import nominal_values
@@ -89,6 +90,9 @@ def identify(
             findings += _causes(fit, nominal)
             motor = motor_parameters(fit, known=known) if known or has_current(fit) else motor
             findings += motor.findings
+            if (known or has_current(fit)) and verdict(findings) is not Verdict.REFUSED:
+                motor = motor_parameters(fit, known=known)
+                findings += motor.findings
     except NotIdentifiable as error:
         fit = None
         findings.append(refusal("not-identifiable", f"{error}."))

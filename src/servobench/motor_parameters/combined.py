@@ -145,7 +145,7 @@ def _drag_scale(motor: Motor) -> float:
 
 def _solved(joint: Observed, start: dict[str, float]) -> _Solution:
     """Weighted least squares for the motor, Gauss and Newton; of several that do as well, one near the start."""
-    whiten = np.linalg.inv(np.linalg.cholesky(_positive(joint.covariance)))
+    whiten = _whitening(joint.covariance)
     motor, free = dict(start), len(start)
     for _ in range(60):
         slopes = whiten @ _slopes(joint, motor)
@@ -170,9 +170,14 @@ def _solved(joint: Observed, start: dict[str, float]) -> _Solution:
     )
 
 
-def _positive(covariance: Array) -> Array:
-    """A covariance that has an inverse: each number is known to a billionth of its own standard deviation at the best."""
-    return covariance + np.diag(1e-18 * np.diag(covariance) + 1e-300)
+def _whitening(covariance: Array) -> Array:
+    """A matrix W (N, N) with W C W' = 1, computed in units of the standard deviations.
+
+    A combination of numbers that is known to less than a hundred-thousandth of the others' is taken for known to that.
+    """
+    sd = np.sqrt(np.diag(covariance))
+    values, vectors = np.linalg.eigh(covariance / np.outer(sd, sd))
+    return np.asarray((vectors / np.sqrt(np.maximum(values, 1e-10))).T / sd, dtype=np.float64)
 
 
 def _moved(motor: dict[str, float], change: Array) -> dict[str, float]:

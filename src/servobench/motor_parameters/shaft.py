@@ -29,6 +29,8 @@ def shaft_and_current(fit: Fit) -> Observed:
     spread = slopes @ covariance @ slopes.T
     if used and line is not None:
         spread[-2:, -2:] += line.covariance[:2, :2]
+    if not (np.isfinite(values).all() and np.isfinite(spread).all() and (np.diag(spread) > 0).all()):
+        return nothing(_not_told("the model isn't known well enough; the other findings say why"))
     return Observed(
         laws=_laws(fit, used),
         values=values,
@@ -46,8 +48,20 @@ def _hindrance(fit: Fit) -> Finding | None:
         why = f"they need data in V and rad, and these are in {data.input_unit} and {data.position_unit}"
     elif not fit.model["gain"] > 0:
         why = "the gain isn't positive: turn the sign of the input or of the output round"
+    elif _unknown(fit):
+        why = f"the {_unknown(fit)} isn't known to better than a half of itself"
     else:
         return None
+    return _not_told(why)
+
+
+def _unknown(fit: Fit) -> str:
+    """The gain or the time constant, where it isn't known; empty otherwise."""
+    vague = [name for name in ("gain", "time_constant") if not fit[name].sd < 0.5 * abs(fit[name].value)]
+    return vague[0].replace("_", " ") if vague else ""
+
+
+def _not_told(why: str) -> Finding:
     return info("motor-parameters-not-told", f"The motor's own parameters can't be found: {why}.")
 
 
