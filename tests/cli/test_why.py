@@ -131,3 +131,22 @@ def test_a_mistake_ends_with_2_and_says_what_can_be(
     assert ended.status == 2
     assert said in ended.err
     assert "Traceback" not in ended.err
+
+
+def test_a_report_is_written_where_one_can_be(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    file = finished_run / "recording.mcap"
+    page = tmp_path / "why.html"
+    ended = servobench("why", file, "--chain", BEHIND, "--claimed", "tau=0.13", "--report", page)
+
+    assert ended.status == 0
+    assert f"report: {page}" in ended.out
+    assert "Why 0.13" in page.read_text(encoding="utf-8")
+    for nowhere, said in (
+        (tmp_path, "is a folder"),
+        (tmp_path / "no" / "x.html", "no folder"),
+        (file, "lost"),
+    ):
+        refused = servobench("why", file, "--claimed", "tau=0.13", "--report", nowhere)
+        assert (refused.status, said in refused.err) == (2, True)

@@ -110,6 +110,22 @@ def check_names(structure: str, estimator: str, nominal: str | None) -> None:
         data_sheet(nominal)
 
 
+def check_report(path: Path | None, inputs: Sequence[Path]) -> None:
+    """Raise `UsageError` where no report can be written, or it would replace a file that is read, before any work is done."""
+    from servobench.errors import UsageError
+
+    if path is None:
+        return
+    if path.is_dir():
+        raise UsageError(f"--report {path}: is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise UsageError(f"--report {path}: there is no folder {path.parent}")
+    if any(path.resolve() == each.resolve() for each in inputs):
+        raise UsageError(
+            f"--report {path}: is one of the files that are read, and would be lost; give another name"
+        )
+
+
 def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
     from servobench._version import __version__
     from servobench.finding import refusal

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated
 
@@ -102,7 +101,7 @@ def identify(
     stands in another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s,
     deg/s, rpm, rev/s, counts/s, m/s).
     """
-    from servobench.cli.conclusion import check_names, concluded, deliver, status_of
+    from servobench.cli.conclusion import check_names, check_report, concluded, deliver, status_of
     from servobench.cli.known import known_values
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import evidence, loaded, mapped, mapping_in, seconds
@@ -111,8 +110,7 @@ def identify(
 
     check_names(structure, estimator, nominal)
     stated = known_values(known or ())
-    _check_can_hold_a_file(report)
-    _check_is_no_input(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
+    check_report(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
     base = mapping_in(mapping)
     said = Mapping(
         time=time,
@@ -150,23 +148,3 @@ def identify(
         command=context.obj or "",
     )
     raise typer.Exit(status_of(result))
-
-
-def _check_is_no_input(report: Path | None, inputs: Sequence[Path]) -> None:
-    """Raise `UsageError` where the report would be written over a recording."""
-    from servobench.errors import UsageError
-
-    if report is not None and any(report.resolve() == Path(each).resolve() for each in inputs):
-        raise UsageError(
-            f"--report {report}: is one of the files that are read, and would be lost; give another name"
-        )
-
-
-def _check_can_hold_a_file(path: Path | None) -> None:
-    """Raise `UsageError` where no file can be written there, before any work is done."""
-    from servobench.errors import UsageError
-
-    if path is not None and path.is_dir():
-        raise UsageError(f"--report {path}: is a folder; name a file in it")
-    if path is not None and not path.parent.is_dir():
-        raise UsageError(f"--report {path}: there is no folder {path.parent}")

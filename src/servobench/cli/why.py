@@ -18,6 +18,7 @@ _MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences 
 
 
 def why(
+    context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
     claimed: Annotated[
         list[str] | None,
@@ -91,26 +92,29 @@ def why(
         bool,
         typer.Option("--json", help="Print the explanation as JSON, and nothing else, on standard output."),
     ] = False,
+    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report (HTML).")] = None,
 ) -> None:
     """Say why a figure differs from what recordings say of the motor.
 
     The figure is somebody's claim, or a data sheet's. Each cause (a lag of the measurement, friction, resistance, inertia,
     the method, ...) is held against the difference: how much it explains, how probable it is, and what would decide.
     """
-    from servobench.cli.conclusion import check_names, concluded, status_of
+    from servobench.cli.conclusion import check_names, check_report, concluded, status_of
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
-    from servobench.cli.terminal import messages, output, print_json
+    from servobench.cli.terminal import messages, output, print_json, say
     from servobench.formats.mapping import Mapping
     from servobench.reconciliation.asking import why as explained
     from servobench.reconciliation.claim import Claim
     from servobench.reconciliation.reenactment import check_method
+    from servobench.report.explanation import ExplanationReport
 
     check_names("auto", "auto", nominal)
     check_method(method)
     for text in claimed or ():
         Claim.parse(text)  # a mistake in it is told before any work is done
     _check_has_something(claimed, nominal)
+    check_report(report, [*files, *([mapping] if mapping else [])])
     base = mapping_in(mapping)
     said = Mapping(
         time=time,
@@ -127,9 +131,17 @@ def why(
         with told_when_compiling(progress):
             result = concluded(evidence, progress)
             explanation = explained(result, claimed or (), nominal=nominal, method=method)
-    show_explanation(messages() if as_json else output(), explanation)
-    if as_json:
-        print_json(explanation.to_dict())
+    console = messages() if as_json else output()
+    try:
+        if report is not None:
+            recordings = [each.recording for each in evidence]
+            ExplanationReport(recordings, explanation, command=context.obj or "").write(report)
+    finally:
+        show_explanation(console, explanation)
+        if as_json:
+            print_json(explanation.to_dict())
+    if report is not None:
+        say(console, f"\nreport: {report}")
     raise typer.Exit(status_of(result))
 
 

@@ -53,7 +53,7 @@ def sentences(
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
         told.append(
-            f"None of the causes that are weighed here explains it well: with {_percent(other)} it is something else."
+            f"None of the causes that are weighed here explains it well: with {probability_told(other)} it is something else."
         )
     ruled_out = [each for each in causes if not each.possible or each.needed is None]
     if ruled_out:
@@ -86,8 +86,9 @@ def _first(question: Question, first: Judged) -> str:
         how = "off simulated steps of such a motor" if reading.simulated else "off these very data"
         behind = reading.chain if reading.chain == AS_RECORDED else f"behind `{reading.chain}`"
         read = f"{SPOKEN[method]}, read {how} {behind}, gives {with_unit(reading.time_constant, 's')}"
+        probable = probability_told(first.probability)
         return (
-            f"The likeliest cause is the lag of the measurement ({_percent(first.probability)}): {read}, so the lag explains "
+            f"The likeliest cause is the lag of the measurement ({probable}): {read}, so the lag explains "
             f"{_shares(first.explains)}."
         )
     needed = ""
@@ -96,9 +97,7 @@ def _first(question: Question, first: Judged) -> str:
     likely = ""
     if first.likely is not None and any(math.isfinite(each.value) for each in first.explains):
         likely = f" Of a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
-    return (
-        f"The likeliest cause is {first.label} ({_percent(first.probability)}). {first.law}{needed}{likely}"
-    )
+    return f"The likeliest cause is {first.label} ({probability_told(first.probability)}). {first.law}{needed}{likely}"
 
 
 def _rest(question: Question, first: Judged, hypotheses: Sequence[Hypothesis]) -> list[str]:
@@ -167,7 +166,8 @@ def _shares(shares: Sequence[Share]) -> str:
     return " and ".join(told) or "no part that can be told"
 
 
-def _percent(probability: float) -> str:
+def probability_told(probability: float) -> str:
+    """Return a probability in per cent, without more certainty than there is."""
     if probability > 0.995:
         return "above 99 %"
     return "below 1 %" if probability < 0.01 else f"{100 * probability:.0f} %"

@@ -1,0 +1,102 @@
+"""The noun `ExplanationReport`: why figures differ, for people to read, in one page."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from servobench._version import __version__
+from servobench.finding import Severity
+from servobench.reconciliation.explanation import Explanation
+from servobench.reconciliation.reenactment import SPOKEN
+from servobench.reconciliation.sentences import needed_told, probability_told
+from servobench.recording.recording import Recording
+from servobench.report import explanation_figures, tables, words
+from servobench.report.document import write_page
+from servobench.report.html import SEVERITIES, single, source, template
+from servobench.report.tables import Fact
+from servobench.rounding import plain, with_unit
+
+
+@dataclass(frozen=True, eq=False)
+class ExplanationReport:
+    """An explanation, and the recordings that it is about, as a page that opens from disk without a network."""
+
+    recordings: Sequence[Recording]
+    explanation: Explanation
+    command: str = field(default="", kw_only=True)
+
+    def html(self) -> str:
+        """Return the page. The same explanation gives the same text."""
+        found = self.explanation
+        drawings = (explanation_figures.readings(found), explanation_figures.causes(found))
+        text = template("explanation.html.j2").render(
+            style=source("style.css"),
+            version=__version__,
+            title=_title(found),
+            state=str(found.verdict),
+            sentences=found.sentences,
+            drawings=tuple(drawn for each in drawings if not found.agrees and (drawn := single(each))),
+            shares=tuple(each.name.replace("_", " ") for each in found.differences),
+            causes=_causes(found),
+            readings=_readings(found),
+            experiment=found.decision.experiment.to_toml()
+            if found.decision and found.decision.experiment
+            else "",
+            findings=tables.finding_groups(
+                tuple(each for each in found.findings if each.severity != Severity.INFO)
+            ),
+            origin=self._origin(),
+            sentence=words.sentence,
+            severity_words={str(severity): word for severity, word in SEVERITIES.items()},
+        )
+        # A name of a file may hold bytes that are no text.
+        return text.encode("utf-8", "replace").decode("utf-8")
+
+    def write(self, path: str | os.PathLike[str]) -> None:
+        """Write the page to a file: all of it or, where that can't be done, nothing; an earlier file is replaced.
+
+        Raises `StorageError`, which says why.
+        """
+        write_page(self.html(), path)
+
+    def _origin(self) -> tuple[Fact, ...]:
+        files = tuple(
+            Fact(heading=each.name, text=each.source.sha256 or "not known", code=True)
+            for each in self.recordings
+        )
+        command = (Fact(heading="Command", text=self.command, code=True),) if self.command else ()
+        return (*command, *files)
+
+
+def _title(found: Explanation) -> str:
+    if not found.differences:
+        return "No answer"
+    told = " and ".join(with_unit(each.other, each.unit) for each in found.differences)
+    first = " and ".join(with_unit(each.data, each.unit, 3) for each in found.differences)
+    return f"Why {told} and not {first}"
+
+
+def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
+    """A row for each cause: its name, how probable it is, what it explains of each difference, and what there is to say."""
+    rows = []
+    for each in found.causes:
+        shares = {share.name: 100 * share.value for share in each.explains}
+        told = (f"{plain(shares[d.name], 2)} %" if d.name in shares else "–" for d in found.differences)
+        needed = "" if each.needed is None else needed_told(each.needed)
+        against = each.against and f"{'; ' if needed else ''}{each.against}"
+        probability = probability_told(each.probability) if each.possible else "–"
+        rows.append((each.label, each.law, f"{needed}{against}", probability, *told))
+    return tuple(rows)
+
+
+def _readings(found: Explanation) -> tuple[tuple[str, ...], ...]:
+    """A row for each method: its name, the gain and the time constant that it reads, or why it reads none."""
+    rows = []
+    for each in found.readings:
+        values = (
+            ("–", each.why_not) if each.why_not else (plain(each.gain), with_unit(each.time_constant, "s"))
+        )
+        rows.append((SPOKEN[each.method], *values))
+    return tuple(rows)
