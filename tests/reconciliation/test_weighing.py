@@ -2,13 +2,14 @@
 
 import math
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 import pytest
 from scipy.integrate import quad
 from scipy.stats import multivariate_normal, norm
 
-from servobench.reconciliation.base import CAUSES, Question
+from servobench.reconciliation.base import CAUSES, Question, Sizes
 from servobench.reconciliation.claim import Claim
 from servobench.reconciliation.questions import about_claims, about_sheet
 from servobench.reconciliation.weighing import CHANCE, SOMETHING_ELSE, taking_part, weigh
@@ -86,3 +87,41 @@ def test_two_causes_of_which_one_is_a_part_of_the_other_never_go_together() -> N
     assert fit is not None
 
     assert ("measurement_lag", "method") not in probabilities(about_claims(fit, [Claim.parse("tau=0.13")]))
+
+
+def test_probabilities_are_right_on_average_where_differences_come_about_as_is_supposed() -> None:
+    """Draw causes and sizes from their priors, and a difference from them: of all that gets 30 %, 30 % must be so.
+
+    So that for each cause the probabilities that it gets add up to how often it took part, within chance.
+    """
+    random = np.random.default_rng(14)
+    asked = sheet_question(np.diag([0.01**2, 0.02**2]))
+    sizes = {name: found for name in CAUSES.names() if isinstance(found := CAUSES[name].sizes(asked), Sizes)}
+    odds = {name: CAUSES[name].occurrence / (1 - CAUSES[name].occurrence) for name in sizes}
+    sets = [(), *((name,) for name in sizes), *combinations(sizes, 2)]
+    weights = np.array([math.prod(odds[name] for name in each) for each in sets])
+    names = [*sizes, CHANCE]
+    given, was = np.zeros((200, len(names))), np.zeros((200, len(names)))
+    for n in range(len(given)):
+        chosen = sets[random.choice(len(sets), p=weights / weights.sum())]
+        difference = random.multivariate_normal(np.zeros(2), asked.covariance)
+        for name in chosen:
+            difference += CAUSES[name].effect(asked, drawn(sizes[name], random))
+        after = {
+            name: asked.before[name] * math.exp(d) for name, d in zip(asked.names, difference, strict=True)
+        }
+        hypotheses = [each for each in weigh(replace(asked, after=after)) if each.causes != (SOMETHING_ELSE,)]
+        total = sum(each.probability for each in hypotheses)  # something else was never drawn
+        parts = taking_part(tuple(hypotheses))
+        given[n] = [parts.get(name, 0.0) / total for name in names]
+        was[n] = [name in chosen or (name == CHANCE and not chosen) for name in names]
+
+    spread = np.sqrt((given * (1 - given)).sum(axis=0))
+    # 4 standard deviations of chance; half a case more where a cause hardly ever got a probability between none and all.
+    assert (np.abs(was.sum(axis=0) - given.sum(axis=0)) <= 4 * spread + 0.5).all()
+
+
+def drawn(sizes: Sizes, random: np.random.Generator) -> float:
+    """Return a size from a cause's prior: a sample of a range stands for all between its neighbours."""
+    at = random.choice(len(sizes.values), p=sizes.weights)
+    return float(sizes.values[at] + sizes.steps[at] * random.uniform(-0.5, 0.5))
