@@ -20,6 +20,7 @@ _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by l
 _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
 _VALLEYS = 3  # of the starts into curved valleys are followed to their ends
+_FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 
 
@@ -193,6 +194,8 @@ def descent(
     moves = np.ones(len(start), dtype=bool) if free is None else free
     point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
     for step in range(1, steps + 1):
+    point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
+    for step in range(1, _STEPS + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
         active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > _NOTHING))
         if not len(active):
@@ -214,6 +217,10 @@ def descent(
         else:
             damping = max(damping, 1e-3) * _after_a_rise(trial.cost, point.cost)
     return _ended(point, None, False, f"did not settle within {steps} steps")
+            damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
+            # In a narrow valley that bends, the right damping is small, and found by now.
+            least = 0.0
+    return _ended(point, None, False, f"did not settle within {_STEPS} steps")
 
 
 def at(layout: Layout, theta: Array) -> Point:
