@@ -192,10 +192,8 @@ def descent(
     """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
-    point, damping = at(layout, np.clip(start, lower, upper)), 1e-6
-    for step in range(1, steps + 1):
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
-    for step in range(1, _STEPS + 1):
+    for step in range(1, steps + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
         active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > _NOTHING))
         if not len(active):
@@ -215,12 +213,10 @@ def descent(
             if done:
                 return _ended(point, None, True, f"converged in {step} steps")
         else:
-            damping = max(damping, 1e-3) * _after_a_rise(trial.cost, point.cost)
-    return _ended(point, None, False, f"did not settle within {steps} steps")
             damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
             # In a narrow valley that bends, the right damping is small, and found by now.
             least = 0.0
-    return _ended(point, None, False, f"did not settle within {_STEPS} steps")
+    return _ended(point, None, False, f"did not settle within {steps} steps")
 
 
 def at(layout: Layout, theta: Array) -> Point:

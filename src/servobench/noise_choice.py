@@ -1,0 +1,98 @@
+"""Which noise model the residuals of a fit ask for: the encoder's rounding, a random torque, or a colour of neither."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.estimators.base import ESTIMATORS, Fit
+from servobench.estimators.prediction_error import (
+    THRESHOLD,
+    PredictionError,
+    disturbance_test,
+    rounding_explains,
+)
+from servobench.estimators.repetition import period, repeats
+from servobench.estimators.second_weighing import weighed_twice
+from servobench.finding import info
+from servobench.validate import explains_the_colour
+
+
+def as_it_is(fit: Fit) -> Fit:
+    """Return the fit itself, of an estimator that was asked for by its name."""
+    return fit
+
+
+def allowing_for_disturbance(fit: Fit) -> Fit:
+    """Return the fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
+
+    Where every count is where it should be there is nothing to allow for, or nothing but rounding.
+    Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
+    noise models, with a covariance that allows for what the other one makes of the same data.
+    """
+    counted = _where_rounding_repeats(fit)
+    if counted is not None:
+        return counted
+    if rounding_explains(fit):
+        return fit
+    test = disturbance_test(fit)
+    if test is None:
+        return fit
+    allowing = fit
+    if test.likelihood_ratio > THRESHOLD:
+        counted = _by_counts(fit)
+        if counted is not None:
+            return counted
+        allowing = PredictionError().fit_after(fit)
+    return allowing if explains_the_colour(allowing) else weighed_twice(fit)
+
+
+def _where_rounding_repeats(fit: Fit) -> Fit | None:
+    """The fit of the interval likelihood where a motor goes to and fro over the same counts; None where that isn't so.
+
+    Rounding then repeats with the input, and no average over the record makes it less. Taken as bins, the counts say more. But a
+    few distinct errors decide, so that by how much the two estimates differ is part of the covariance.
+    """
+    again = fit.model.structure.friction and any(
+        record.data.quantum and (length := period(record.data)) and repeats(record.residual, length)
+        for record in fit.records
+    )
+    if not again:
+        return None
+    data = [record.data for record in fit.records]
+    counts = ESTIMATORS["interval_likelihood"]
+    if counts.supports(fit.model.structure, data) is not None:
+        return None
+    counted = counts.fit(fit.model.structure, data, [fit.vector])
+    if any(finding.severity != "info" for finding in counted.findings):
+        return None
+    sentence = (
+        "The motor goes to and fro over the same counts, so the encoder's rounding repeats with the input and doesn't "
+        "average out. The estimator interval_likelihood takes each count for what it is."
+    )
+    apart = counted.model.theta - fit.model.theta
+    return replace(
+        counted,
+        covariance=counted.covariance + np.outer(apart, apart),
+        findings=(*counted.findings, info("rounding-repeats", sentence)),
+    )
+
+
+def _by_counts(fit: Fit) -> Fit | None:
+    """The fit of the interval likelihood where rounding alone looks like a random torque; None where it isn't that.
+
+    Where speed and encoder beat slowly (nearly a whole number of counts in each few samples), rounding wanders like a shaft under
+    a random torque. But it leaves each count where it belongs, which a torque doesn't.
+    """
+    if not rounding_explains(fit, times=5.0):
+        return None
+    data = [record.data for record in fit.records]
+    counted = ESTIMATORS["interval_likelihood"].fit(fit.model.structure, data, [fit.vector])
+    if not rounding_explains(counted, times=0.5):
+        return None
+    sentence = (
+        "The encoder's rounding comes and goes slowly in these data: the speed is near a simple fraction of counts per sample. "
+        "The estimator interval_likelihood takes each count for what it is; to output_error it would look like a moving shaft."
+    )
+    return replace(counted, findings=(*counted.findings, info("rounding-beats", sentence)))
