@@ -9,12 +9,15 @@ from servobench.models.search import directions
 from servobench.reconciliation.base import Question
 
 _POINTS = 21
-_LOST = ("coulomb_voltage", "offset_voltage")
+_LOST = (
+    "coulomb_voltage",
+    "offset_voltage",
+)  # and what friction takes in one direction, coulomb_voltage_forward
 
 
 def lost_input(question: Question) -> float:
     """Return the input that friction, offset and dead band take according to the fit; 0 where it knows none for certain."""
-    found = [question.fit[name] for name in _LOST if name in question.fit.model.names]
+    found = [question.fit[name] for name in question.fit.model.names if name.startswith(_LOST)]
     sure = [estimate.value for estimate in found if abs(estimate.value) > 2 * estimate.sd]
     return float(max(sure, default=0.0))
 
