@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -180,3 +181,15 @@ def test_every_cause_keeps_its_contract(cause: Cause, asked: object) -> None:
         assert cause.told(given, float(size))
         assert cause.amount(given, float(size))
         assert cause.decided_by(given, float(size)).sentence.endswith(".")
+
+
+@pytest.mark.parametrize("cause", list(CAUSES), ids=CAUSES.names())
+def test_the_page_says_how_often_each_cause_is_supposed_to_take_part(cause: Cause) -> None:
+    page = Path(__file__).resolve().parents[2] / "docs" / "why" / "claims.md"
+    rows = [
+        row for row in page.read_text(encoding="utf-8").splitlines() if row.startswith(f"| {cause.label}")
+    ]
+
+    assert [row.rstrip("| ").rpartition("|")[2].strip() for row in rows] == [
+        f"{100 * cause.occurrence:.0f} %"
+    ]
