@@ -21,6 +21,8 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import Estimator, Fit
 from servobench.estimators.covariance import andrews_lag, long_run
+from servobench.estimators.least_squares import Minimum
+from servobench.estimators.output_error import best_minimum
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
@@ -187,30 +189,31 @@ def _tried(
         return _Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
     try:
         starts = (_embedded(plain, structure, data), *structure.guesses(data))
-        richer = method.fit(structure, data, starts)
-        if not _worth_it(richer, plain):
+        nearest = best_minimum(structure, data, starts)
+        if not _worth_it(nearest, data, plain):
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
+        richer = method.fit(structure, data, (nearest.theta,))
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
     return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, richer, allowed, fit))
 
 
-def _worth_it(richer: Fit, plain: Fit) -> bool:
+def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
     """Whether a rung explains more by Schwarz's criterion (1978), with as many samples as the colour of what is left is worth.
 
     Of n samples whose mean varies as that of n/κ white ones, n/κ count: κ is the long-run variance over the variance.
     """
-    more = len(richer.model.theta) - len(plain.model.theta)
-    samples, worth = 0, 0.0
-    for record in richer.records:
-        residual = record.residual[record.valid][:, None]
+    more = len(richer.theta) - len(plain.vector)
+    before = sum(float(np.sum(record.residual[record.valid] ** 2)) for record in plain.records)
+    worth = 0.0
+    for record, prediction in zip(data, richer.predictions, strict=True):
+        residual = (record.y - prediction.y)[prediction.valid][:, None]
         power = float(np.sum(residual**2))
         colour = float(long_run(residual, andrews_lag(residual))[0, 0]) / power if power > 0 else 1.0
-        samples += len(residual)
         worth += len(residual) / max(colour, 1.0)
-    gained = worth * float(np.log(plain.residual_sd**2 / richer.residual_sd**2))
-    return gained > max(more, 1) * float(np.log(samples))
+    samples = sum(int(prediction.valid.sum()) for prediction in richer.predictions)
+    return worth * float(np.log(before / richer.cost)) > max(more, 1) * float(np.log(samples))
 
 
 def _doubt(term: str, richer: Fit, allowed: Fit, fit: Fit) -> str:

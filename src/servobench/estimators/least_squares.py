@@ -21,6 +21,7 @@ _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
 _VALLEYS = 3  # of the starts into curved valleys are followed to their ends
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
+_VALLEYS = 2  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 
 
@@ -166,9 +167,12 @@ def lowest(
 def _in_the_valley(
     layout: Layout, starts: Sequence[Array], free: NDArray[np.bool_] | None
 ) -> Sequence[Array]:
-    """The start vectors, or where the best of them lead to while the parameters that shape a curved valley are held."""
+    """The start vectors, or where the best of them lead to while the parameters that shape a curved valley are held.
+
+    One start by itself is where an earlier search ended.
+    """
     held = layout.held_at_first
-    if held is None:
+    if held is None or len(starts) == 1:
         return starts
     moves = np.ones(len(starts[0]), dtype=bool) if free is None else free.copy()
     if not (moves[: len(held)] & held).any():

@@ -159,11 +159,14 @@ class NonlinearMotor:
         """Return where a change leads from theta, both of the joint vector: theta + change, but for the stribeck_voltage.
 
         What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
-        So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s).
+        So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s). A u_s that
+        doesn't change is held.
         """
         reached = theta + change
-        if self.stribeck:
-            u, speed = self.parameters.index(STRIBECK), self.parameters.index(STRIBECK_SPEED)
+        if not self.stribeck:
+            return reached
+        u, speed = self.parameters.index(STRIBECK), self.parameters.index(STRIBECK_SPEED)
+        if change[u] != 0.0:
             area = theta[u] * theta[speed] + theta[speed] * change[u] + theta[u] * change[speed]
             reached[u] = area / reached[speed]
         return reached
