@@ -16,7 +16,7 @@ from servobench.explanations.base import explain, unexplained
 from servobench.finding import Finding, Verdict, refusal, verdict
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
-from servobench.missing_terms import fast_pole_doubt, missing_terms
+from servobench.missing_terms import fast_pole_doubt, missing_terms, superfluous_terms
 from servobench.models.nominal import nominal_values
 from servobench.models.search import smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
@@ -59,6 +59,21 @@ def identify(
     try:
         if verdict(findings) is not Verdict.REFUSED:
             judged = _judged(records, structure, estimator, nominal, validate_on, known)
+        if not refused:
+            allow = _allowing_for_disturbance if estimator == "auto" else _as_it_is
+            choice = chosen(method, records, structure, estimator, allow)
+            fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
+            validation = _validation(method, records, fit, validate_on)
+            findings += [
+                *choice.findings,
+                *fit.findings,
+                *about_fit(fit),
+                *validate(fit),
+                *missing_terms(choice.shown),
+                *superfluous_terms(fit),
+                *_about_validation(fit, validation),
+            ]
+            comparisons = _compare(fit, nominal)
     except NotIdentifiable as error:
         judged = _Judged(findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings

@@ -13,7 +13,8 @@ import numpy as np
 from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.estimators.covariance import andrews_lag, long_run
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info, warning
+from servobench.models.rational import Rational
 from servobench.score_test import ScoreTest, Shown, Term
 
 _RIPPLES = range(1, 17)  # times a revolution
@@ -157,6 +158,43 @@ def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
     return [
         warning(code, _sentence(one), parameters=("gain", "time_constant")) for code, one in strongest.items()
     ]
+
+
+def superfluous_terms(fit: Fit) -> list[Finding]:
+    """Return what a rational structure has too much of: a coefficient that can't be told from zero, or no integrator of its own.
+
+    That is what an order more, or an integrator less, than the motor has would leave near zero.
+    """
+    structure = fit.model.structure
+    if not isinstance(structure, Rational):
+        return []
+    names = [name for name in fit.model.names if name != "delay"]
+    unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
+    found = []
+    if unsure:
+        told = ", ".join(f"{n} ({fit[n].value:.3g} ± {1.959964 * fit[n].sd:.2g})" for n in unsure)
+        sentence = (
+            f"These coefficients can't be told from zero: {told}. The order is higher than the data can support, and the others "
+            f"are less well known for it: try {_lower(structure)}."
+        )
+        found.append(warning("term-not-told-from-zero", sentence, parameters=tuple(unsure)))
+    last = f"a{structure.order}"
+    data = fit.records[0].data
+    if data.kind == "position" and not structure.integrator and last in unsure:
+        sentence = (
+            f"The output is a position, and the structure's lowest coefficient {last} comes out near zero, as it does for a motor "
+            f"that turns for as long as it is driven: better told than estimated, as _integrator ({_lower(structure)})."
+        )
+        found.append(info("integrator-likely", sentence, parameters=(last,)))
+    return found
+
+
+def _lower(structure: Rational) -> str:
+    """The name of the structure with a pole less: one that an integrator replaces."""
+    order = max(structure.order - 1, 1)
+    zeros = min(structure.zeros, order - 1)
+    integrator = "_integrator" if structure.integrator or structure.order > 1 else ""
+    return f"rational_{order}_{zeros}{integrator}{'_delay' if structure.delayed else ''}"
 
 
 def _sentence(shown: Shown) -> str:

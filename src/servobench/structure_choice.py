@@ -137,7 +137,7 @@ def _climbed(
         findings = (*earlier, _found(kept, plain, fit))
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
-    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused)))
+    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, refused)))
 
 
 def _noted(rung: _Rung, refused: dict[str, str]) -> bool:
@@ -193,6 +193,9 @@ def _tried(
         if not _worth_it(nearest, data, plain):
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         richer = method.fit(structure, data, (nearest.theta,))
+        doubt = _doubt(term, richer, richer, fit)
+        if doubt:
+            return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
@@ -284,6 +287,15 @@ _SAYS = {
 }
 
 
+_TERMS = {
+    "coulomb": "Coulomb friction",
+    "stribeck": "friction that falls with the speed",
+    "gravity": "gravity at an arm or a pendulum",
+    "asymmetric": "friction that differs by direction",
+    "load": "friction that grows with the load",
+}
+
+
 def _found(rung: _Rung, plain: Fit, fit: Fit) -> Finding:
     """The finding that a rung is kept: how large the term is, what it explains, and what the gain would be without it."""
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
@@ -302,14 +314,14 @@ def _estimate(fit: Fit, name: str) -> str:
     return f"{found.value:.3g} ± {1.959964 * found.sd:.1g}{unit}"
 
 
-def _stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, str]) -> Finding:
-    """The finding that says why no further rung was climbed."""
-    left = [term for term in _asked(shown) if term in refused]
-    if left:
-        reasons = "; ".join(f"{_SAYS[term][0].lower()}{_SAYS[term][1:]}: {refused[term]}" for term in left)
-        sentence = f"The structure is {fit.structure}. The data ask for a further term, which can't be told from them: {reasons}."
+def _stopped(fit: Fit, refused: dict[str, str]) -> Finding:
+    """The finding that says why no further rung was climbed: nothing asks for one, or what was tried can't be told."""
+    sentence = f"The structure is {fit.structure}."
+    if refused:
+        reasons = "; ".join(f"{_TERMS[term]} ({why.rstrip('.')})" for term, why in refused.items())
+        sentence += f" Something is left to explain, but it can't be told to be {reasons}."
     else:
-        sentence = f"The structure is {fit.structure}. No further term of friction or gravity is asked for by the data."
+        sentence += " No further term of friction or gravity is asked for by the data."
     return info("structure-chosen", sentence)
 
 

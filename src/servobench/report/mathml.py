@@ -25,6 +25,17 @@ SYMBOLS = {
     "viscous_friction": "b",
     "coulomb_torque": "T_c",
     "inductance": "L",
+    "delay": "d",
+    "coulomb_voltage": "u_c",
+    "coulomb_voltage_forward": "u_c+",
+    "coulomb_voltage_backward": "u_c−",
+    "offset_voltage": "u_0",
+    "drag_asymmetry": "u_a",
+    "stribeck_voltage": "u_s",
+    "stribeck_speed": "ω_s",
+    "gravity_voltage_sine": "u_gs",
+    "gravity_voltage_cosine": "u_gc",
+    "load_friction": "μ",
 }
 _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 

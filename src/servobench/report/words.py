@@ -72,8 +72,14 @@ def sentence(text: str) -> Markup:
 
 def lost(fit: Fit) -> str:
     """Return what takes a part of the input before the linear part gets it: friction, an offset, both or nothing."""
-    names = {"coulomb_voltage": "friction", "offset_voltage": "the offset"}
-    return " and ".join(word for name, word in names.items() if name in fit.model.names)
+    names = {
+        "coulomb_voltage": "friction",
+        "coulomb_voltage_forward": "friction",
+        "offset_voltage": "the offset",
+        "gravity_voltage_sine": "gravity",
+    }
+    words = [word for name, word in names.items() if name in fit.model.names]
+    return ", ".join(words[:-1]) + " and " + words[-1] if len(words) > 1 else "".join(words)
 
 
 def feedback(derived: Mapping[str, Derived], data: Dataset) -> str:

@@ -35,7 +35,7 @@ COLUMNS = 13
 BY_ANGLE, BY_SPEED = 13, 14
 
 _STEP = 0.1  # of the shortest time in which anything changes
-_FEWEST = 200  # steps between two events at the most, for parameters that no motor has
+_MOST = 100  # steps between two events, for parameters that no motor has
 _NEWTON = 30
 
 
@@ -274,7 +274,7 @@ def response(
             k += 1
         changes = k < len(u) and t_in[k] + delay < t_out[m]
         until = max(t_in[k] + delay, now) if changes else t_out[m]
-        shortest = (until - now) / _FEWEST
+        shortest = (until - now) / _MOST
         while now < until and sense != 0.0:
             f = slope(p, v, sense, side, angle, w, stribeck, gravity, by[0])
             h = max(longest_step(p, w, f, friction, stribeck, gravity), shortest)

@@ -130,12 +130,19 @@ class NonlinearMotor:
         return start_parameters(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
-        """Return the bounds of the parameters: those of `FirstOrder`, and a stribeck_speed that the data can know of."""
+        """Return the bounds of the parameters: those of `FirstOrder`, and for what friction and gravity may be.
+
+        A stribeck_speed is one that the data can know of, and no motor moves against ten times what drives it. A time constant
+        below a fifth of a sample time shows in no sample, and would take many steps of the integration.
+        """
+        largest = 10 * max(float(np.abs(record.u).max()) for record in data)
         base = FirstOrder((GAIN, TIME_CONSTANT, DELAY))
-        (_, shortest, earliest), _ = base.bounds(data)
+        (_, _, earliest), _ = base.bounds(data)
+        shortest = 0.2 * max(record.sample_time for record in data)
         top = max(float(np.abs(smoothed_speed(record)).max()) for record in data) or 1.0
-        nearest = {TIME_CONSTANT: float(shortest), DELAY: float(earliest), STRIBECK_SPEED: _SLOWEST * top}
-        farthest = {STRIBECK_SPEED: _FASTEST * top}
+        nearest = {TIME_CONSTANT: shortest, DELAY: float(earliest), STRIBECK_SPEED: _SLOWEST * top}
+        nearest |= {SINE: -largest, COSINE: -largest}
+        farthest = {STRIBECK_SPEED: _FASTEST * top, **dict.fromkeys((SINE, COSINE, STRIBECK), largest)}
         return (
             np.array([nearest.get(p, p.lower) for p in self.parameters]),
             np.array([farthest.get(p, p.upper) for p in self.parameters]),
