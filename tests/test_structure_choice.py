@@ -136,3 +136,21 @@ def test_backlash_is_told_with_its_size_in_degrees() -> None:
 def test_a_structure_and_an_estimator_that_cannot_go_together_are_wrong_usage() -> None:
     with pytest.raises(UsageError, match="friction with rest and reversals"):
         identify(dataset(seed=1), structure="first_order_coulomb", estimator="srivc")
+
+
+def test_an_order_too_high_is_told_with_a_lower_one() -> None:
+    result = identify(dataset(seed=1, kind="prbs", samples=2500), structure="rational_3_1_integrator_delay")
+    (found,) = (finding for finding in result.findings if finding.code == "term-not-told-from-zero")
+    assert "try rational_2_1_integrator_delay" in found.sentence
+    assert result.verdict != Verdict.TRUSTED
+
+
+def test_a_position_without_an_integrator_is_told_to_take_one() -> None:
+    result = identify(odd_record(OddMotor(coulomb=0.0), 7, samples=2500), structure="rational_2_0_delay")
+    (found,) = (finding for finding in result.findings if finding.code == "integrator-likely")
+    assert "rational_1_0_integrator_delay" in found.sentence
+
+
+def test_the_right_order_is_not_called_too_high() -> None:
+    result = identify(odd_record(OddMotor(coulomb=0.0), 7, samples=2500), structure="rational_1_0_integrator")
+    assert not codes(result) & {"term-not-told-from-zero", "integrator-likely"}

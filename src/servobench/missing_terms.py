@@ -182,7 +182,7 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     data = fit.records[0].data
     if data.kind == "position" and not structure.integrator and last in unsure:
         sentence = (
-            f"The output is a position, and the structure's lowest coefficient {last} comes out near zero, as it does for a motor "
+            f"The output is a position, and the structure's lowest coefficient {last} comes out near zero, as for a motor "
             f"that turns for as long as it is driven: better told than estimated, as _integrator ({_lower(structure)})."
         )
         found.append(info("integrator-likely", sentence, parameters=(last,)))
