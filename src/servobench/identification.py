@@ -59,21 +59,6 @@ def identify(
     try:
         if verdict(findings) is not Verdict.REFUSED:
             judged = _judged(records, structure, estimator, nominal, validate_on, known)
-        if not refused:
-            allow = _allowing_for_disturbance if estimator == "auto" else _as_it_is
-            choice = chosen(method, records, structure, estimator, allow)
-            fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
-            validation = _validation(method, records, fit, validate_on)
-            findings += [
-                *choice.findings,
-                *fit.findings,
-                *about_fit(fit),
-                *validate(fit),
-                *missing_terms(choice.shown),
-                *superfluous_terms(fit),
-                *_about_validation(fit, validation),
-            ]
-            comparisons = _compare(fit, nominal)
     except NotIdentifiable as error:
         judged = _Judged(findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings
@@ -128,6 +113,7 @@ def _judged(
         *about_current_input(fit),
         *validate(fit),
         *missing_terms(choice.shown),
+        *superfluous_terms(fit),
         *about_validation(fit, validation),
         *_causes(fit, nominal),
     ]
