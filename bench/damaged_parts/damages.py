@@ -156,7 +156,7 @@ def _inputs() -> list[Copy]:
         ),
         *_pair(
             "reference in place of the input",
-            "input-is-reference",
+            "input-settles-at-output",
             Ours(signal="staircase", device=(("tachometer", True),)),
             ("a speed loop's", _loop(0.1)),
             ("a fast one's", _loop(0.02)),

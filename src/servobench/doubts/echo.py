@@ -17,8 +17,7 @@ _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input s
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    own = [finding for record in records for finding in (*_of(record), *_settles_at_it(record))]
-    return [*_reference(records), *own]
+    return [finding for record in records for finding in (*_of(record), *_settles_at_it(record))]
 
 
 def _of(data: Dataset) -> list[Finding]:
@@ -36,19 +35,6 @@ def _of(data: Dataset) -> list[Finding]:
             )
             return [refusal("input-is-output", sentence)]
     return []
-
-
-def _reference(records: Sequence[Dataset]) -> list[Finding]:
-    """Whether the input is itself a position or a speed: then it is what a loop was told, and not what drove the motor."""
-    unit = records[0].input_unit
-    if unit not in {"rad", "rad/s", "m", "m/s"}:
-        return []
-    sentence = (
-        f"The input is in {unit}: it is the reference of a control loop, and the voltage that drove the motor isn't there. "
-        "What is identified is the whole loop, controller included, and not the motor; name the voltage's column with "
-        "--input COL:V."
-    )
-    return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
 
 
 def _settles_at_it(data: Dataset) -> list[Finding]:
@@ -70,7 +56,7 @@ def _settles_at_it(data: Dataset) -> list[Finding]:
         "of a speed controller, and the voltage that drove the motor isn't there. What is identified is the whole loop and "
         "not the motor; name the voltage's column with --input COL:V."
     )
-    return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
+    return [warning("input-settles-at-output", sentence, parameters=("gain", "time_constant"))]
 
 
 def input_held(data: Dataset, end: float) -> float:
@@ -78,4 +64,4 @@ def input_held(data: Dataset, end: float) -> float:
     return float(data.u[max(int(np.searchsorted(data.t_input, end, side="left")) - 1, 0)])
 
 
-DOUBTS.member("echo")(Doubt(codes=("input-is-output", "input-is-reference"), about_data=_about))
+DOUBTS.member("echo")(Doubt(codes=("input-is-output", "input-settles-at-output"), about_data=_about))

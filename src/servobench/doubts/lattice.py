@@ -31,4 +31,4 @@ def _distinct(y: Array) -> Array:
     """The distinct values, in their order; of those that differ by rounding alone the first."""
     values = np.unique(y)
     apart = np.diff(values, prepend=-np.inf) > _SAME * (values[-1] - values[0])
-    return values[apart]
+    return np.asarray(values[apart], dtype=np.float64)
