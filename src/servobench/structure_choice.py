@@ -18,11 +18,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array
+from servobench.doubts.base import about_data
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import Estimator, Fit
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.least_squares import Minimum
 from servobench.estimators.output_error import best_minimum
+from servobench.explanations.base import is_damaged, names_a_cause
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
@@ -127,6 +129,8 @@ def _climbed(
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     plain, fit, refused = base, allow(base), dict[str, str]()
     shown = shown_terms(fit)
+    if _suspected(shown, fit) and _damaged(data):
+        return Choice(fit=fit, shown=shown, findings=findings)
     for _ in range(_RUNGS):
         terms = [t for t in _suspected(shown, fit) if t not in refused and with_term(fit.structure, t)]
         tried = (_tried(method, data, plain, fit, term, allow) for term in terms)
@@ -138,6 +142,12 @@ def _climbed(
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
     return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, refused)))
+
+
+def _damaged(data: Sequence[Dataset]) -> bool:
+    """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
+    told = [finding for record in data for finding in record.findings]
+    return names_a_cause([*told, *about_data(data)]) or is_damaged(data)
 
 
 def _noted(rung: _Rung, refused: dict[str, str]) -> bool:

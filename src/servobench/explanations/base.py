@@ -21,6 +21,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.registry import Registry
 
 _CONVINCING = 0.6  # of the misfit may be left where a cause is told
+_CERTAIN = 0.3  # of the misfit may be left where no richer structure is tried
 _AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, and the simpler cause is told
 
 
@@ -59,11 +60,15 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Explained:
-    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose."""
+    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose.
+
+    `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.
+    """
 
     finding: Finding
     misfit: float
     chosen: int = 1
+    structural: bool = False
 
 
 Explain: TypeAlias = Callable[[Case], Explained | None]
@@ -107,19 +112,38 @@ def unexplained(findings: Sequence[Finding]) -> bool:
     return bool(grave & _SYMPTOMS) and not grave & _CAUSES
 
 
+def names_a_cause(findings: Sequence[Finding]) -> bool:
+    """Return whether findings about the data say already what is wrong with them."""
+    return any(finding.code in _CAUSES for finding in findings if finding.severity != Severity.INFO)
+
+
 def explain(records: Sequence[Dataset]) -> list[Finding]:
     """Return the finding of the cause that explains best why no model fits these records; none where no cause does."""
+    best = _best(records, _CONVINCING)
+    return [] if best is None else [best.finding]
+
+
+def is_damaged(records: Sequence[Dataset]) -> bool:
+    """Return whether a cause that lies in the records, and not in the motor, explains nearly all that a plain motor doesn't.
+
+    Then richer structures needn't be tried: they would bend to the damage, and take long.
+    """
+    best = _best(records, _CERTAIN)
+    return best is not None and not best.structural
+
+
+def _best(records: Sequence[Dataset], most: float) -> Explained | None:
+    """The cause that leaves least of the misfit, and at most that part of it."""
     motions = [found for found in map(motion, records) if found is not None]
     if not motions or len(motions) < len(records):
-        return []
+        return None
     case = Case(tuple(motions))
     found = [each for each in (member(case) for member in EXPLANATIONS) if each is not None]
-    good = [each for each in found if each.misfit <= _CONVINCING * case.plain.misfit]
+    good = [each for each in found if each.misfit <= most * case.plain.misfit]
     if not good:
-        return []
+        return None
     least = min(each.misfit for each in good)
-    best = min(
+    return min(
         (each for each in good if each.misfit <= _AS_GOOD * least),
         key=lambda each: (each.chosen, each.misfit),
     )
-    return [best.finding]

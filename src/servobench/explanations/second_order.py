@@ -26,7 +26,10 @@ def _second_order(case: Case) -> Explained | None:
     )
     code = "response-oscillates" if swings else "second-pole"
     return Explained(
-        finding=warning(code, sentence, parameters=("gain", "time_constant")), misfit=found.misfit, chosen=3
+        finding=warning(code, sentence, parameters=("gain", "time_constant")),
+        structural=True,
+        misfit=found.misfit,
+        chosen=3,
     )
 
 

@@ -24,7 +24,7 @@ def _unrelated(case: Case) -> Explained | None:
         "another motor's, or another recording's. Name the voltage of this motor with --input COL:UNIT; if the file has "
         "none, the input wasn't recorded."
     )
-    return Explained(finding=refusal("input-unrelated", sentence), misfit=0.5 * case.plain.misfit, chosen=1)
+    return Explained(finding=refusal("input-unrelated", sentence), misfit=0.25 * case.plain.misfit, chosen=1)
 
 
 EXPLANATIONS.member("unrelated")(_unrelated)

@@ -24,6 +24,7 @@ def _weight(case: Case) -> Explained | None:
     )
     return Explained(
         finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
+        structural=True,
         misfit=found.misfit,
         chosen=2,
     )
