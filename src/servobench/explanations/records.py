@@ -51,7 +51,6 @@ def _changes(case: Case) -> Explained | None:
     )
     return Explained(
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
-        structural=True,
         misfit=found.misfit,
         chosen=2,
     )
