@@ -493,7 +493,8 @@ def _structures() -> list[Copy]:
     return [
         *_pair(
             "pendulum",
-            "response-oscillates",
+            # A structure with gravity may well have it; then nothing is wrong, and the weight is told.
+            ("gravity-found", "response-oscillates"),
             "PRBS",
             ("0.5 V of weight", plants.pendulum(0.5)),
             ("4 V of weight", plants.pendulum(4.0)),
