@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 40  # characters of a picture
 _MOST_DRAWN = 20  # runs
+_LONGEST = 28  # characters of a run's name in a picture
 
 
 def honest(
@@ -208,26 +209,47 @@ def _show(console: Console, found: Honesty) -> None:
 
 
 def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
-    """Print the runs' intervals below each other, and that over all runs: a forest plot."""
+    """Print the runs' intervals below each other, and that over all runs: a forest plot.
+
+    It is as wide as the middle half of the runs asks for; what lies beyond ends in an arrow.
+    """
+    from statistics import median
+
     from servobench.cli.answer import in_words
     from servobench.cli.layout import show_table
+    from servobench.rounding import plain
 
     halves = [1.959964 * sd for sd in each.sds]
     lines = [(name, v - h, v, v + h) for name, v, h in zip(runs, each.values, halves, strict=True)][
         :_MOST_DRAWN
     ]
     lines.append(("over all runs", each.interval[0], each.mean, each.interval[1]))
-    low, high = min(line[1] for line in lines), max(line[3] for line in lines)
-    rows = [(name, _picture(*ends, low=low, high=high)) for name, *ends in lines]
-    show_table(console, (in_words(each.name), f"{low:.6g} to {high:.6g} {each.unit}"), rows)
+    reach = max(
+        4 * median(halves), each.interval[1] - each.mean, 4 * median(abs(v - each.mean) for v in each.values)
+    )
+    low = max(min(line[1] for line in lines), each.mean - reach)
+    high = min(max(line[3] for line in lines), each.mean + reach)
+    rows = [(_short(name), _picture(*ends, low=low, high=high)) for name, *ends in lines]
+    scale = f"{plain(low, 6)} to {plain(high, 6)} {each.unit}".replace("−", "-")
+    show_table(console, (in_words(each.name), scale), rows)
     console.print()
 
 
+def _short(name: str) -> str:
+    """The end of a name, which tells runs apart where their beginnings are alike."""
+    return name if len(name) <= _LONGEST else f"...{name[3 - _LONGEST :]}"
+
+
 def _picture(first: float, middle: float, last: float, *, low: float, high: float) -> str:
-    """An interval as a line of dashes with an o at its middle."""
+    """An interval as a line of dashes with an o at its middle, and arrows where it goes on."""
     scale = (_WIDTH - 1) / (high - low) if high > low else 0.0
-    a, b, c = (round(scale * (value - low)) for value in (first, middle, last))
+    a, b, c = (min(max(round(scale * (value - low)), 0), _WIDTH - 1) for value in (first, middle, last))
     marks = [" "] * _WIDTH
     marks[a : c + 1] = "-" * (c + 1 - a)
-    marks[b] = "o"
+    if low <= middle <= high:
+        marks[b] = "o"
+    if first < low:
+        marks[0] = "<"
+    if last > high:
+        marks[-1] = ">"
     return "".join(marks).rstrip().replace(" ", ".")
