@@ -35,13 +35,8 @@ from servobench.score_test import ASKED, Shown
 from servobench.validate import explains_the_colour
 
 _RUNGS = 5  # as many as there are
-_BY_TRIAL = (
-    "gravity",
-    "coulomb",
-    "asymmetric",
-    "stribeck",
-    "load",
-)  # what hides the others if it is large comes first
+# What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
+_BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "stribeck", "load")
 _ASKED_IF_MOVED = 3.5  # standard deviations of a term whose absence moves the gain by more than its own
 
 
@@ -137,7 +132,7 @@ def _climbed(
         kept = next((rung for rung in tried if not _noted(rung, refused)), None)
         if kept is None:
             break
-        earlier = [f for f in findings if kept.term != "coulomb" or f.code != "friction-not-found"]
+        earlier = [f for f in findings if "coulomb" not in kept.term or f.code != "friction-not-found"]
         findings = (*earlier, _found(kept, plain, fit))
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
@@ -252,7 +247,7 @@ def _amount(term: str, fit: Fit) -> tuple[float, float]:
         u, speed = (names.index(n) for n in ("stribeck_voltage", "stribeck_speed"))
         value = float(fit.model.theta[u] * fit.model.theta[speed])
         slope[u], slope[speed] = fit.model.theta[speed], fit.model.theta[u]
-    elif term == "gravity":
+    elif term in ("gravity", "coulomb_gravity"):
         at = [names.index(n) for n in ("gravity_voltage_sine", "gravity_voltage_cosine")]
         value = float(np.hypot(*fit.model.theta[at]))
         slope[at] = fit.model.theta[at] / (value or 1.0)
@@ -285,6 +280,7 @@ _CODES = {
     "coulomb": "friction-found",
     "stribeck": "stribeck-found",
     "gravity": "gravity-found",
+    "coulomb_gravity": "gravity-found",
     "asymmetric": "friction-asymmetric",
     "load": "load-friction-found",
 }
@@ -292,6 +288,7 @@ _SAYS = {
     "coulomb": "Coulomb friction is needed",
     "stribeck": "Friction is larger near standstill than at speed (Stribeck)",
     "gravity": "Gravity pulls at the shaft, as at an arm or a pendulum",
+    "coulomb_gravity": "Gravity pulls at the shaft, as at an arm or a pendulum, and Coulomb friction brakes it",
     "asymmetric": "Friction isn't the same in the two directions",
     "load": "Friction grows with the load that gravity puts on the shaft",
 }
@@ -301,6 +298,7 @@ _TERMS = {
     "coulomb": "Coulomb friction",
     "stribeck": "friction that falls with the speed",
     "gravity": "gravity at an arm or a pendulum",
+    "coulomb_gravity": "gravity beside Coulomb friction",
     "asymmetric": "friction that differs by direction",
     "load": "friction that grows with the load",
 }

@@ -58,9 +58,11 @@ def ladder(name: str) -> NonlinearMotor | None:
 def with_term(name: str, term: str) -> str | None:
     """Return the name of the structure with a term more: coulomb, asymmetric, stribeck, gravity, load; None where there is none.
 
-    A structure without friction gets Coulomb friction with a Stribeck term, and one whose Coulomb friction was the same in both
-    directions gets one for each.
+    "coulomb_gravity" is both at once, for a structure that has neither. A structure without friction gets Coulomb friction with a
+    Stribeck term, and one whose Coulomb friction was the same in both directions gets one for each.
     """
+    if term == "coulomb_gravity":
+        return with_term("first_order_coulomb", "gravity") if name == "first_order" else None
     has = name.removeprefix("first_order").split("_")
     if not name.startswith("first_order") or term in has:
         return None
