@@ -24,7 +24,7 @@ from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.disturbance import whitened
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
-ASKED = 3.0  # below that nobody asks how much of a term there would be
+ASKED = 2.0  # below that nobody asks how much of a term there would be
 _SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
 
 
@@ -99,7 +99,7 @@ class ScoreTest:
         self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
 
     def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
-        """How much of each term that could show in these data the innovations have; its amount only from 3 deviations on."""
+        """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
         in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
         for term in terms:
             if term.code == "ripple" and not in_radians:

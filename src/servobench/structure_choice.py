@@ -37,7 +37,6 @@ from servobench.validate import explains_the_colour
 _RUNGS = 5  # as many as there are
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "stribeck", "load")
-_ASKED_IF_MOVED = 3.5  # standard deviations of a term whose absence moves the gain by more than its own
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -136,7 +135,7 @@ def _climbed(
         findings = (*earlier, _found(kept, plain, fit))
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
-    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, refused)))
+    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused)))
 
 
 def _damaged(data: Sequence[Dataset]) -> bool:
@@ -172,12 +171,16 @@ def _asked(shown: Sequence[Shown]) -> list[str]:
 
 
 def _asks(one: Shown) -> bool:
-    """Whether a score test calls for a rung: friction that falls with the speed or grows with the load, not the other way."""
+    """Whether a score test calls for a rung: friction that falls with the speed or grows with the load, not the other way.
+
+    Where its absence moves gain or time constant by more than their own standard deviation, a hint is enough to try it: a
+    filter for a random torque takes a good part of what is missing for noise.
+    """
     if one.term.rung is None or one.size <= ASKED:
         return False
     if one.term.rung in ("stribeck", "load") and one.amount[0] < 0:
         return False
-    return one.size > one.term.limit or (one.size > _ASKED_IF_MOVED and one.moved > 1)
+    return one.size > one.term.limit or one.moved > 1
 
 
 def _tried(
@@ -322,10 +325,12 @@ def _estimate(fit: Fit, name: str) -> str:
     return f"{found.value:.3g} ± {1.959964 * found.sd:.1g}{unit}"
 
 
-def _stopped(fit: Fit, refused: dict[str, str]) -> Finding:
+def _stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, str]) -> Finding:
     """The finding that says why no further rung was climbed: nothing asks for one, or what was tried can't be told."""
     sentence = f"The structure is {fit.structure}."
-    if refused:
+    strong = any(one.term.rung in refused and one.size > one.term.limit for one in shown)
+    # A rung that was tried on a hint, and explained nothing, is no news.
+    if refused and (strong or not explains_the_colour(fit)):
         reasons = "; ".join(f"{_TERMS[term]} ({why.rstrip('.')})" for term, why in refused.items())
         sentence += f" Something is left to explain, but it can't be told to be {reasons}."
     else:
