@@ -36,7 +36,7 @@ from servobench.validate import explains_the_colour
 
 _RUNGS = 5  # as many as there are
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
-_BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "stribeck", "load")
+_BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
