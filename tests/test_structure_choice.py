@@ -165,3 +165,44 @@ def test_friction_too_small_to_be_certain_of_is_kept_where_the_gain_would_be_off
     result = identify(odd_record(truth, seed, samples=1500, u=levels(seed, 1500)))
     assert "stribeck-found" in codes(result)
     check(result, gain=23.8, time_constant=0.1)
+
+
+def turned(frequency: float, **device: object) -> Result:
+    """Return what `identify` says of a twin that a square wave of ±3 V turns to and fro for 5 s, sampled each 0.5 ms."""
+    import servobench as sb
+
+    signal = sb.Square(low=-3, high=3, frequency=frequency)
+    with sb.connect("twin", **device) as motor:
+        recording = sb.run(sb.Experiment(signal=signal, duration=5, sample_time="0.5 ms"), motor)
+    return sb.identify(sb.measure(recording))
+
+
+@pytest.mark.parametrize("inductance", [0.0116, 0.06])
+def test_a_winding_that_shows_becomes_a_second_pole(inductance: float) -> None:
+    result = turned(2.0, inductance=inductance)
+
+    assert result.fit is not None
+    assert result.fit.structure == "second_order_coulomb"
+    # (L s + R)(J s + b) + k² with the twin's data sheet.
+    resistance, constant, viscous, inertia = 8.4, 0.042, 1e-6, 2.0952e-5
+    poles = np.roots(
+        [
+            inductance * inertia,
+            inductance * viscous + resistance * inertia,
+            resistance * viscous + constant**2,
+        ]
+    )
+    slow = result.derived["pole_1"] if "pole_1" in result.derived else result.derived["pole"]
+    half = 0.5 * (slow.interval[1] - slow.interval[0])
+    # Three standard deviations, and what the data sheet's inertia is rounded to here (1e-5 of it).
+    assert abs(slow.value - poles.max()) < 1.53 * half + 1e-5 * abs(slow.value)
+    assert "winding-found" in {finding.code for finding in result.findings}
+
+
+def test_rounding_that_repeats_is_no_ripple_and_no_gravity() -> None:
+    """The shaft goes over the same counts again and again: what the encoder rounds away looks the same in each period."""
+    result = turned(2.0)
+
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_coulomb"
+    assert result.verdict == Verdict.TRUSTED

@@ -78,6 +78,7 @@ _FAST_POLE = Term(
     "which a first-order model takes into its time constant.",
     curved="delay",
     limit=3.5,
+    rung="winding",
 )
 
 TERMS = (

@@ -97,6 +97,7 @@ class ScoreTest:
         self.jacobian, self.scale = jacobian, np.where(scale > 0, scale, 1.0)
         self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
         self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
+        self.hidden = _hidden(fit)
 
     def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
@@ -128,6 +129,8 @@ class ScoreTest:
         size = min(size, _normal_equivalent(total, coloured))
         bread = np.linalg.pinv(power) / norms[told]
         amount = total @ bread
+        if np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
+            return plain
         unit = 1.0 if term.to_input is None else _SMALL * self.runs[0].largest
         return replace(
             plain,
@@ -144,6 +147,16 @@ class ScoreTest:
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
         return max((float(abs(off[n]) / sd[n]) for n in at if sd[n] > 0), default=0.0)
+
+
+def _hidden(fit: Fit) -> float:
+    """How large a part of the innovations nobody can tell from the encoder's rounding: half a count where it repeats, else 0.
+
+    Rounding that comes again with each period of the motion isn't noise, and no average over the record makes it less.
+    """
+    if fit.disturbance is not None or all(finding.code != "rounding-repeats" for finding in fit.findings):
+        return 0.0
+    return max(0.5 * (record.data.quantum or 0.0) for record in fit.records) / fit.residual_sd
 
 
 def _normal_equivalent(total: Array, spread: Array) -> float:

@@ -33,10 +33,16 @@ from servobench.models.nonlinear.grammar import with_term
 from servobench.models.search import directions, smoothed_speed
 from servobench.score_test import ASKED, Shown
 from servobench.validate import explains_the_colour
+from servobench.winding import about_winding
 
 _RUNGS = 5  # as many as there are
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
+_WITH_WINDING = {
+    "first_order": "second_order",
+    "first_order_coulomb": "second_order_coulomb",
+    "first_order_one_way": "second_order_one_way",
+}
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -126,8 +132,9 @@ def _climbed(
     if _suspected(shown, fit) and _damaged(data):
         return Choice(fit=fit, shown=shown, findings=findings)
     for _ in range(_RUNGS):
-        terms = [t for t in _suspected(shown, fit) if t not in refused and with_term(fit.structure, t)]
-        tried = (_tried(method, data, plain, fit, term, allow) for term in terms)
+        terms = [t for t in _suspected(shown, fit) if t not in refused and _with(fit.structure, t)]
+        asked = _asked(shown)
+        tried = (_tried(method, data, plain, fit, term, term in asked, allow) for term in terms)
         kept = next((rung for rung in tried if not _noted(rung, refused)), None)
         if kept is None:
             break
@@ -144,6 +151,11 @@ def _damaged(data: Sequence[Dataset]) -> bool:
     return names_a_cause([*told, *about_data(data)]) or is_damaged(data)
 
 
+def _with(structure: str, term: str) -> str | None:
+    """The name of the structure with a term more, None where there is none: a rung of the ladder, or the winding's pole."""
+    return _WITH_WINDING.get(structure) if term == "winding" else with_term(structure, term)
+
+
 def _noted(rung: _Rung, refused: dict[str, str]) -> bool:
     """Whether something speaks against a rung; it is noted in `refused`."""
     if rung.doubt:
@@ -158,7 +170,10 @@ def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
     """
     asked = _asked(shown)
     if not explains_the_colour(fit):
-        return list(dict.fromkeys([*_BY_TRIAL, *asked]))
+        first = [
+            term for term in asked if term == "winding"
+        ]  # two poles bend all else, and are fitted in no time
+        return list(dict.fromkeys([*first, *_BY_TRIAL, *asked]))
     # Friction was looked for before gravity was known, and so in vain.
     return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked
 
@@ -180,7 +195,8 @@ def _asks(one: Shown) -> bool:
         return False
     if one.term.rung in ("stribeck", "load") and one.amount[0] < 0:
         return False
-    return one.size > one.term.limit or one.moved > 1
+    hint = one.term.rung != "winding" and one.moved > 1  # what a delay is made of is in the intervals already
+    return one.size > one.term.limit or hint
 
 
 def _tried(
@@ -189,10 +205,11 @@ def _tried(
     plain: Fit,
     fit: Fit,
     term: str,
+    asked: bool,
     allow: Callable[[Fit], Fit],
 ) -> _Rung:
-    """The rung with a term, fitted, and what speaks against it."""
-    structure = STRUCTURES[with_term(fit.structure, term) or ""]
+    """The rung with a term, fitted, and what speaks against it; `asked` says that a score test calls for it."""
+    structure = STRUCTURES[_with(fit.structure, term) or ""]
     if method.supports(structure, data) is not None:
         return _Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
     try:
@@ -201,13 +218,13 @@ def _tried(
         if not _worth_it(nearest, data, plain):
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         richer = method.fit(structure, data, (nearest.theta,))
-        doubt = _doubt(term, richer, richer, fit)
+        doubt = _doubt(term, asked, richer, richer, fit)
         if doubt:
             return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
-    return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, richer, allowed, fit))
+    return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, asked, richer, allowed, fit))
 
 
 def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
@@ -227,19 +244,30 @@ def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
     return worth * float(np.log(before / richer.cost)) > max(more, 1) * float(np.log(samples))
 
 
-def _doubt(term: str, richer: Fit, allowed: Fit, fit: Fit) -> str:
-    """Why a rung that explains more can't be kept all the same; empty where it can."""
+def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
+    """Why a rung that explains more can't be kept all the same; empty where it can.
+
+    A term whose size isn't known is kept only where the data ask for it and its absence would move gain or time constant.
+    """
     if not richer.converged:
         return "the search for it doesn't settle"
+    told = about_winding(allowed)
+    if told:
+        return told[0].sentence
     if any(not allowed[n].sd < 0.5 * abs(allowed[n].value) for n in ("gain", "time_constant")):
         return "gain and time constant would not be known any more"
     value, sd = _amount(term, allowed)
-    if not sd < 0.5 * value and not _moved(allowed, fit):
+    if not sd < 0.5 * value and not (asked and _moved(allowed, fit)):
         return f"its size can't be told from zero ({value:.2g} ± {1.959964 * sd:.1g})"
     return ""
 
 
-_NAMES = {"coulomb": "coulomb_voltage", "load": "load_friction", "asymmetric": "drag_asymmetry"}
+_NAMES = {
+    "coulomb": "coulomb_voltage",
+    "load": "load_friction",
+    "asymmetric": "drag_asymmetry",
+    "winding": "electrical_time_constant",
+}
 
 
 def _amount(term: str, fit: Fit) -> tuple[float, float]:
@@ -274,6 +302,7 @@ def _embedded(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Arra
         "stribeck_voltage": 0.3 * abs(coulomb),
         "stribeck_speed": 0.1 * top,
         "load_friction": 0.05,
+        "electrical_time_constant": 0.5 * max(value.get("delay", 0.0), 0.0),
     }
     shared = [value.get(p.name, little.get(p.name, 0.0)) for p in structure.parameters]
     return np.concatenate([shared, *(record.nuisance for record in plain.records)])
@@ -286,6 +315,7 @@ _CODES = {
     "coulomb_gravity": "gravity-found",
     "asymmetric": "friction-asymmetric",
     "load": "load-friction-found",
+    "winding": "winding-found",
 }
 _SAYS = {
     "coulomb": "Coulomb friction is needed",
@@ -294,6 +324,7 @@ _SAYS = {
     "coulomb_gravity": "Gravity pulls at the shaft, as at an arm or a pendulum, and Coulomb friction brakes it",
     "asymmetric": "Friction isn't the same in the two directions",
     "load": "Friction grows with the load that gravity puts on the shaft",
+    "winding": "The current lags behind the voltage, as the winding's inductance makes it",
 }
 
 
@@ -304,6 +335,7 @@ _TERMS = {
     "coulomb_gravity": "gravity beside Coulomb friction",
     "asymmetric": "friction that differs by direction",
     "load": "friction that grows with the load",
+    "winding": "the winding's lag",
 }
 
 
