@@ -12,6 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
+from servobench.cli.options import (
+    AsJson,
+    ChainText,
+    InputColumn,
+    MappingFile,
+    OutputColumn,
+    RecordingNames,
+    SampleTime,
+    SupplyColumn,
+    TimeColumn,
+)
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -38,16 +49,14 @@ def honest(
     seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="The seed of the first run; each has the next.")
     ] = None,
-    input_column: Annotated[
-        str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
-    ] = None,
-    output_column: Annotated[
-        str | None,
-        typer.Option("--output", metavar="COL[:UNIT]", help="The column of what was measured."),
-    ] = None,
-    chain: Annotated[
-        str, typer.Option(metavar="TEXT", help="What lies between the shaft and the output.")
-    ] = "",
+    time: TimeColumn = None,
+    input_column: InputColumn = None,
+    output_column: OutputColumn = None,
+    supply: SupplyColumn = None,
+    sample_time: SampleTime = None,
+    mapping: MappingFile = None,
+    recording: RecordingNames = None,
+    chain: ChainText = "",
     out: Annotated[
         Path | None,
         typer.Option(
@@ -57,9 +66,7 @@ def honest(
     structure: Annotated[
         str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that most runs need.")
     ] = "auto",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the answer as JSON, and nothing else, on standard output.")
-    ] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Hold runs of one motor against each other: do their 95 % intervals cover?
 
@@ -67,17 +74,25 @@ def honest(
     each is a run of the same motor. Intervals that don't cover between runs are widened by what is found, and what
     makes the runs differ is named where the parameters that move together tell it.
     """
-    from servobench.cli.chain import with_chain
     from servobench.cli.conclusion import check_names
     from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import loaded
+    from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
     from servobench.cli.run import CUT_SHORT
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.formats.mapping import assign
+    from servobench.formats.mapping import Mapping as Said
     from servobench.honest.repeated import honest as held_together
     from servobench.measurement.measure import measure
 
     check_names(structure, "auto", None)
+    base = mapping_in(mapping)
+    said = Said(
+        time=time,
+        input=input_column,
+        output=output_column,
+        supply=supply,
+        sample_time=seconds(sample_time),
+        recordings=tuple(recording or ()),
+    )
     given = files or []
     experiment = given[0] if len(given) == 1 and given[0].suffix == ".toml" else None
     console = messages() if as_json else output()
@@ -87,8 +102,7 @@ def honest(
         else:
             recordings, own = _repeated(experiment, device, seed, runs, out, console, progress)
         progress.begin("identifying")
-        assigned = [assign(each, input=input_column, output=output_column) for each in recordings]
-        evidence = [with_chain(each, own) for each in assigned]
+        evidence = mapped(recordings, base, replace(said, chain=own))
         data = [measure(each.recording, each.chain) for each in evidence]
         found = held_together(data, structure=structure, beside=_beside(recordings))
     _show(console, found)

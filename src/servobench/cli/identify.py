@@ -7,56 +7,35 @@ from typing import Annotated
 
 import typer
 
+from servobench.cli.options import (
+    AsJson,
+    ChainText,
+    CurrentColumn,
+    InputColumn,
+    MappingFile,
+    OutputColumn,
+    RecordingNames,
+    ReferenceColumn,
+    ReportFile,
+    SampleTime,
+    StructureName,
+    SupplyColumn,
+    TimeColumn,
+)
+
 
 def identify(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
-    time: Annotated[str | None, typer.Option(metavar="COL[:UNIT]", help="The column of times.")] = None,
-    input_column: Annotated[
-        str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
-    ] = None,
-    output_column: Annotated[
-        str | None,
-        typer.Option(
-            "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
-        ),
-    ] = None,
-    supply: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COL[:UNIT]",
-            help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
-        ),
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."),
-    ] = None,
-    current: Annotated[
-        str | None,
-        typer.Option(metavar="COL[:UNIT]", help="The column of the measured current of the armature."),
-    ] = None,
-    mapping: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml",
-            help="What the columns are, as `servobench inspect FILE --write-mapping` proposes it; options come before it.",
-        ),
-    ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S", help="The time between samples [s], where the file has no times or wrong ones."
-        ),
-    ] = None,
-    chain: Annotated[
-        str,
-        typer.Option(
-            metavar="TEXT",
-            help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s', a device that "
-            "`servobench chains` lists, or none; applied now where the column shows that it wasn't.",
-        ),
-    ] = "",
+    time: TimeColumn = None,
+    input_column: InputColumn = None,
+    output_column: OutputColumn = None,
+    supply: SupplyColumn = None,
+    reference: ReferenceColumn = None,
+    current: CurrentColumn = None,
+    mapping: MappingFile = None,
+    sample_time: SampleTime = None,
+    chain: ChainText = "",
     nominal: Annotated[
         str | None, typer.Option(metavar="NAME", help="The data sheet to hold the result against.")
     ] = None,
@@ -74,23 +53,14 @@ def identify(
             help="Try the model on this file, in place of a part of the data; may be repeated.",
         ),
     ] = None,
-    recording: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME", help="Fit the recording of that name only, of several in a file; may be repeated."
-        ),
-    ] = None,
-    structure: Annotated[
-        str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that the data need.")
-    ] = "auto",
+    recording: RecordingNames = None,
+    structure: StructureName = "auto",
     estimator: Annotated[
         str,
         typer.Option(metavar="NAME", help="The method; auto takes the one that the noise in the data needs."),
     ] = "auto",
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
-    ] = False,
-    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report (HTML).")] = None,
+    as_json: AsJson = False,
+    report: ReportFile = None,
 ) -> None:
     """Identify the motor from recordings that you have.
 

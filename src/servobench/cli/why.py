@@ -8,6 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servobench.cli.options import (
+    AsJson,
+    ChainText,
+    InputColumn,
+    MappingFile,
+    OutputColumn,
+    RecordingNames,
+    ReferenceColumn,
+    ReportFile,
+    SampleTime,
+    SupplyColumn,
+    TimeColumn,
+)
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -40,59 +54,17 @@ def why(
             metavar="NAME", help="The motor's data sheet; held against the data where nothing is claimed."
         ),
     ] = None,
-    time: Annotated[str | None, typer.Option(metavar="COL[:UNIT]", help="The column of times.")] = None,
-    input_column: Annotated[
-        str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
-    ] = None,
-    output_column: Annotated[
-        str | None,
-        typer.Option(
-            "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
-        ),
-    ] = None,
-    supply: Annotated[
-        str | None,
-        typer.Option(
-            metavar="COL[:UNIT]",
-            help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
-        ),
-    ] = None,
-    reference: Annotated[
-        str | None,
-        typer.Option(metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."),
-    ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S", help="The time between samples [s], where the file has no times or wrong ones."
-        ),
-    ] = None,
-    chain: Annotated[
-        str,
-        typer.Option(
-            metavar="TEXT",
-            help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s'; "
-            "applied now where the column shows that it wasn't.",
-        ),
-    ] = "",
-    mapping: Annotated[
-        Path | None,
-        typer.Option(
-            metavar="FILE.toml", help="A mapping that says what the columns are; options come before it."
-        ),
-    ] = None,
-    recording: Annotated[
-        list[str] | None,
-        typer.Option(
-            metavar="NAME",
-            help="Take the recording of that name only, of several in a file; may be repeated.",
-        ),
-    ] = None,
-    as_json: Annotated[
-        bool,
-        typer.Option("--json", help="Print the explanation as JSON, and nothing else, on standard output."),
-    ] = False,
-    report: Annotated[Path | None, typer.Option(metavar="FILE", help="Write a report (HTML).")] = None,
+    time: TimeColumn = None,
+    input_column: InputColumn = None,
+    output_column: OutputColumn = None,
+    supply: SupplyColumn = None,
+    reference: ReferenceColumn = None,
+    sample_time: SampleTime = None,
+    chain: ChainText = "",
+    mapping: MappingFile = None,
+    recording: RecordingNames = None,
+    as_json: AsJson = False,
+    report: ReportFile = None,
 ) -> None:
     """Say why a figure differs from what recordings say of the motor.
 

@@ -23,10 +23,13 @@ def is_plain(data: Dataset) -> bool:
 def start_parameters(data: Dataset) -> tuple[Parameter, ...]:
     """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
     own = (START_POSITION, START_SPEED) if data.kind == "position" else (START_SPEED,)
-    if is_plain(data):
-        return own
+    return own if is_plain(data) else own + filter_parameters(data)
+
+
+def filter_parameters(data: Dataset) -> tuple[Parameter, ...]:
+    """Return the nuisance parameters that a record's chain brings along: the unknown states of its filters."""
     units = {"position": "{position}", "speed": "{position}/s"}
-    filters = tuple(
+    return tuple(
         Parameter(
             name=f"start_state_{n}",
             meaning=f"state of '{state.stage}' at the first sample",
@@ -34,7 +37,6 @@ def start_parameters(data: Dataset) -> tuple[Parameter, ...]:
         )
         for n, state in enumerate(data.start_states, start=1)
     )
-    return own + filters
 
 
 def through_chain(y: Array, jacobian: Array, filters: Array, data: Dataset) -> Prediction:

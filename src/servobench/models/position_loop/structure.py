@@ -23,7 +23,7 @@ from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.models.first_order import DELAY, TIME_CONSTANT
-from servobench.models.through_chain import filter_parameters, through_chain
+from servobench.models.records import START_POSITION, START_SPEED, filter_parameters, through_chain
 from servobench.transfer_function import TransferFunction
 
 LOOP_GAIN = Parameter(
@@ -41,8 +41,6 @@ DEAD_BAND = Parameter(
 GOAL_OFFSET = Parameter(
     name="offset_position", meaning="distance from the goal at which the motor gets no torque", unit="{input}"
 )
-_START_POSITION = Parameter(name="start_position", meaning="position at the first sample", unit="{position}")
-_START_SPEED = Parameter(name="start_speed", meaning="speed at the first sample", unit="{position}/s")
 
 _MOST_RESTS = 400  # more than these come as a sample of them, scaled
 
@@ -65,7 +63,7 @@ class PositionLoop:
 
         The loop acts on the position, so a record of the speed has an unknown start position as well.
         """
-        return (_START_POSITION, _START_SPEED, *filter_parameters(data))
+        return (START_POSITION, START_SPEED, *filter_parameters(data))
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters; those of delay and time constant are told in `FirstOrder.bounds`."""

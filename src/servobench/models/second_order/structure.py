@@ -23,7 +23,7 @@ from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.models.first_order import COULOMB, DELAY, GAIN, OFFSET, ONE_WAY, TIME_CONSTANT, FirstOrder
-from servobench.models.through_chain import filter_parameters, through_chain
+from servobench.models.records import START_POSITION, START_SPEED, filter_parameters, through_chain
 from servobench.transfer_function import TransferFunction
 
 ELECTRICAL = Parameter(
@@ -32,8 +32,6 @@ ELECTRICAL = Parameter(
     unit="s",
     lower=0.0,
 )
-_START_POSITION = Parameter(name="start_position", meaning="position at the first sample", unit="{position}")
-_START_SPEED = Parameter(name="start_speed", meaning="speed at the first sample", unit="{position}/s")
 
 # Of τ: the electrical time constant at which both poles meet is half of it; beyond it they would be complex.
 _LARGEST_PART = 0.499
@@ -61,7 +59,7 @@ class SecondOrder:
 
         The current at the first sample is what the input before makes of it.
         """
-        own = (_START_POSITION, _START_SPEED) if data.kind == "position" else (_START_SPEED,)
+        own = (START_POSITION, START_SPEED) if data.kind == "position" else (START_SPEED,)
         return own + filter_parameters(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:

@@ -1,0 +1,82 @@
+"""Options that several commands have: what the columns of a recording are, and the like. Each is said in the same words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+TimeColumn = Annotated[str | None, typer.Option("--time", metavar="COL[:UNIT]", help="The column of times.")]
+InputColumn = Annotated[
+    str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
+]
+OutputColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
+    ),
+]
+SupplyColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--supply",
+        metavar="COL[:UNIT]",
+        help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
+    ),
+]
+ReferenceColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--reference", metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."
+    ),
+]
+CurrentColumn = Annotated[
+    str | None,
+    typer.Option(
+        "--current", metavar="COL[:UNIT]", help="The column of the measured current of the armature."
+    ),
+]
+MappingFile = Annotated[
+    Path | None,
+    typer.Option(
+        "--mapping",
+        metavar="FILE.toml",
+        help="What the columns are, as `servobench inspect FILE --write-mapping` proposes it; options come before it.",
+    ),
+]
+SampleTime = Annotated[
+    str | None,
+    typer.Option(
+        "--sample-time",
+        metavar="S",
+        help="The time between samples [s], where the file has no times or wrong ones.",
+    ),
+]
+ChainText = Annotated[
+    str,
+    typer.Option(
+        "--chain",
+        metavar="TEXT",
+        help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s', a device that "
+        "`servobench chains` lists, or none; applied now where the column shows that it wasn't.",
+    ),
+]
+RecordingNames = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--recording",
+        metavar="NAME",
+        help="Take the recording of that name only, of several in a file; may be repeated.",
+    ),
+]
+StructureName = Annotated[
+    str,
+    typer.Option(
+        "--structure", metavar="NAME", help="The model structure; auto takes the one that the data need."
+    ),
+]
+AsJson = Annotated[
+    bool, typer.Option("--json", help="Print the answer as JSON, and nothing else, on standard output.")
+]
+ReportFile = Annotated[Path | None, typer.Option("--report", metavar="FILE", help="Write a report (HTML).")]
