@@ -219,6 +219,10 @@ def _tried(
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         richer = method.fit(structure, data, (nearest.theta,))
         doubt = _doubt(term, asked, richer, richer, fit)
+        at_edge = (
+            "it drives a parameter to the edge of what is possible" if _at_the_edge(richer, plain) else ""
+        )
+        doubt = _doubt(term, richer, richer, fit) or at_edge
         if doubt:
             return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
@@ -268,6 +272,24 @@ _NAMES = {
     "asymmetric": "drag_asymmetry",
     "winding": "electrical_time_constant",
 }
+def _at_the_edge(richer: Fit, plain: Fit) -> bool:
+    """Whether a rung drives a parameter to the edge of what is possible: then its term stands for something else.
+
+    Friction that falls up to the largest speed is viscous friction, and a motor without a time constant is none. That a parameter
+    of the simpler structure becomes zero is nothing bad: the new term may be what it stood for.
+    """
+    data = [record.data for record in richer.records]
+    at_edge = []
+    for fit in (richer, plain):
+        lower, upper = fit.model.structure.bounds(data)
+        values = zip(fit.model.names, fit.model.theta, lower, upper, strict=True)
+        at_edge.append({name for name, value, low, high in values if not low < value < high})
+    old = set(plain.model.names)
+    zero = {name for name in old if name in richer.model.names and richer[name].value == 0}
+    return bool(at_edge[0] - at_edge[1] - zero)
+
+
+_NAMES = {"coulomb": "coulomb_voltage", "load": "load_friction", "asymmetric": "drag_asymmetry"}
 
 
 def _amount(term: str, fit: Fit) -> tuple[float, float]:

@@ -12,6 +12,7 @@ from servobench.errors import FormatError, UsageError
 from servobench.finding import Severity
 from servobench.formats.base import load, save
 from servobench.formats.mapping import assign
+from servobench.measurement.measure import measure
 from servobench.recording.recording import Recording
 from tests.formats.tables import codes, columns, finding, units
 from tests.recording.samples import small
@@ -205,4 +206,4 @@ def test_a_side_is_enough_to_name_input_and_output(real_data: RealData) -> None:
 
         assert (assigned.input, assigned.output) == ("left_voltage", "left_position")
         assert assigned["left_position"].channel.unit == "rev"
-        assert finding(assigned.findings, "output-stale").severity is Severity.WARNING
+        assert finding(measure(assigned).findings, "output-stale").severity is Severity.WARNING

@@ -97,7 +97,6 @@ _CAUSES = frozenset(
         "input-is-output",
         "output-clipped",
         "output-spikes",
-        "output-stale",
         "output-still",
         "output-stops",
     }

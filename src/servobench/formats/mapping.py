@@ -14,10 +14,9 @@ from pathlib import Path
 from typing import Any
 
 from servobench.errors import MissingInformation, UnknownName, UsageError
-from servobench.finding import Finding, info, warning
+from servobench.finding import Finding, info
 from servobench.formats.choice import Chosen, chosen, spec_of
 from servobench.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
-from servobench.formats.stale import stale
 from servobench.formats.supply import constant, motor_voltage
 from servobench.formats.timing import seconds, timed
 from servobench.formats.usable import usable
@@ -66,7 +65,7 @@ def assign(
         output=taken["output"].channel.name,
         reference=roles.name("reference") or recording.reference,
         chain=chain.strip() or recording.chain,
-        findings=(*before, *roles.findings, *about_samples, *_stale(taken["output"])),
+        findings=(*before, *roles.findings, *about_samples),
     )
     if roles.is_scaled:  # what was before is in another unit
         result = replace(result, input_before=None)
@@ -150,13 +149,6 @@ def _check_differ(recording: Recording, series: dict[Role, Series]) -> None:
             kind = f"both {roles[name]} and {role}"
             raise UsageError(f"{recording.name}: the column `{name}` can't be {kind}")
         roles[name] = role
-
-
-def _stale(output: Series) -> list[Finding]:
-    """Whether the output was refreshed more seldom than it was recorded."""
-    if output.t is None or (refreshed := stale(output.values)) is None:
-        return []
-    return [warning("output-stale", refreshed.sentence(output.channel.name, output.t))]
 
 
 _CHOICES = "recordings"

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 
@@ -25,7 +26,7 @@ class Stale:
         age = "" if t is None else f" ({1000 * self.hold * float(np.median(np.diff(t))):.0f} ms)"
         return (
             f"`{name}` changes in {100 * self.share:.0f} % of the rows only, every {self.hold:g} rows or so{age}: "
-            "it may be as much older than the time of its row."
+            "in the others it is as much older than its row."
         )
 
 
@@ -45,3 +46,20 @@ def stale(values: Array) -> Stale | None:
     hold = float(np.median(np.diff(changes)))
     # What changes in every row of a motion, and rests in between, is fresh.
     return Stale(hold=hold, share=share) if share < _SHARE and hold >= 2.0 and alike <= _ALIKE else None
+
+
+def refreshed_rows(values: Array, hold: float) -> NDArray[np.int64]:
+    """Return the rows of values (N,) in which they were new, where that happens every `hold` rows or so.
+
+    These are the rows of each change, and in between, while nothing moves, those that come a whole number of holds after a
+    change; before the first change, that many before it.
+    """
+    changes = np.flatnonzero(np.diff(values) != 0) + 1
+    every = max(round(hold), 1)
+    if not len(changes):
+        return np.arange(0, len(values), every)
+    before = np.arange(changes[0] - every, -1, -every)[::-1]
+    # A refresh may come a little early: a row shortly before a change is still the old value.
+    ends = np.append(changes[1:] - every // 2, len(values))
+    after = [np.arange(start, max(end, start + 1), every) for start, end in zip(changes, ends, strict=True)]
+    return np.concatenate([before, *after])

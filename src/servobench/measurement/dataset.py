@@ -132,6 +132,11 @@ class Dataset:
         """The median time between samples of the output [s]; NaN for less than two samples."""
         return float(np.median(np.diff(self.t_output))) if len(self.t_output) > 1 else float("nan")
 
+    @cached_property
+    def input_step(self) -> float:
+        """The median time between samples of the input [s]; infinite for less than two samples."""
+        return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
+
     def part(self, start: float, end: float) -> Dataset:
         """Return the samples with start <= t < end [s]; the input before them is the input that held until then.
 

@@ -17,6 +17,7 @@ from servobench.measurement.base import Chain, Kind, Stage
 from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.grid import grid_step
+from servobench.measurement.refreshed import refreshed
 from servobench.measurement.scale import Scale
 from servobench.measurement.tachometer import Tachometer
 from servobench.measurement.unwrap import Unwrap
@@ -37,6 +38,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
     A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
     A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
+    Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
     What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
 
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
@@ -46,7 +48,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     declared = Chain.parse(recording.chain)
     input_series, output_series = input_and_output(recording)
     driven, input_findings = finite_column(recording, input_series, "input")
-    read, read_findings = finite_column(recording, output_series, "output")
+    read, read_findings = refreshed(*finite_column(recording, output_series, "output"))
     kind = _shaft_kind(recording, read)
     _check_chains(recording, read, kind, declared, applied)
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)

@@ -73,12 +73,13 @@ class FirstOrder:
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters: the output comes at most two sample times before its cause.
 
-        Two channels that are latched one after the other may be out of step by that much; anything more would be a wrong
-        model, as slow data can't tell a negative delay from a longer time constant. A time constant below a hundredth of
-        a sample time can't be told from none.
+        Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
+        often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
+        A time constant below a hundredth of a sample time can't be told from none.
         """
         step = max(record.sample_time for record in data)
-        nearest = {"delay": -2 * step, "time_constant": 0.01 * step}
+        latch = max(min(record.sample_time, record.input_step) for record in data)
+        nearest = {"delay": -2 * latch, "time_constant": 0.01 * step}
         lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
         return np.array(lower), np.array([parameter.upper for parameter in self.parameters])
 

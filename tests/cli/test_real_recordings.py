@@ -1,0 +1,212 @@
+"""What each folder of other people's recordings has to be answered with, by the command line as a user types it.
+
+Published figures stand in the folders' own README files; a comment says where a tolerance comes from.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from servobench.formats.base import load
+from servobench.formats.mapping import assign
+from servobench.identification import identify
+from servobench.measurement.measure import measure
+from tests.cli.conftest import Command
+
+RealData = Callable[[str], Path]
+REFUSED = 3
+ASKS = 2
+
+
+def codes(result: dict[str, Any]) -> set[str]:
+    return {finding["code"] for finding in result["findings"]}
+
+
+def test_a_step_around_a_dead_zone_gives_a_local_gain_and_an_offset(
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    path = real_data("undcmotor/und_DCmotor_step_open_exp.csv")
+
+    result = servobench("identify", path, "--output", "y:deg/s", "--json").result
+
+    # Published 1206.78 deg/s for each volt and 0.3355 s, without a delay; ours has one, so that the lags add up.
+    gain, tau = result["parameters"]["gain"], result["parameters"]["time_constant"]
+    assert math.degrees(gain["value"]) == pytest.approx(1206.78, rel=0.03)
+    assert tau["interval"][0] < 0.3355 < tau["interval"][1] + result["parameters"]["delay"]["value"]
+    assert {"gain-local", "offset-found", "chain-unknown", "two-levels"} <= codes(result)
+    assert result["verdict"] == "doubtful"
+
+
+def test_a_second_of_a_closed_loop_is_too_short(servobench: Command, real_data: RealData) -> None:
+    path = real_data("undcmotor/und_DCmotor_step_closed_exp.csv")
+
+    result = servobench("identify", path, "--output", "y:deg", "--json").result
+
+    assert "record-too-short" in codes(result)
+    assert result["verdict"] != "trusted"
+
+
+def test_stairs_through_a_dead_zone_are_not_trusted(servobench: Command, real_data: RealData) -> None:
+    path = real_data("undcmotor/und_DCmotor_stairs_closed_exp.csv")
+
+    result = servobench("identify", path, "--output", "y:deg", "--json").result
+
+    assert "dead-zone" in codes(result)
+    assert result["verdict"] != "trusted"
+
+
+def test_a_table_of_a_static_gain_has_no_times(servobench: Command, real_data: RealData) -> None:
+    path = real_data("undcmotor/und_DCmotor_static_gain_response.csv")
+
+    asked = servobench("identify", path, "--output", "y:deg/s")
+    told = servobench("identify", path, "--output", "y:deg/s", "--sample-time", "0.02", "--json")
+
+    assert asked.status == ASKS
+    assert "--sample-time" in asked.err
+    assert told.status == REFUSED
+
+
+@pytest.mark.parametrize("name", ["gk_pid", "gk_pid_step", "gk_relay", "gk_repetitive"])
+def test_a_table_without_times_is_asked_for_its_sample_time(
+    name: str,
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    ended = servobench(
+        "identify", real_data(f"gkeiel_pot_servo/{name}.csv"), "--input", "4:%", "--output", "2:deg"
+    )
+
+    assert ended.status == ASKS
+    assert "--sample-time" in ended.err
+
+
+def test_a_limit_cycle_with_a_high_fit_is_distrusted(servobench: Command, real_data: RealData) -> None:
+    columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
+
+    result = servobench("identify", real_data("gkeiel_pot_servo/gk_relay.csv"), *columns, "--json").result
+
+    assert result["fit_percent"]["training"] > 97
+    assert "limit-cycle" in codes(result)
+    assert result["verdict"] != "trusted"
+
+
+def test_a_servo_with_a_pendulum_is_no_motor_of_first_order(servobench: Command, real_data: RealData) -> None:
+    path = real_data("qube1_koopman_closedloop/qube_20230828T150615_434_696_394.csv")
+
+    ended = servobench("identify", path, "--input", "plant_input:V", "--output", "theta:rad", "--json")
+
+    assert "structure-wrong" in codes(ended.result)
+    assert ended.status == REFUSED
+
+
+def test_a_recording_without_an_input_says_so(servobench: Command, real_data: RealData) -> None:
+    path = real_data("qube3_ip_velocity/a00834778_P7_I+P.mat")
+
+    ended = servobench("identify", path, "--time", "1:s", "--output", "3:rad/s")
+
+    assert ended.status == ASKS
+    assert "Without an input nothing can be identified" in ended.err
+
+
+def test_a_valve_with_hysteresis_leaves_residuals_that_object(
+    servobench: Command, real_data: RealData
+) -> None:
+    path = real_data("hydraulic_valve_motor/MotorRotation.csv")
+
+    result = servobench(
+        "identify", path, "--time", "1:s", "--input", "2:V", "--output", "3:rad/s", "--json"
+    ).result
+
+    assert {"residual-coloured", "structure-wrong"} <= codes(result)
+    assert result["verdict"] == "refused"
+
+
+def test_half_a_million_rows_without_a_time_ask_for_it_and_are_no_first_order(
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    path, other = (real_data(f"generator_sysidentpy/{name}_cc.csv") for name in "yx")
+    asked = servobench("identify", path, "--input", f"{other}#1:V", "--output", "1:rad/s")
+    (recording,) = load(path)
+    data = measure(assign(recording, input=f"{other}#1:V", output="1:rad/s", sample_time=0.001))
+
+    found = {finding.code for finding in identify(data.part(0.0, 25.0)).findings}
+
+    assert asked.status == ASKS
+    assert "--sample-time" in asked.err
+    assert len(data.y) == 500_000
+    assert "structure-wrong" in found
+
+
+@pytest.mark.parametrize("side", ["left", "right"])
+def test_romi_has_the_published_kv_and_ka_from_the_speeds_of_four_tests(
+    side: str,
+    servobench: Command,
+    real_data: RealData,
+    tmp_path: Path,
+) -> None:
+    """Published for both wheels together: kS 0.1298 V, kV 2.318 V/(rot/s), kA 0.237 V/(rot/s²)."""
+    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
+
+    ended = servobench(
+        "identify", path, "--input", f"{side}_voltage", "--output", f"{side}_velocity", "--json"
+    )
+
+    found = ended.result["parameters"]
+    turn = 2 * math.pi
+    assert turn / found["gain"]["value"] == pytest.approx(2.318, rel=0.15)
+    # τ is known to half of itself: its interval has to hold the published kA/kV.
+    assert found["time_constant"]["interval"][0] < 0.237 / 2.318 < found["time_constant"]["interval"][1]
+    assert {"output-stale", "residual-coloured"} <= codes(ended.result)
+    assert ended.result["verdict"] == "doubtful"
+
+    (tmp_path / "romi.json").write_text(ended.out, encoding="utf-8")
+    out = tmp_path / "romi-wpilib.json"
+    exported = servobench("export", tmp_path / "romi.json", "--as", "wpilib", "--unit", "rev", "--out", out)
+    assert exported.status == 0, exported.err
+    assert "kV" in out.read_text(encoding="utf-8")
+
+
+def test_one_fast_test_alone_cannot_tell_gain_from_friction(servobench: Command, real_data: RealData) -> None:
+    path = real_data("romi_sysid/romi_sysid_data20221106-174834.json")
+    columns = ("--input", "left", "--output", "left", "--recording", "fast-forward")
+
+    ended = servobench("identify", path, *columns, "--json")
+
+    assert ended.status == REFUSED
+    (refusal,) = [each for each in ended.result["findings"] if each["severity"] == "refusal"]
+    assert "gain and friction" in refusal["sentence"]
+
+
+def test_a_servo_bench_follows_its_goal_as_a_position_loop(servobench: Command, real_data: RealData) -> None:
+    path = real_data("bam_servos/feetech_2024-10-26_12h23m27.json")
+    columns = ("--input", "goal_position", "--output", "position", "--structure", "position_loop")
+
+    result = servobench("identify", path, *columns, "--json").result
+
+    assert result["fit_percent"]["training"] > 95
+    assert "bench-pendulum" in codes(result)
+    assert result["verdict"] == "doubtful"
+
+
+def test_a_servo_bench_whose_load_was_not_told_has_no_input(servobench: Command, real_data: RealData) -> None:
+    path = real_data("bam_servos/feetech_2024-10-26_12h23m27.json")
+    columns = ("--input", "load:PWM/1000", "--supply", "supply_voltage", "--output", "position")
+
+    assert servobench("identify", path, *columns, "--json").status == REFUSED
+
+
+def test_a_pendulum_is_no_plain_motor(servobench: Command, real_data: RealData) -> None:
+    path = real_data("bam_servos/xl330_2026-01-15_10h28m10.json")
+    columns = ("--input", "load:PWM/885", "--supply", "supply_voltage", "--output", "position")
+
+    ended = servobench("identify", path, *columns, "--json")
+
+    assert {"bench-pendulum", "fit-poor"} <= codes(ended.result)
+    assert ended.status == REFUSED
