@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from servobench.formats.stale import stale
+from servobench.formats.stale import refreshed_rows, stale
 
 T = 0.005 * np.arange(2000)
 MOTION = np.cumsum(2 + np.sin(3 * T)) * 0.005  # a speed that varies, as in any experiment
@@ -48,3 +48,17 @@ def test_a_coarse_converter_whose_values_were_rounded_is_not_stale() -> None:
 )
 def test_what_is_fresh_at_rest_or_empty_is_not_stale(values: np.ndarray) -> None:
     assert stale(values) is None
+
+
+@pytest.mark.parametrize("rows", [3, 11, 40])
+def test_the_rows_in_which_a_value_is_new_are_found_through_a_rest_too(rows: int) -> None:
+    # The motion begins in the fourth hold and rests for ten holds in the middle; the log begins within a hold.
+    motion = np.interp(
+        np.arange(60 * rows), [3 * rows, 20 * rows, 30 * rows, 60 * rows], [0.0, 17.3, 17.3, 49.1]
+    )
+    late = rows // 2
+    values = held(motion, rows)[late:]
+
+    kept = refreshed_rows(values, rows)
+
+    assert (kept + late).tolist() == list(range(rows, 60 * rows, rows))
