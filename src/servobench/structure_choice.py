@@ -219,10 +219,8 @@ def _tried(
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
         richer = method.fit(structure, data, (nearest.theta,))
         doubt = _doubt(term, asked, richer, richer, fit)
-        at_edge = (
-            "it drives a parameter to the edge of what is possible" if _at_the_edge(richer, plain) else ""
-        )
-        doubt = _doubt(term, richer, richer, fit) or at_edge
+        if not doubt and _at_the_edge(richer, plain):
+            doubt = "it drives a parameter to the edge of what is possible"
         if doubt:
             return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
@@ -272,6 +270,8 @@ _NAMES = {
     "asymmetric": "drag_asymmetry",
     "winding": "electrical_time_constant",
 }
+
+
 def _at_the_edge(richer: Fit, plain: Fit) -> bool:
     """Whether a rung drives a parameter to the edge of what is possible: then its term stands for something else.
 
@@ -287,9 +287,6 @@ def _at_the_edge(richer: Fit, plain: Fit) -> bool:
     old = set(plain.model.names)
     zero = {name for name in old if name in richer.model.names and richer[name].value == 0}
     return bool(at_edge[0] - at_edge[1] - zero)
-
-
-_NAMES = {"coulomb": "coulomb_voltage", "load": "load_friction", "asymmetric": "drag_asymmetry"}
 
 
 def _amount(term: str, fit: Fit) -> tuple[float, float]:
