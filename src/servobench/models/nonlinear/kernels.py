@@ -36,6 +36,7 @@ BY_ANGLE, BY_SPEED = 13, 14
 
 _STEP = 0.1  # of the shortest time in which anything changes
 _MOST = 100  # steps between two events, for parameters that no motor has
+_ENDLESS = 20 * _MOST  # steps between two samples or changes of the input: such a motor turns round without end
 _NEWTON = 30
 _BEYOND = 1e100  # speeds and accelerations that parameters lead to under which nothing holds the motor back
 
@@ -247,7 +248,8 @@ def response(
 
     p (13,) is (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ at t_out[0], ω at t_out[0]), and `columns` (C,) are those
     of them whose derivatives are wanted. The flags say which terms act, and whether the speed or the angle is wanted. A sample
-    is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, y is infinite from there on.
+    is latched before an input of the same instant acts. Where a motor runs away beyond all numbers, or turns round without end as
+    none can (friction that drives), y is infinite from there on.
     """
     count = len(columns)
     x = np.zeros((2, count))
@@ -276,9 +278,11 @@ def response(
         changes = k < len(u) and t_in[k] + delay < t_out[m]
         until = max(t_in[k] + delay, now) if changes else t_out[m]
         shortest = (until - now) / _MOST
+        taken = 0
         while now < until and sense != 0.0:
             f = slope(p, v, sense, side, angle, w, stribeck, gravity, by[0])
-            if not abs(w) + abs(f) < _BEYOND:
+            taken += 1
+            if taken > _ENDLESS or not abs(w) + abs(f) < _BEYOND:
                 y[m:] = np.inf
                 jac[m:, :] = 0.0
                 return

@@ -249,6 +249,7 @@ class NonlinearMotor:
         def states(times: Array) -> tuple[Array, Array]:
             speed, _ = self.response(theta, data, "speed", times, derivatives=False)
             angle, _ = self.response(theta, data, "position", times, derivatives=False)
+            angle = np.where(np.isfinite(angle), angle, 0.0)  # of a motor that ran away there is no angle
             gravity = p[kernels.SINE] * np.sin(angle) + p[kernels.COSINE] * np.cos(angle)
             return speed, p[kernels.OFFSET] + gravity
 
