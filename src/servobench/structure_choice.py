@@ -13,7 +13,7 @@ Then the tests look at what is left, until they ask for nothing, or for nothing 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -221,12 +221,23 @@ def _tried(
         doubt = _doubt(term, asked, richer, richer, fit)
         if not doubt and _at_the_edge(richer, plain):
             doubt = "it drives a parameter to the edge of what is possible"
+        if not doubt and not explains_the_colour(richer):
+            doubt = _doubt(term, asked, richer, _as_uncertain(richer, plain, fit), fit)
         if doubt:
             return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
     return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, asked, richer, allowed, fit))
+
+
+def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:
+    """A rung that explains the colour no better, as unsure as allowing for it has made the rung below: that takes no search.
+
+    `plain` is the rung below as it is, `fit` as it is allowed for.
+    """
+    factors = [fit[n].sd / plain[n].sd for n in ("gain", "time_constant") if 0 < plain[n].sd < np.inf]
+    return replace(richer, covariance=max([1.0, *factors]) ** 2 * richer.covariance)
 
 
 def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
