@@ -332,9 +332,10 @@ class Whitened:
 
     @property
     def whitened_data(self) -> tuple[Dataset, ...]:
-        """The records with the innovations of their outputs in place of the outputs."""
+        """The records with the innovations of their outputs in place of the outputs, which no encoder has rounded."""
         return tuple(
-            replace(record, y=self._filtered(record.y[:, None], record)[:, 0]) for record in self.data
+            replace(record, y=self._filtered(record.y[:, None], record)[:, 0], quantum=None)
+            for record in self.data
         )
 
     def sliding(self, theta: Array, data: Dataset) -> Array:

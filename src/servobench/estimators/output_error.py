@@ -12,6 +12,7 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.covariance import conservative, inverse, sandwiched
+from servobench.estimators.encoder_rounding import rounding_power
 from servobench.estimators.least_squares import (
     Layout,
     Minimum,
@@ -140,6 +141,9 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
     repeated = _folded(layout, minimum, scores)
     if repeated:
         covariance = conservative(covariance, sandwiched(bread, repeated))
+    rounded = _rounded(layout, minimum, variance)
+    if rounded.size:
+        covariance = conservative(covariance, bread @ rounded @ bread)
     unmodelled = _unmodelled(layout, minimum)
     if unmodelled.size:
         shift = bread @ unmodelled
@@ -203,6 +207,18 @@ def _folded(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[A
         any_repeats |= again
         out.append(folded(s, length) if again and length is not None else s)
     return out if any_repeats else []
+
+
+def _rounded(layout: Layout, minimum: Minimum, variance: float) -> Array:
+    """The covariance of J'r over the joint vector by what encoders round, (0, 0) where there are none; others are white."""
+    size, found = len(minimum.theta), False
+    out = np.zeros((size, size))
+    for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
+        j = prediction.jacobian[prediction.valid]
+        power = rounding_power(prediction, record)
+        found |= power is not None
+        out[np.ix_(place, place)] += variance * j.T @ j if power is None else power
+    return out if found else np.empty((0, 0))
 
 
 def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
