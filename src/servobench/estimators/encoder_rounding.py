@@ -13,6 +13,8 @@ white noise of what is missing (Widrow, Kollár and Liu 1996).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from servobench.channels import Array
@@ -43,3 +45,22 @@ def rounding_power(prediction: Prediction, data: Dataset) -> Array | None:
         variance -= share
     power += max(variance, 0.0) * jacobian.T @ jacobian
     return np.asarray(data.quantum**2 * power, dtype=np.float64)
+
+
+def counts_in_place(
+    data: Sequence[Dataset], residuals: Sequence[Array], unknowns: int, times: float = 2.0
+) -> bool:
+    """Return whether the counts are where the model and the encoder's rounding put them: then nothing else is at work.
+
+    The true position is within half a count of the middle of its own. The prediction's standard deviation is about
+    Q √(p / 12 N) for p `unknowns` and N samples, so that about 0.8 of it, over Q, of the counts come out on the wrong side.
+    So many `times` over are taken for chance. Stricter than any test of colour: slow beats of speed and encoder look like
+    a wandering shaft, but leave no count in the wrong place.
+    """
+    wrong, samples = 0, 0
+    for record, residual in zip(data, residuals, strict=True):
+        if not record.quantum or record.kind != "position" or record.chain:
+            return False
+        wrong += int(np.count_nonzero(np.abs(residual) > 0.5 * record.quantum))
+        samples += len(residual)
+    return bool(wrong <= times * 0.8 * samples * np.sqrt(unknowns / (12 * samples)))

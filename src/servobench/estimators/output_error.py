@@ -12,7 +12,7 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.covariance import conservative, inverse, sandwiched
-from servobench.estimators.encoder_rounding import rounding_power
+from servobench.estimators.encoder_rounding import counts_in_place, rounding_power
 from servobench.estimators.least_squares import (
     Layout,
     Minimum,
@@ -143,7 +143,10 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
         covariance = conservative(covariance, sandwiched(bread, repeated))
     rounded = _rounded(layout, minimum, variance)
     if rounded.size:
-        covariance = conservative(covariance, bread @ rounded @ bread)
+        exact = bread @ rounded @ bread
+        residuals = [r.y - p.y for r, p in zip(layout.data, minimum.predictions, strict=True)]
+        alone = counts_in_place(layout.data, residuals, len(minimum.theta))
+        covariance = exact if alone else conservative(covariance, exact)
     unmodelled = _unmodelled(layout, minimum)
     if unmodelled.size:
         shift = bread @ unmodelled
