@@ -24,26 +24,24 @@ from servobench.models.base import Prediction
 _SINES = 8  # these have 93 % of Q²/12; the model doesn't know the path to a tenth of a step, as finer ones would need
 
 
-def rounding_power(prediction: Prediction, data: Dataset) -> Array | None:
+def rounding_power(prediction: Prediction, data: Dataset, noise: float) -> Array | None:
     """Return the covariance (P + Q, P + Q) of J'e, e the errors of the readings; None for what isn't an encoder's position.
 
-    The noise before the rounding is what the residuals have beyond Q²/12; what the sines don't explain of them counts as white.
+    `noise` is the variance s²/Q² before the rounding. What the sines don't explain of the errors counts as white.
     """
-    valid = prediction.valid
-    jacobian, path = prediction.jacobian[valid], prediction.y[valid]
-    if not data.quantum or data.kind != "position" or not len(path):
+    jacobian, path = prediction.jacobian[prediction.valid], prediction.y[prediction.valid]
+    if not data.quantum or data.kind != "position":
         return None
-    variance = float(np.mean(((data.y[valid] - path) / data.quantum) ** 2))
-    before = max(variance - 1 / 12, 0.0)
     once = np.exp(2j * np.pi * path / data.quantum)
     turning, power = np.ones_like(once), np.zeros((jacobian.shape[1], jacobian.shape[1]))
+    white = 1 / 12 + noise
     for m in range(1, _SINES + 1):
         turning = turning * once
-        share = float(np.exp(-((2 * np.pi * m) ** 2) * before)) / (2 * np.pi**2 * m**2)
+        share = float(np.exp(-((2 * np.pi * m) ** 2) * noise)) / (2 * np.pi**2 * m**2)
         both = np.column_stack([turning.real, turning.imag]).T @ jacobian
         power += share * both.T @ both
-        variance -= share
-    power += max(variance, 0.0) * jacobian.T @ jacobian
+        white -= share
+    power += white * jacobian.T @ jacobian
     return np.asarray(data.quantum**2 * power, dtype=np.float64)
 
 

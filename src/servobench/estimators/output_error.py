@@ -141,11 +141,11 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
     repeated = _folded(layout, minimum, scores)
     if repeated:
         covariance = conservative(covariance, sandwiched(bread, repeated))
-    rounded = _rounded(layout, minimum, variance)
+    residuals = [r.y - p.y for r, p in zip(layout.data, minimum.predictions, strict=True)]
+    alone = counts_in_place(layout.data, residuals, len(minimum.theta))
+    rounded = _rounded(layout, minimum, variance, alone)
     if rounded.size:
         exact = bread @ rounded @ bread
-        residuals = [r.y - p.y for r, p in zip(layout.data, minimum.predictions, strict=True)]
-        alone = counts_in_place(layout.data, residuals, len(minimum.theta))
         covariance = exact if alone else conservative(covariance, exact)
     unmodelled = _unmodelled(layout, minimum)
     if unmodelled.size:
@@ -212,14 +212,18 @@ def _folded(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[A
     return out if any_repeats else []
 
 
-def _rounded(layout: Layout, minimum: Minimum, variance: float) -> Array:
-    """The covariance of J'r over the joint vector by what encoders round, (0, 0) where there are none; others are white."""
+def _rounded(layout: Layout, minimum: Minimum, variance: float, alone: bool) -> Array:
+    """The covariance of J'r over the joint vector by what encoders round, (0, 0) where there are none; others are white.
+
+    `alone` says that there is nothing but rounding; else what the residuals have beyond Q²/12 is noise before it.
+    """
     size, found = len(minimum.theta), False
     out = np.zeros((size, size))
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
-        j = prediction.jacobian[prediction.valid]
-        power = rounding_power(prediction, record)
+        beyond = 0.0 if alone or not record.quantum else variance / record.quantum**2 - 1 / 12
+        power = rounding_power(prediction, record, max(beyond, 0.0))
         found |= power is not None
+        j = prediction.jacobian[prediction.valid]
         out[np.ix_(place, place)] += variance * j.T @ j if power is None else power
     return out if found else np.empty((0, 0))
 
