@@ -2,7 +2,7 @@ import math
 
 import pytest
 
-from servobench.rounding import counted, handy_unit, percent, plain, rounded, with_unit
+from servobench.rounding import counted, handy_unit, percent, plain, rounded, rounded_interval, with_unit
 
 
 @pytest.mark.parametrize(
@@ -30,6 +30,33 @@ def test_both_ends_of_an_interval_have_the_decimals_of_the_value() -> None:
     estimate = rounded(0.16, 0.000012, "V")
 
     assert (estimate.value, estimate.low, estimate.high) == ("0.160000", "0.159988", "0.160012")
+
+
+@pytest.mark.parametrize(
+    ("value", "interval", "cells"),
+    [
+        (0.0991539, (0.0991461, 0.0991617), ("99.1539", "0.0078", "99.1461", "99.1617", "ms")),
+        # The value is above 0.1 s and the middle of its interval below: both stay in one unit.
+        (0.104, (0.024, 0.143), ("0.104", "", "0.024", "0.143", "s")),
+        # 62 ± 15 ms would be 47 to 77.
+        (0.062, (0.040, 0.070), ("62", "", "40", "70", "ms")),
+        (12.6, (0.0, 1_720_000.0), ("13", "", "0", "1720000", "s")),
+        (0.0, (0.0, 0.003), ("0.0", "", "0.0", "3.0", "ms")),
+        (2.0, (2.0, 2.0), ("2", "0", "2", "2", "s")),
+        (0.1604, (-math.inf, math.inf), ("0.1604", "", "", "", "s")),
+        (0.1604, (math.nan, math.nan), ("0.1604", "", "", "", "s")),
+    ],
+)
+def test_an_interval_has_the_unit_of_its_value_and_a_half_only_where_it_lies_evenly(
+    value: float, interval: tuple[float, float], cells: tuple[str, ...]
+) -> None:
+    told = rounded_interval(value, interval, "s")
+
+    assert (told.value, told.half, told.low, told.high, told.unit) == cells
+
+
+def test_an_uneven_interval_stands_in_brackets() -> None:
+    assert str(rounded_interval(0.062, (0.040, 0.070), "s")).replace("\u00a0", " ") == "62 (40 to 70) ms"
 
 
 def test_an_interval_below_the_precision_of_a_double_makes_no_digits_up() -> None:

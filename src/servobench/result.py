@@ -153,15 +153,13 @@ class Result:
 
     def __str__(self) -> str:
         """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
-        from servobench.rounding import rounded
+        from servobench.rounding import rounded_interval
 
         lines = []
         for name, e in self.fit.estimates.items() if self.fit else ():
-            half = 0.5 * (e.interval[1] - e.interval[0])
-            lines.append(f"{name.replace('_', ' '):16} {rounded(e.value, half, e.unit)}")
+            lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
         for name, e in self.motor_parameters.items():
-            half = 0.5 * (e.interval[1] - e.interval[0])
-            lines.append(f"{name.replace('_', ' '):16} {rounded(e.value, half, e.unit)}")
+            lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
         if self.transfer_function is not None:
             lines.append(f"G(s) = {self.transfer_function}, in {self.transfer_function.unit}")
         lines.append(str(self.verdict))

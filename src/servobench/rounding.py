@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 SPACE = "\u00a0"  # one that no line breaks at
 _LARGEST = 7  # digits before the point, or zeros behind it, that are still read at a glance
 _MOST_DIGITS = 12
+_UNEVEN = 0.1  # of half an interval: a value further than that from the middle isn't the value ± half
 _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 # SI prefixes are for units that take one as they stand; a number in any other unit gets a power of ten.
 _PREFIXED = {"s", "V", "A", "N", "m", "rad", "Hz", "rad/s", "m/s"}
@@ -18,7 +19,8 @@ _PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M"}
 class Rounded:
     """A value and half of its interval, as texts with the same number of decimals.
 
-    `half` is empty where the interval isn't known. `low` and `high` are the ends of the interval.
+    `half` is empty where the interval isn't known, or lies unevenly about the value. `low` and `high` are the ends of the
+    interval, empty where it isn't known; all have the same unit.
     """
 
     value: str
@@ -34,6 +36,8 @@ class Rounded:
             if plus_minus and self.unit.startswith("×")
             else self.value + plus_minus
         )
+        if self.low and not self.half:
+            number = f"{self.value} ({self.low} to {self.high})"
         return f"{number}{SPACE}{self.unit}".rstrip()
 
 
@@ -73,6 +77,25 @@ def rounded(value: float, half: float, unit: str) -> Rounded:
     decimals = min(1 - _exponent(h, 2), _MOST_DIGITS - _exponent(max(abs(x), h), 2))
     texts = [_fixed(number, decimals) for number in (x, h, x - h, x + h)]
     return Rounded(value=texts[0], half=texts[1], low=texts[2], high=texts[3], unit=scaled)
+
+
+def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> Rounded:
+    """Return a value with its interval, in one unit: with half of it where it lies evenly about the value, or else its ends alone.
+
+    Beside an uneven interval the value has at least two significant digits.
+    """
+    low, high = interval
+    half = 0.5 * (high - low)
+    told = rounded(value, half, unit)
+    if not told.half or half <= 0:
+        return told
+    factor, scaled = handy_unit(unit, max(abs(value), half))
+    decimals = min(1 - _exponent(half / factor, 2), _MOST_DIGITS - _exponent(max(abs(value), half) / factor, 2))
+    told = replace(told, low=_fixed(low / factor, decimals), high=_fixed(high / factor, decimals), unit=scaled)
+    if abs(value - 0.5 * (low + high)) <= _UNEVEN * half:
+        return told
+    enough = max(decimals, 1 - _exponent(value / factor, 2)) if value else decimals
+    return replace(told, value=_fixed(value / factor, enough), half="")
 
 
 def handy_unit(unit: str, largest: float) -> tuple[float, str]:

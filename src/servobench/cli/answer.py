@@ -72,18 +72,14 @@ def in_words(name: str) -> str:
 
 
 def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: str = "parameter") -> None:
-    from servobench.rounding import rounded
+    from servobench.rounding import rounded_interval
 
     level = next(iter(estimates.values())).level
     headings = (what, "value", "±", f"{100 * level:g} % interval", "unit")
     rows = []
     for name, estimate in estimates.items():
-        low, high = estimate.interval
-        half = 0.5 * (high - low)
-        told = rounded(estimate.value, half, estimate.unit)
-        # An interval need not lie evenly about its value.
-        ends = rounded(0.5 * (low + high), half, estimate.unit)
-        known = f"{ends.low} to {ends.high}" if told.half else "not known"
+        told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+        known = f"{told.low} to {told.high}" if told.low else "not known"
         rows.append((in_words(name), *map(_ascii_minus, (told.value, told.half, known)), told.unit))
     show_table(console, headings, rows, right=headings[1:4])
     console.print()

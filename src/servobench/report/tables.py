@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -14,7 +13,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.report.bands import TWO_SIDED
 from servobench.report.mathml import symbol
 from servobench.result import Comparison, OperatingRange, Result
-from servobench.rounding import Rounded, plain, rounded, with_unit
+from servobench.rounding import Rounded, plain, rounded, rounded_interval, with_unit
 
 _RPM = 30 / np.pi  # in 1 rad/s
 
@@ -51,7 +50,7 @@ class ParameterRow:
     @property
     def known(self) -> bool:
         """Whether there is an interval."""
-        return bool(self.estimate.half)
+        return bool(self.estimate.low)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -95,17 +94,6 @@ def motor_rows(result: Result) -> tuple[ParameterRow, ...]:
         )
         for name, estimate in result.motor_parameters.items()
     )
-
-
-def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> Rounded:
-    """Return a value with half of its interval and the interval's ends, which need not lie evenly about it."""
-    low, high = interval
-    half = 0.5 * (high - low)
-    told = rounded(value, half, unit)
-    if not math.isfinite(half):
-        return told
-    ends = rounded(0.5 * (low + high), half, unit)
-    return replace(told, low=ends.low, high=ends.high) if ends.unit == told.unit else told
 
 
 def finding_groups(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], ...]:

@@ -15,7 +15,7 @@ from servobench.propagation import Derived
 from servobench.recording.recording import Recording
 from servobench.report.history import experiment_table
 from servobench.result import Result
-from servobench.rounding import SPACE, Rounded, counted, percent, plain, rounded, with_unit
+from servobench.rounding import SPACE, Rounded, counted, percent, plain, rounded, rounded_interval, with_unit
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -125,8 +125,7 @@ def _model_sentence(fit: Fit) -> str:
 
 
 def _interval(estimate: Estimate, unit: str = "") -> Rounded:
-    low, high = estimate.interval
-    return rounded(estimate.value, 0.5 * (high - low), unit or estimate.unit)
+    return rounded_interval(estimate.value, estimate.interval, unit or estimate.unit)
 
 
 def _experiment_name(recording: Recording) -> str:
