@@ -19,6 +19,7 @@ from servobench.formats.choice import Chosen, chosen, spec_of
 from servobench.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
 from servobench.formats.supply import constant, motor_voltage
 from servobench.formats.timing import seconds, timed
+from servobench.formats.unreadable import weighed
 from servobench.formats.usable import usable
 from servobench.recording.recording import Recording, Series
 
@@ -120,6 +121,7 @@ def _chosen_and_timed(
     _check_differ(recording, with_times)
     replaced = any(each.t is not series[role].t for role, each in with_times.items())
     before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
+    before = weighed(before, (each.channel.name for each in series.values()))
     about_roles = [finding for part in parts.values() for finding in part.findings]
     if "current" in with_times:
         with_times["current"], told = _armature_current(recording, with_times["current"])

@@ -19,6 +19,7 @@ from servobench.errors import FormatError
 from servobench.finding import Finding, info, warning
 from servobench.formats.columns import LARGEST_TABLE, Heading, heading, quoted
 from servobench.formats.times import in_words
+from servobench.formats.unreadable import Texts, about_columns
 from servobench.units import is_unit
 
 SEPARATORS = ("\t", ";", ",", "|", " ")
@@ -149,7 +150,8 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
     about_cells = _about_faults(faults, lines.rows[start:], layout, int(np.isnan(values[usable]).sum()))
-    findings = [*about_header, *_about_lines(lines, start, used), *about_cells]
+    about_texts = about_columns(faults.texts, [each.name for each in headings], len(values))
+    findings = [*about_header, *_about_lines(lines, start, used), *about_cells, *about_texts]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
     return Table(
@@ -399,12 +401,13 @@ def _finding(
 class Faults:
     """What is wrong with the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code.
 
-    `remarks` are rows with a comment behind their numbers.
+    `remarks` are rows with a comment behind their numbers, `texts` what stands by column where a number should.
     """
 
     rows: dict[str, list[int]] = field(default_factory=dict)
     cells: dict[str, dict[int, list[int]]] = field(default_factory=dict)
     remarks: list[int] = field(default_factory=list)
+    texts: dict[int, Texts] = field(default_factory=dict)
     example: str = ""
 
     def row(self, code: str, k: int) -> None:
@@ -415,6 +418,8 @@ class Faults:
         """Note a cell of row k and column c that is no number."""
         self.cells.setdefault(code, {}).setdefault(c, []).append(k)
         self.example = self.example or text
+        if text:
+            self.texts.setdefault(c, Texts()).add(text)
 
 
 def numbers(content: Sequence[str], layout: Layout) -> tuple[Array, Faults]:
