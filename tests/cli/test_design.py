@@ -50,6 +50,10 @@ def test_a_result_says_what_is_known_once_the_encoder_is_told(
         (("--nominal", "nothing"), "qube_servo_2"),
         (("--travel", "4 V"), "--travel"),
         (("--from", "nowhere.json"), "can't be read"),
+        (("--duration", "100000"), "a duration of 100000 s at a sample time of 0.002 s is 5e+07 samples"),
+        (("--counts-per-rev", "0"), "expected a number above 0"),
+        (("--counts-per-rev", "2048"), "is for a result.json"),
+        (("--from", "x.csv", "--counts-per-rev", "2048"), "is for a result.json"),
     ],
 )
 def test_mistakes_are_told(servobench: Command, words: tuple[str, ...], expected: str) -> None:

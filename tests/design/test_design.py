@@ -161,3 +161,13 @@ def test_limits_that_leave_nothing_are_told() -> None:
         DesignLimits(voltage=10.0, speed=0.0)
     with pytest.raises(UsageError, match="ten samples"):
         design(PLAIN, DesignLimits(voltage=10.0), duration=0.01)
+
+
+def test_a_voltage_that_friction_takes_is_told() -> None:
+    with pytest.raises(NotIdentifiable, match="allow more voltage"):
+        design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=0.01), duration=1.0)
+
+
+def test_more_samples_than_can_be_compared_are_refused_at_once() -> None:
+    with pytest.raises(UsageError, match=r"a duration of 200 s, or a longer sample time"):
+        design(PLAIN, DesignLimits(voltage=10.0), duration=201.0)

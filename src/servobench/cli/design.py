@@ -105,7 +105,10 @@ def _motor(
 
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both say what is known of the motor; give one of them")
+    if counts_per_rev is not None and not (math.isfinite(counts_per_rev) and counts_per_rev > 0):
+        raise UsageError(f"--counts-per-rev {counts_per_rev:g}: expected a number above 0")
     if known_from is None:
+        _unasked(counts_per_rev)
         return from_data_sheet(nominal or "qube_servo_2")
     if known_from.suffix == ".json":
         try:
@@ -120,8 +123,17 @@ def _motor(
                     str(known_from), ["the encoder, which a result doesn't hold: --counts-per-rev N"]
                 )
             return from_result_file(content, str(known_from), counts_per_rev)
+    _unasked(counts_per_rev)
     progress.begin("identifying")
     return from_result(identify([measure(each) for each in load(known_from)]), str(known_from))
+
+
+def _unasked(counts_per_rev: float | None) -> None:
+    """Raise `UsageError` for counts of a turn that nothing would use: a data sheet and a recording have their own."""
+    from servobench.errors import UsageError
+
+    if counts_per_rev is not None:
+        raise UsageError("--counts-per-rev is for a result.json (--from); a data sheet and a recording say it themselves")
 
 
 def _show(console: Console, made: Design, motor: AssumedMotor) -> None:

@@ -30,6 +30,7 @@ _NEAR = 8
 _REHEARSALS = 6
 _FAR = 5.0  # predicted standard deviations; an error beyond that isn't chance
 _ROUNDS = 1.25  # times: rounding that scatters the estimates by more than white noise would depends on luck
+_MOST_SAMPLES = 100_000  # some two minutes and 1 GB
 _LEAST = 0.05  # of the voltage: a signal that has to be smaller is none
 
 
@@ -94,12 +95,23 @@ def design(
         raise UsageError(
             f"a duration of {duration:g} s at a sample time of {sample_time:g} s is no experiment; expected at least ten samples"
         )
+    if duration > _MOST_SAMPLES * sample_time:
+        raise UsageError(
+            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, too many "
+            f"to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of {_MOST_SAMPLES * sample_time:g} s, or a "
+            "longer sample time"
+        )
     t = np.arange(round(duration / sample_time), dtype=np.float64) * sample_time
     seen = [
         found
         for candidate in candidates(motor, duration, sample_time)
         if (found := _looked_at(motor, limits, t, candidate)) is not None
     ]
+    if not seen and _FULL * limits.voltage <= 1.5 * motor.coulomb_voltage:
+        raise NotIdentifiable(
+            f"{limits.voltage:g} V hardly moves the motor, of which friction takes {motor.coulomb_voltage:.2g} V: allow more voltage, "
+            f"at least {1.6 * motor.coulomb_voltage:.2g} V"
+        )
     if not seen:
         raise NotIdentifiable(
             f"no experiment of {duration:g} s keeps the limits and still moves the motor: allow more travel, speed or current, "
