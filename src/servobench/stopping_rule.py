@@ -77,10 +77,17 @@ class StoppingRule:
             return None
         if not self.reached(result):
             return None
-        known = " and ".join(
-            f"{name.replace('_', ' ')} ± {100 * half(result, name):.2g} %" for name in self.wished
-        )
-        return f"stopped after {length:g} s, as the wished interval was reached: {known}"
+        return f"stopped after {length:g} s, as the wished interval was reached: {self.known(result)}"
+
+    def known(self, result: Result) -> str:
+        """Return in words how well a result knows each parameter wished for, and its verdict where that isn't trusted."""
+        told = []
+        for name in self.wished:
+            share = half(result, name)
+            how = f"± {100 * share:.2g} %" if math.isfinite(share) else "not known"
+            told.append(f"{name.replace('_', ' ')} {how}")
+        verdict = "" if result.verdict is Verdict.TRUSTED else f", and the result is {result.verdict}"
+        return f"{' and '.join(told)}{verdict}"
 
     def reached(self, result: Result) -> bool:
         """Return whether a result is trusted and knows each parameter as well as wished."""

@@ -451,3 +451,20 @@ def test_a_run_in_host_time_that_is_ended_from_outside_stops_the_motor_first(
     assert recording.findings == () or all(each.code.startswith("samples-") for each in recording.findings)
     assert f"{len(recording['counts'].values)} samples; " in out
     checked(json.loads((tmp_path / "run" / "result.json").read_text(encoding="utf-8")))
+
+
+def test_a_wish_that_was_not_reached_is_told_and_an_empty_one_refused(
+    servobench: Command, short: Path, tmp_path: Path
+) -> None:
+    ended = servobench("run", short, "--until", "gain=0.0000001%", "--out", tmp_path / "a", "--json")
+
+    assert ended.status == 0
+    told = [each["sentence"] for each in ended.result["findings"] if each["code"] == "wish-not-reached"]
+    assert len(told) == 1
+    assert told[0].startswith("The wished interval (gain=0.0000001%) was not reached: gain ± 0.")
+    assert "ran for 3 s, as asked; the wished interval (gain=0.0000001%) was not reached" in ended.err
+
+    empty = servobench("run", short, "--until", "", "--out", tmp_path / "b")
+    assert empty.status == 2
+    assert "expected such as time_constant=0.5%" in empty.err
+    assert not (tmp_path / "b").exists()

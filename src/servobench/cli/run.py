@@ -105,6 +105,7 @@ def run(
     if recording.stopped.reason == "device_lost":
         complain(recording.stopped.sentence)
     if result is not None:
+        recording, result = _beside_the_wish(recording, asked, result)
         folder.write_result(result.to_dict())
         deliver(
             result,
@@ -133,6 +134,7 @@ def experiment_asked_for(
     if seed is not None:
         asked = asked.model_copy(update={"seed": seed})
     if until is not None:
+        parse_wish(until)  # an empty one is no wish, but a mistake
         asked = asked.model_copy(update={"until": until})
     if asked.until:
         parse_wish(asked.until)
@@ -221,6 +223,22 @@ def _identified(
             raise
         complain(f"not identified: {error}")
         return None
+
+
+def _beside_the_wish(
+    recording: Recording, asked: Experiment, result: Result
+) -> tuple[Recording, Result]:
+    """The recording and its result; where the wished interval wasn't reached both say so."""
+    from servobench.finding import info
+    from servobench.stopping_rule import StoppingRule, parse_wish
+
+    rule = StoppingRule(parse_wish(asked.until)) if asked.until else None
+    if rule is None or rule.reached(result):
+        return recording, result
+    unmet = f"the wished interval ({asked.until}) was not reached: {rule.known(result)}"
+    stopped = replace(recording.stopped, sentence=f"{recording.stopped.sentence}; {unmet}")
+    told = info("wish-not-reached", f"{unmet[0].upper()}{unmet[1:]}. Record for longer, or wish for less.")
+    return replace(recording, stopped=stopped), replace(result, findings=(*result.findings, told))
 
 
 def _own_data_sheet(recording: Recording) -> str | None:
