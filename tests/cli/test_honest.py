@@ -73,3 +73,16 @@ def test_one_recording_is_too_few(servobench: Command, finished_run: Path) -> No
 
     assert ended.status == 3
     assert "at least two" in ended.err
+
+
+def test_one_run_is_too_few_and_the_same_one_twice_shows_nothing(
+    servobench: Command, finished_run: Path
+) -> None:
+    file = finished_run / "recording.mcap"
+    alone = servobench("honest", file)
+    assert alone.status == 2
+    assert "two at least are needed" in alone.err
+
+    twice = servobench("honest", file, file)
+    assert "All runs are the same to the last count" in twice.out
+    assert "nothing shows" not in twice.out

@@ -86,11 +86,16 @@ def honest(
     Each dataset is a run of its own, in the order in which they were made; all get the same structure, with "auto" the one that
     most of them need. `beside` are values that went with the runs, such as a temperature, to see whether the motor follows them;
     the number of the run, the size of the input and the angle at the start are looked at always.
-    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for values beside that don't match the runs.
+    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run and for values beside that
+    don't match the runs.
     """
     for what, values in (beside or {}).items():
         if len(values) != len(data):
             raise UsageError(f"{what}: {len(values)} values for {len(data)} runs; expected one for each run")
+    if len(data) < 2:
+        raise UsageError(
+            f"{len(data)} run, and two at least are needed to hold them against each other: give more recordings of the motor"
+        )
     fits = _fits(data, structure, estimator)
     used = [n for n, fit in enumerate(fits) if fit is not None]
     known = [fit for fit in fits if fit is not None]
@@ -158,7 +163,8 @@ def _told(
     found: Sequence[Scatter], why: Sequence[Cause], follows: Sequence[Trend], data: Sequence[Dataset]
 ) -> list[Finding]:
     told = [_about(each, len(data)) for each in found if each.differs]
-    if not told:
+    repeated = _repeated(data)
+    if not told and not repeated:
         told.append(
             info(
                 "runs-agree",
@@ -172,7 +178,7 @@ def _told(
                 f"{len(data)} runs say little: scatter twice as large as stated could go unseen. Take ten.",
             )
         )
-    if all(np.array_equal(record.y, data[0].y) for record in data[1:]):
+    if len(repeated) == len(data) - 1:
         told.append(
             warning(
                 "runs-identical",
@@ -180,9 +186,26 @@ def _told(
                 "given again, or a simulated motor without noise that starts at the same angle.",
             )
         )
+    elif repeated:
+        told.append(
+            warning(
+                "runs-repeated",
+                f"Some runs are the same as another one to the last count: {', '.join(repeated)}. They tell nothing new and make "
+                "the runs look more alike than they are: give each recording once.",
+            )
+        )
     if any(each.differs for each in found):
         told += _reasons(why, follows)
     return told
+
+
+def _repeated(data: Sequence[Dataset]) -> list[str]:
+    """The names of the runs that an earlier one has been already, to the last count."""
+    return [
+        record.name
+        for n, record in enumerate(data)
+        if any(np.array_equal(record.y, other.y) and np.array_equal(record.u, other.u) for other in data[:n])
+    ]
 
 
 def _without_model(names: Sequence[str]) -> list[Finding]:
