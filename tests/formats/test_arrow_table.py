@@ -289,3 +289,13 @@ def test_a_missing_library_is_told_with_what_to_install(
         load(path)
     with pytest.raises(UsageError, match=r"pip install"):
         save(small(), path)
+
+
+@pytest.mark.parametrize("dictionary", [True, False])
+def test_a_parquet_file_of_no_rows_says_so(dictionary: bool, tmp_path: Path) -> None:
+    path = tmp_path / "empty.parquet"
+    table = pa.table({"t": [0.0, 1.0], "u": [1.0, 2.0]})
+    pq.write_table(table.slice(0, 0), path, use_dictionary=dictionary)
+
+    with pytest.raises(FormatError, match="no rows, only the columns `t`, `u`"):
+        load(path)

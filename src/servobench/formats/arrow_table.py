@@ -134,6 +134,8 @@ def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
     skipped = [f"{leaf.name} ({leaf.skipped})" for leaf in found if leaf.skipped]
     if not wanted:
         raise FormatError(f"{path.name} has no columns of numbers; it has {quoted(skipped) or 'none'}")
+    if not table.num_rows:
+        raise FormatError(f"{path.name} has no rows, only the columns {quoted(leaf.name for leaf in wanted)}")
     with told_as_format_error(path.name, format):
         check_size(table.num_rows, len(wanted))
         arrays = [_array(table, leaf) for leaf in wanted]

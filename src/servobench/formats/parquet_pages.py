@@ -49,7 +49,9 @@ def _chunks(known: dict[int, Any], wanted: set[str]) -> Iterator[tuple[int, int]
             ):
                 start = _integer(chunk, _DATA_PAGE_OFFSET)
                 if chunk.get(_DICTIONARY_PAGE_OFFSET):
-                    start = min(start, _integer(chunk, _DICTIONARY_PAGE_OFFSET))
+                    # A column of no rows may have a dictionary alone: its data begin nowhere, which is written as 0.
+                    dictionary = _integer(chunk, _DICTIONARY_PAGE_OFFSET)
+                    start = min(start, dictionary) if start else dictionary
                 yield start, start + _integer(chunk, _TOTAL_COMPRESSED_SIZE)
 
 
