@@ -63,7 +63,7 @@ def identify(
         judged = _Judged(findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings
     if unexplained(findings):
-        findings += explain(records)
+        findings += explain(records, judged.fit.fit_percent if judged.fit else np.nan)
     return Result(
         data=records,
         fit=judged.fit,

@@ -129,7 +129,7 @@ def _climbed(
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     plain, fit, refused = base, allow(base), dict[str, str]()
     shown = shown_terms(fit)
-    if _suspected(shown, fit) and _damaged(data):
+    if _suspected(shown, fit) and _damaged(data, fit):
         return Choice(fit=fit, shown=shown, findings=findings)
     for _ in range(_RUNGS):
         terms = [t for t in _suspected(shown, fit) if t not in refused and _with(fit.structure, t)]
@@ -145,10 +145,10 @@ def _climbed(
     return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused)))
 
 
-def _damaged(data: Sequence[Dataset]) -> bool:
+def _damaged(data: Sequence[Dataset], fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
     told = [finding for record in data for finding in record.findings]
-    return names_a_cause([*told, *about_data(data)]) or is_damaged(data)
+    return names_a_cause([*told, *about_data(data)]) or is_damaged(data, fit.fit_percent)
 
 
 def _with(structure: str, term: str) -> str | None:

@@ -27,9 +27,13 @@ _AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, an
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """The records on even grids, and how well the motor's equation holds without any further cause."""
+    """The records on even grids, and how well the motor's equation holds without any further cause.
+
+    `simulated` is the part of the output that the simulation of a fit explains, in percent; NaN where there is no fit.
+    """
 
     motions: tuple[Motion, ...]
+    simulated: float = np.nan
 
     @cached_property
     def base(self) -> tuple[Array, Array]:
@@ -51,10 +55,8 @@ class Case:
         columns, speed = self.base
         changed = [change(each) for each in self.motions]
         columns = columns.copy()
-        columns[:, 1] = np.concatenate([m.filtered(u) for m, u in zip(self.motions, changed, strict=True)])
-        columns[:, 2] = -np.concatenate(
-            [m.filtered(u, 1) for m, u in zip(self.motions, changed, strict=True)]
-        )
+        columns[:, 1] = np.concatenate([m.caused(u) for m, u in zip(self.motions, changed, strict=True)])
+        columns[:, 2] = -np.concatenate([m.caused(u, 1) for m, u in zip(self.motions, changed, strict=True)])
         return regression(np.column_stack([columns, *(np.concatenate(list(each)) for each in extra)]), speed)
 
 
@@ -116,27 +118,30 @@ def names_a_cause(findings: Sequence[Finding]) -> bool:
     return any(finding.code in _CAUSES for finding in findings if finding.severity != Severity.INFO)
 
 
-def explain(records: Sequence[Dataset]) -> list[Finding]:
-    """Return the finding of the cause that explains best why no model fits these records; none where no cause does."""
-    best = _best(records, _CONVINCING)
+def explain(records: Sequence[Dataset], simulated: float = np.nan) -> list[Finding]:
+    """Return the finding of the cause that explains best why no model fits these records; none where no cause does.
+
+    `simulated` is what the simulation of the best fit explains of the output, in percent; NaN where there is no fit.
+    """
+    best = _best(records, _CONVINCING, simulated)
     return [] if best is None else [best.finding]
 
 
-def is_damaged(records: Sequence[Dataset]) -> bool:
+def is_damaged(records: Sequence[Dataset], simulated: float = np.nan) -> bool:
     """Return whether a cause that lies in the records, and not in the motor, explains nearly all that a plain motor doesn't.
 
-    Then richer structures needn't be tried: they would bend to the damage, and take long.
+    Then richer structures needn't be tried: they would bend to the damage, and take long. `simulated` is as in `explain`.
     """
-    best = _best(records, _CERTAIN)
+    best = _best(records, _CERTAIN, simulated)
     return best is not None and not best.structural
 
 
-def _best(records: Sequence[Dataset], most: float) -> Explained | None:
+def _best(records: Sequence[Dataset], most: float, simulated: float) -> Explained | None:
     """The cause that leaves least of the misfit, and at most that part of it."""
     motions = [found for found in map(motion, records) if found is not None]
     if not motions or len(motions) < len(records):
         return None
-    case = Case(tuple(motions))
+    case = Case(tuple(motions), simulated)
     found = [each for each in (member(case) for member in EXPLANATIONS) if each is not None]
     good = [each for each in found if each.misfit <= most * case.plain.misfit]
     if not good:

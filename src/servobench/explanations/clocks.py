@@ -66,8 +66,8 @@ def _moved_by(case: Case, span: float) -> tuple[float, Regression]:
     plain = regression(columns[known], speed[known])
     moved = columns.copy()
     inputs = [(each, input_at(each.data, each.t + span)) for each in case.motions]
-    moved[:, 1] = np.concatenate([each.filtered(u) for each, u in inputs])
-    moved[:, 2] = -np.concatenate([each.filtered(u, 1) for each, u in inputs])
+    moved[:, 1] = np.concatenate([each.caused(u) for each, u in inputs])
+    moved[:, 2] = -np.concatenate([each.caused(u, 1) for each, u in inputs])
     found = regression(moved[known], speed[known])
     return found.misfit / plain.misfit if plain.misfit > 0 else 1.0, found
 

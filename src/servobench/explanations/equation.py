@@ -6,6 +6,9 @@ Each signal goes through the same filter F(s) = 1/(T s + 1)³, which makes the d
 (Young 1965). It is linear in τ and all the rest, so that no first guess can be wrong, and garbage in half of a record
 can't lead a search astray. It isn't meant for estimates: noise in ω' biases them. It is meant to say by how much a cause
 makes the equation hold better.
+
+Where the output was measured through a chain L, the equation holds for L ω, and so all that causes the motion goes through L
+as well.
 """
 
 from __future__ import annotations
@@ -24,6 +27,7 @@ _MOST = 6000  # points of the grid
 _NOISE = 0.02  # of the filtered acceleration may be noise
 _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
+_UNSEEN = 0.3  # of the input's standard deviation may pass between two points of the grid
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,13 +46,28 @@ class Motion:
     filter_time: float
 
     def filtered(self, x: Array, order: int = 0) -> Array:
-        """Return F x, or its derivative of that order, for x (N,), at the rows of the regression (R,)."""
+        """Return F x, or its derivative of that order, for a measured x (N,), at the rows of the regression (R,)."""
         return filtered(x, self.step, self.filter_time, order)[self.rows]
+
+    def caused(self, x: Array, order: int = 0) -> Array:
+        """Return F L x, or its derivative of that order, for an x (N,) that acts on the motor, L the measurement chain.
+
+        A chain that makes a speed of a position is fed the integral of x.
+        """
+        chain = self.data.chain.linear
+        if chain:
+            x = chain(_integral(x, self.step) if self._from_position else x, self.t)
+        return self.filtered(x, order)
+
+    @property
+    def _from_position(self) -> bool:
+        return self.data.shaft_kind == "position" and self.data.kind == "speed"
 
     @property
     def rows(self) -> NDArray[np.int64]:
         """The points that the regression looks at: those after the filter's start, a quarter of its time apart."""
-        first = min(int(np.ceil(_SETTLED * self.filter_time / self.step)), len(self.t) // 4)
+        looks_back = int(np.argmax(self.data.chain.linear.valid(self.t)))
+        first = looks_back + min(int(np.ceil(_SETTLED * self.filter_time / self.step)), len(self.t) // 4)
         every = max(1, int(self.filter_time / _PER_TIME / self.step))
         return np.arange(first, len(self.t), every)
 
@@ -58,16 +77,16 @@ class Motion:
         up = 1 if self.data.kind == "position" else 0
         columns = [
             -self.filtered(self.y, 1 + up),
-            self.filtered(self.u),
-            -self.filtered(self.u, 1),
-            -self.filtered(self.sense),
-            -self.filtered(np.ones(len(self.t))),
+            self.caused(self.u),
+            -self.caused(self.u, 1),
+            -self.caused(self.sense),
+            -self.caused(np.ones(len(self.t))),
         ]
         return np.column_stack(columns), self.filtered(self.y, up)
 
 
 def motion(data: Dataset) -> Motion | None:
-    """Return a record on an even grid; None where it is too short to tell anything."""
+    """Return a record on an even grid; None where it is too short to tell anything, or so long that the grid misses its input."""
     span = float(data.t_output[-1] - data.t_output[0]) if len(data.y) > 1 else 0.0
     if len(data.y) < 100 or span <= 0:
         return None
@@ -77,6 +96,8 @@ def motion(data: Dataset) -> Motion | None:
     y = y - y[0]
     nearest = np.minimum(np.searchsorted(data.t_output, t), len(data.y) - 1)
     step = span / (count - 1)
+    if count == _MOST and _unseen(data, t) > _UNSEEN:
+        return None
     found = Motion(
         data=data,
         t=t,
@@ -87,6 +108,23 @@ def motion(data: Dataset) -> Motion | None:
         filter_time=_filter_time(y, step, 2 if data.kind == "position" else 1),
     )
     return found if len(found.rows) >= 30 else None
+
+
+def _unseen(data: Dataset, t: Array) -> float:
+    """How far the input's mean between points of the grid lies off its values there, in its standard deviations."""
+    spread = float(np.std(data.u))
+    edges = np.concatenate([data.t_input, t])
+    order = np.argsort(edges, kind="stable")
+    gone = np.concatenate([[0.0], np.cumsum(np.diff(edges[order]) * input_at(data, edges[order][:-1]))])
+    along = gone[np.argsort(order, kind="stable")[len(data.t_input) :]]
+    ends = 0.5 * (input_at(data, t[:-1]) + input_at(data, t[1:]))
+    off = np.diff(along) / np.diff(t) - ends
+    return float(np.sqrt(np.mean(off**2))) / spread if spread > 0 else 0.0
+
+
+def _integral(x: Array, step: float) -> Array:
+    """The integral (N,) of an x (N,) that is held from sample to sample, from zero."""
+    return np.asarray(step * np.concatenate([[0.0], np.cumsum(x[:-1])]), dtype=np.float64)
 
 
 def input_at(data: Dataset, t: Array) -> Array:

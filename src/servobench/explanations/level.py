@@ -20,7 +20,7 @@ def _level(case: Case) -> Explained | None:
         return None
     tried = []
     for level in levels[counts > _SHARE * len(inputs)]:
-        extra = [each.filtered(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
+        extra = [each.caused(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
         tried.append((case.with_columns(extra), float(level)))
     found, level = min(tried, key=lambda each: each[0].misfit)
     really = level + found.coefficients[-1] / found.coefficients[1]

@@ -40,8 +40,8 @@ def _records(case: Case) -> Explained | None:
 def _changes(case: Case) -> Explained | None:
     """Whether the gain or the friction changes steadily through the record."""
     gone = [2 * (each.t - each.t[0]) / (each.t[-1] - each.t[0]) - 1 for each in case.motions]
-    by_gain = [each.filtered(each.u * g) for each, g in zip(case.motions, gone, strict=True)]
-    by_friction = [each.filtered(each.sense * g) for each, g in zip(case.motions, gone, strict=True)]
+    by_gain = [each.caused(each.u * g) for each, g in zip(case.motions, gone, strict=True)]
+    by_friction = [each.caused(each.sense * g) for each, g in zip(case.motions, gone, strict=True)]
     found = case.with_columns(by_gain, by_friction)
     added = np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ found.coefficients[5:]
     share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly

@@ -4,15 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 
+from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.finding import warning
 
 
 def _second_order(case: Case) -> Explained | None:
     """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
-    orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
-    bent = [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
-    found = case.with_columns(bent)
+    found = case.with_columns(bent(case))
     tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
     if squared == 0:
         return None
@@ -31,6 +30,12 @@ def _second_order(case: Case) -> Explained | None:
         misfit=found.misfit,
         chosen=3,
     )
+
+
+def bent(case: Case) -> list[Array]:
+    """Return minus the speed's second derivative (R,) of each record, filtered as the equation is."""
+    orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
+    return [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
 
 
 EXPLANATIONS.member("second_order")(_second_order)

@@ -6,13 +6,17 @@ import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.explanations.equation import regression
+from servobench.explanations.second_order import bent
 from servobench.finding import refusal
 
 _SHARE = 0.9  # of what the equation leaves over without any input is still left over with it
+_SIMULATED = 90.0  # percent: an output that follows from the input so far has to do with it
 
 
 def _unrelated(case: Case) -> Explained | None:
     """Whether the equation holds nearly as well without the input; then no other cause needs to be looked for."""
+    if case.simulated > _SIMULATED or _swings_with_it(case):
+        return None
     columns, speed = case.base
     without = regression(columns[:, [0, 3, 4]], speed)
     if case.plain.misfit < _SHARE * without.misfit or case.plain.misfit < 0.02 * case.plain.total:
@@ -25,6 +29,17 @@ def _unrelated(case: Case) -> Explained | None:
         "none, the input wasn't recorded."
     )
     return Explained(finding=refusal("input-unrelated", sentence), misfit=0.25 * case.plain.misfit, chosen=1)
+
+
+def _swings_with_it(case: Case) -> bool:
+    """Whether the input tells much of an output that may swing: its second derivative is one more column.
+
+    Of a shaft that swings, the swing is nearly all that the first-order equation leaves over, and hides the input.
+    """
+    columns, speed = case.base
+    columns = np.column_stack([columns, np.concatenate(bent(case))])
+    without = regression(columns[:, [0, 3, 4, 5]], speed)
+    return regression(columns, speed).misfit < _SHARE * without.misfit
 
 
 EXPLANATIONS.member("unrelated")(_unrelated)

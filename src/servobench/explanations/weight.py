@@ -12,8 +12,8 @@ def _weight(case: Case) -> Explained | None:
     """Whether sin θ and cos θ, the torque of a weight, make the equation hold."""
     if any(each.data.kind != "position" or each.data.position_unit != "rad" for each in case.motions):
         return None
-    sine = [each.filtered(np.sin(each.y + each.data.y[0])) for each in case.motions]
-    cosine = [each.filtered(np.cos(each.y + each.data.y[0])) for each in case.motions]
+    sine = [each.caused(np.sin(each.y + each.data.y[0])) for each in case.motions]
+    cosine = [each.caused(np.cos(each.y + each.data.y[0])) for each in case.motions]
     found = case.with_columns(sine, cosine)
     size = float(np.hypot(*found.coefficients[5:7])) / abs(found.coefficients[1] or 1.0)
     unit = case.motions[0].data.input_unit
