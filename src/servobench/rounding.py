@@ -80,7 +80,7 @@ def rounded(value: float, half: float, unit: str) -> Rounded:
 
 
 def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> Rounded:
-    """Return a value with its interval, in one unit: with half of it where it lies evenly about the value, or else its ends alone.
+    """Return a value with its interval, in one unit: with half of it where it lies evenly about the value, else its ends.
 
     Beside an uneven interval the value has at least two significant digits.
     """
@@ -90,8 +90,12 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
     if not told.half or half <= 0:
         return told
     factor, scaled = handy_unit(unit, max(abs(value), half))
-    decimals = min(1 - _exponent(half / factor, 2), _MOST_DIGITS - _exponent(max(abs(value), half) / factor, 2))
-    told = replace(told, low=_fixed(low / factor, decimals), high=_fixed(high / factor, decimals), unit=scaled)
+    decimals = min(
+        1 - _exponent(half / factor, 2), _MOST_DIGITS - _exponent(max(abs(value), half) / factor, 2)
+    )
+    told = replace(
+        told, low=_fixed(low / factor, decimals), high=_fixed(high / factor, decimals), unit=scaled
+    )
     if abs(value - 0.5 * (low + high)) <= _UNEVEN * half:
         return told
     enough = max(decimals, 1 - _exponent(value / factor, 2)) if value else decimals

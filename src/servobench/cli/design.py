@@ -133,7 +133,9 @@ def _unasked(counts_per_rev: float | None) -> None:
     from servobench.errors import UsageError
 
     if counts_per_rev is not None:
-        raise UsageError("--counts-per-rev is for a result.json (--from); a data sheet and a recording say it themselves")
+        raise UsageError(
+            "--counts-per-rev is for a result.json (--from); a data sheet and a recording say it themselves"
+        )
 
 
 def _show(console: Console, made: Design, motor: AssumedMotor) -> None:

@@ -225,9 +225,7 @@ def _identified(
         return None
 
 
-def _beside_the_wish(
-    recording: Recording, asked: Experiment, result: Result
-) -> tuple[Recording, Result]:
+def _beside_the_wish(recording: Recording, asked: Experiment, result: Result) -> tuple[Recording, Result]:
     """The recording and its result; where the wished interval wasn't reached both say so."""
     from servobench.finding import info
     from servobench.stopping_rule import StoppingRule, parse_wish

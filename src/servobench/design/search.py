@@ -97,9 +97,9 @@ def design(
         )
     if duration > _MOST_SAMPLES * sample_time:
         raise UsageError(
-            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, too many "
-            f"to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of {_MOST_SAMPLES * sample_time:g} s, or a "
-            "longer sample time"
+            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, too "
+            f"many to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of "
+            f"{_MOST_SAMPLES * sample_time:g} s, or a longer sample time"
         )
     t = np.arange(round(duration / sample_time), dtype=np.float64) * sample_time
     seen = [
@@ -109,8 +109,8 @@ def design(
     ]
     if not seen and _FULL * limits.voltage <= 1.5 * motor.coulomb_voltage:
         raise NotIdentifiable(
-            f"{limits.voltage:g} V hardly moves the motor, of which friction takes {motor.coulomb_voltage:.2g} V: allow more voltage, "
-            f"at least {1.6 * motor.coulomb_voltage:.2g} V"
+            f"{limits.voltage:g} V hardly moves the motor, of which friction takes {motor.coulomb_voltage:.2g} V: allow "
+            f"more voltage, at least {1.6 * motor.coulomb_voltage:.2g} V"
         )
     if not seen:
         raise NotIdentifiable(

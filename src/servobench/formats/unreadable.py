@@ -34,14 +34,12 @@ class Texts:
 
 
 def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -> list[Finding]:
-    """Return a warning for each column of a table of so many rows that has many texts, a refusal where they are more than half."""
+    """Return a warning for each column of a table of so many rows with many texts, a refusal where they are more than half."""
     findings = []
     for c, found in sorted(texts.items()):
         if found.count <= _MANY * rows:
             continue
-        sentence = (
-            f"{_begin(names[c])} has {found.count} cells of {rows} that are no numbers, such as {found.example[:40]!r}"
-        )
+        sentence = f"{_begin(names[c])} has {found.count} cells of {rows} that are no numbers, such as {found.example[:40]!r}"
         if _GROUPED.fullmatch(found.example):
             sentence += ", which seems to have separators between thousands: write the numbers without them."
         else:

@@ -36,7 +36,9 @@ BY_ANGLE, BY_SPEED = 13, 14
 
 _STEP = 0.1  # of the shortest time in which anything changes
 _MOST = 100  # steps between two events, for parameters that no motor has
-_ENDLESS = 20 * _MOST  # steps between two samples or changes of the input: such a motor turns round without end
+_ENDLESS = (
+    20 * _MOST
+)  # steps between two samples or changes of the input: such a motor turns round without end
 _NEWTON = 30
 _BEYOND = 1e100  # speeds and accelerations that parameters lead to under which nothing holds the motor back
 
