@@ -53,5 +53,5 @@ def test_gain_and_time_constant_are_those_of_the_shaft_alone() -> None:
 
 
 def test_nothing_is_held_against_a_data_sheet_in_volts() -> None:
-    with pytest.raises(UsageError, match="nominal values are in V"):
+    with pytest.raises(UsageError, match="a data sheet is in V and rad"):
         identify(driven_by_current(), nominal="qube_servo_2")

@@ -129,7 +129,7 @@ class ScoreTest:
         size = min(size, _normal_equivalent(total, coloured))
         bread = np.linalg.pinv(power) / norms[told]
         amount = total @ bread
-        if np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
+        if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
             return plain
         unit = 1.0 if term.to_input is None else _SMALL * self.runs[0].largest
         return replace(
@@ -150,9 +150,10 @@ class ScoreTest:
 
 
 def _hidden(fit: Fit) -> float:
-    """How large a part of the innovations nobody can tell from the encoder's rounding: half a count where it repeats, else 0.
+    """How large a ripple nobody can tell from the encoder's rounding, in the innovations: half a count where it repeats, else 0.
 
-    Rounding that comes again with each period of the motion isn't noise, and no average over the record makes it less.
+    Both depend on the angle alone. Rounding that comes again with each period of the motion isn't noise, and no average over the
+    record makes it less.
     """
     if fit.disturbance is not None or all(finding.code != "rounding-repeats" for finding in fit.findings):
         return 0.0

@@ -19,7 +19,6 @@ _STEPS_TO_VALLEY = 25
 _AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
 _NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
 _SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
-_VALLEYS = 3  # of the starts into curved valleys are followed to their ends
 _FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
 _VALLEYS = 2  # of the starts into curved valleys are followed to their ends
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters

@@ -146,7 +146,9 @@ def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> 
     rounded = _rounded(layout, minimum, variance, alone)
     if rounded.size:
         exact = bread @ rounded @ bread
-        covariance = exact if alone else conservative(covariance, exact)
+        # Where the data say next to nothing of some direction, a product with its huge variance is rounding error.
+        if (np.diag(exact) >= 0).all():
+            covariance = exact if alone else conservative(covariance, exact)
     unmodelled = _unmodelled(layout, minimum)
     if unmodelled.size:
         shift = bread @ unmodelled
