@@ -482,3 +482,22 @@ def test_a_table_with_a_time_but_no_names_is_used_by_number(real_data: RealData)
     assert assigned["column_3"].t is not None
     # Written with two decimals: steps are right to the rounding of 305 s as a double.
     assert np.allclose(np.diff(assigned["column_3"].t), 0.02, atol=1e-13)
+
+
+def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Path) -> None:
+    rows = "".join(f"{k // 5 / 100:.2f},{k % 2},{k * 0.1:.3f}\n" for k in range(500))
+    recording = loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows)
+
+    (asked,) = missing(recording)
+    assert "--sample-time" in asked
+    assert "`t` isn't taken as the time, as its name would say: it doesn't increase." in asked
+    with pytest.raises(FormatError, match=r"of the 500 .* same time .* --sample-time 0\.00[12]"):
+        assign(recording, time="t")
+    assert len(assign(recording, sample_time=0.002)["y"].values) == 500
+
+
+def test_rows_that_a_logger_repeats_as_they_were_are_left_out_as_before(tmp_path: Path) -> None:
+    rows = "".join(f"{k // 3 / 100:.2f},{k // 3 % 2},{k // 3 * 0.1:.3f}\n" for k in range(300))
+    recording = assign(loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows), time="t")
+
+    assert len(recording["y"].values) == 100

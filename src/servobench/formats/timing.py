@@ -58,7 +58,10 @@ def timed(
     if all(has_times or [any(each.t is not None for each in recording.series)]):
         return dict(series), []
     sentence = "the times: say --sample-time 0.02, in s, or whatever it is; or --time COL:UNIT"
-    return sentence if len(recording.series) < 2 else f"{sentence}, one of {long_columns(recording)}"
+    if len(recording.series) > 1:
+        sentence += f", one of {long_columns(recording)}"
+    why = [each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}]
+    return " ".join([f"{sentence}.", *why]) if why else sentence
 
 
 def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:

@@ -18,6 +18,8 @@ from servobench.recording.recording import Series
 _MOST_LEFT_OUT = (
     0.1  # of the samples, for times that go back; more than that is another run, or another column
 )
+_MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
+_MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
 _RUN = 10  # samples that follow a jump far back before it is another run
 
 
@@ -38,6 +40,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
             keep = increasing(t)
             checked.append((t, keep))
             findings.extend(_about_times(name, t, keep))
+        _check_not_rounded(name, each, t, keep)
         finite = np.isfinite(each.values)
         if not finite[keep].all():
             findings.append(_left_out(role, each.channel.name, keep & ~finite))
@@ -90,6 +93,21 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
             f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. "
             "Several runs, or a counter that wrapped, have to be cut into one file for each; or name another column with --time"
         )
+
+
+def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.bool_]) -> None:
+    """Raise `FormatError` where most samples have the time of the one before but not its value: times too coarse to be used."""
+    values = np.asarray(series.values, dtype=np.float64)
+    # A row that a logger repeats as it was loses nothing where it is left out.
+    same = np.diff(t) == 0
+    changed = same & np.isfinite(np.diff(values)) & (np.diff(values) != 0)
+    if same.sum() <= _MOST_ROUNDED * len(t) or changed.sum() <= _MOST_REPEATED * same.sum():
+        return
+    step = (t[keep][-1] - t[keep][0]) / (len(t) - 1)
+    raise FormatError(
+        f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one before: the "
+        f"times are rounded. Where the samples are evenly spaced say so: --sample-time {step:.4g}, in s, would be near"
+    )
 
 
 def _longest_block(which: NDArray[np.bool_]) -> int:
