@@ -73,6 +73,17 @@ def reversal_to_63(c: float, tau: float = 0.1) -> float:
     return t
 
 
+def test_a_method_tells_the_figures_that_the_question_is_about() -> None:
+    of_gain, of_both = claimed("gain=30"), claimed("gain=30", "tau=0.13")
+
+    told = CAUSES["method"].told(of_gain, 0.0).replace("\u00a0", " ")
+    assert told.endswith(" rad/(s·V)")
+    assert " and " not in told.rpartition("which gives")[2]
+    both = CAUSES["method"].told(of_both, 0.0).replace("\u00a0", " ")
+    assert "rad/(s·V) and " in both
+    assert both.endswith("s")
+
+
 @pytest.mark.parametrize("c", [0.05, 0.3])
 def test_coulomb_friction_shortens_a_reversal_and_lowers_the_gain_of_one_level(c: float) -> None:
     shift = CAUSES["coulomb_friction"].effect(claimed("gain=23", "tau=0.1", kind="prbs"), c)

@@ -132,7 +132,7 @@ def show_explanation(console: Console, explanation: Explanation) -> None:
         console.print()
         note = (
             "The probabilities rest on how often such causes occur and how large they are, which servobench assumes "
-            "(docs/why/claims.md says what)."
+            "(docs/why/claims.md says what). Causes may act together, so that they may add up to more than 100 %."
         )
         show_wrapped(console, Text(), note, hanging=0)
 

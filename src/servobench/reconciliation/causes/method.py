@@ -57,7 +57,10 @@ class Method:
     def told(self, question: Question, size: float) -> str:
         """Its name in words."""
         reading = _others(question)[round(size)]
-        return f"{SPOKEN[reading.method]}, which gives {with_unit(reading.time_constant, 's')}"
+        # What is told are the figures that the question is about.
+        units = {"gain": question.fit["gain"].unit, "time_constant": "s"}
+        given = [with_unit(getattr(reading, name), units[name]) for name in question.names if name in units]
+        return f"{SPOKEN[reading.method]}, which gives {' and '.join(given)}"
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
