@@ -10,6 +10,7 @@ import pytest
 
 from servobench._version import __version__
 from servobench.cli import main
+from servobench.cli.failures import INTERRUPTED
 from tests.cli.conftest import Command
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -92,3 +93,21 @@ def test_main_takes_the_words_of_the_process_where_none_are_given(
 
     assert main() == 0
     assert capsys.readouterr().out == f"servobench {__version__}\n"
+
+
+def test_ctrl_c_while_the_commands_are_imported_is_one_sentence() -> None:
+    script = (
+        "import sys\n"
+        "class Interrupting:\n"
+        "    def find_spec(self, name, *_):\n"
+        "        if name == 'typer':\n"
+        "            raise KeyboardInterrupt\n"
+        "sys.meta_path.insert(0, Interrupting())\n"
+        "from servobench.cli import main\n"
+        "sys.exit(main(['signals']))"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=False)
+
+    assert ended.returncode == INTERRUPTED
+    assert ended.stdout == ""
+    assert ended.stderr == "Error: interrupted before anything was done\n"

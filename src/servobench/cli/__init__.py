@@ -13,6 +13,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 _HELP = ("--help", "-h")
+_INTERRUPTED = 130  # as in `failures`, which isn't imported before it has to be
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
@@ -21,8 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
     text = _stored_text(words)
     if text is not None and _printed(text):
         return 0
-    from servobench.cli.app import run_app
-
+    try:
+        from servobench.cli.app import run_app
+    except KeyboardInterrupt:
+        # What tells of any other end isn't there yet.
+        sys.stderr.write("Error: interrupted before anything was done\n")
+        return _INTERRUPTED
     return run_app(words)
 
 
