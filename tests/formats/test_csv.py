@@ -384,3 +384,17 @@ def test_a_table_of_another_kind_of_motor_without_header_is_read(real_data: Real
 
     assert {len(values) for values in columns(recording).values()} == {15_246}
     assert codes(recording.findings) == ["header-missing"]
+
+
+@pytest.mark.parametrize("ragged", ["0,1\n", "0,1\n0.01,2\n", "0,1,2,3\n"])
+def test_a_ragged_row_right_below_the_header_costs_itself_and_not_the_names(
+    ragged: str, tmp_path: Path
+) -> None:
+    recording = loaded(tmp_path, f"t,u [V],y [rad]\n{ragged}0.02,1.5,2\n0.04,1.5,3\n0.06,1.5,4\n")
+
+    assert columns(recording) == {"t": [0.02, 0.04, 0.06], "u": [1.5, 1.5, 1.5], "y": [2.0, 3.0, 4.0]}
+    assert recording["u"].channel.unit == "V"
+    told = [each for each in recording.findings if each.code in {"row-short", "row-long"}]
+    assert [each.severity for each in told] == [Severity.WARNING]
+    assert told[0].rows is not None
+    assert told[0].rows[0] == 2

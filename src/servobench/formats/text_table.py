@@ -139,7 +139,7 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
     if not lines.content:
         raise FormatError(f"{name} has no rows: its lines are blank or comments")
     layout = _layout(lines.content, name, separator, decimal)
-    start = _first_row_of_numbers(lines.content, layout, name)
+    start = _with_ragged_rows(lines.content, _first_row_of_numbers(lines.content, layout, name), layout)
     begin = int(lines.rows[start])
     above = [*(text for row, text in lines.comments.items() if row < begin), *lines.content[:start]]
     layout = _without_trailing(lines.content[start:], above, layout)
@@ -227,6 +227,15 @@ def _first_row_of_numbers(content: Sequence[str], layout: Layout, name: str) -> 
         if all(layout.is_number(row[c]) or not row[c] for c in usual):
             return k
     raise FormatError(f"{name} has no rows of numbers below {content[0].strip()[:60]!r}")
+
+
+def _with_ragged_rows(content: Sequence[str], start: int, layout: Layout) -> int:
+    """The first row of numbers, rows of the wrong length included that stand between the names of the columns and the others."""
+    first = start
+    while first > 0 and all(map(layout.is_number, cells := layout.cells(content[first - 1]))) and cells:
+        first -= 1
+    # Below anything else a number may be one of rows, or of samples a second.
+    return first if first > 0 and _are_names(_names_in(content[first - 1], layout), layout) else start
 
 
 def _without_trailing(content: Sequence[str], above: Sequence[str], layout: Layout) -> Layout:
