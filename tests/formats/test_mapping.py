@@ -1,6 +1,7 @@
 """Which column is what: said, known, recognised or asked for."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -501,3 +502,11 @@ def test_rows_that_a_logger_repeats_as_they_were_are_left_out_as_before(tmp_path
     recording = assign(loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows), time="t")
 
     assert len(recording["y"].values) == 100
+
+
+def test_another_file_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+    recording = made("u", "y")
+    recording = replace(recording, source=replace(recording.source, name=str(tmp_path / "made.csv")))
+
+    with pytest.raises(UsageError, match="there is no file f/nowhere.csv"):
+        assign(recording, input="f/nowhere.csv#u:V", output="y:rad")

@@ -244,7 +244,8 @@ def _in_other_file(
     """A series of another file, under a name that this recording doesn't have."""
     path = Path(file)
     if not path.exists():
-        path = Path(recording.source.name).parent / file
+        beside = Path(recording.source.name).parent / file
+        path = beside if beside.exists() else path  # what isn't there is told by the name that was given
     others = load(path)
     if len(others) != 1:
         raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
