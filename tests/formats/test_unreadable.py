@@ -51,3 +51,7 @@ def test_texts_in_a_column_that_nobody_uses_are_only_told(tmp_path: Path) -> Non
     found = assign(loaded(tmp_path, table(150, "idle", column="z"))).findings
 
     assert finding(found, "column-not-numbers").severity is Severity.INFO
+
+
+def test_a_column_of_words_alone_is_no_damage(tmp_path: Path) -> None:
+    assert "column-not-numbers" not in codes(loaded(tmp_path, table(200, "idle", column="z")).findings)

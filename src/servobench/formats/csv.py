@@ -91,7 +91,9 @@ def _foreign(
 ) -> Recording:
     """The recording that a block of rows of a table is."""
     columns = [
-        Column(heading=heading, values=np.ascontiguousarray(table.values[block, k]))
+        Column(
+            heading=heading, values=np.ascontiguousarray(table.values[block, k]), is_time=k in table.stamped
+        )
         for k, heading in enumerate(table.headings)
     ]
     source = Source(name=path.name, format="csv")

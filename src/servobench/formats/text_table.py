@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -18,6 +18,7 @@ from servobench.channels import Array
 from servobench.errors import FormatError
 from servobench.finding import Finding, info, warning
 from servobench.formats.columns import LARGEST_TABLE, Heading, heading, quoted
+from servobench.formats.time_stamps import is_stamp, seconds_from_first
 from servobench.formats.times import in_words
 from servobench.formats.unreadable import Texts, about_columns
 from servobench.units import is_unit
@@ -40,6 +41,7 @@ _EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 _SAMPLE = 300  # rows that the layout is found from, spread over the file
 _FIRST = 1000  # rows by which the numbers must have begun
 _BLOCK = 8192  # rows that are parsed at once; where that fails each of them is looked at by itself
+_NO_NUMBER = "cell-not-a-number"
 _UNIT_SEPARATOR = "\x1f"  # of ASCII; stands between cells that had quotes
 
 
@@ -79,7 +81,7 @@ class Layout:
 class Table:
     """A table of numbers: a heading for each column, values (N, M), and the row of the file that each of the N stands in.
 
-    `blank` are the rows of the file that are blank.
+    `blank` are the rows of the file that are blank, `stamped` the columns whose values are seconds from the first time stamp.
     """
 
     headings: tuple[Heading, ...]
@@ -87,6 +89,7 @@ class Table:
     rows: NDArray[np.int64]
     blank: NDArray[np.int64]
     findings: tuple[Finding, ...]
+    stamped: frozenset[int] = frozenset()
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -147,11 +150,14 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
         layout = _sure_of_commas(lines.content[start:], above, layout, name)
     headings, about_header, used = _headings(lines, start, layout)
     values, faults = numbers(lines.content[start:], layout)
+    headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
     about_cells = _about_faults(faults, lines.rows[start:], layout, int(np.isnan(values[usable]).sum()))
-    about_texts = about_columns(faults.texts, [each.name for each in headings], len(values))
-    findings = [*about_header, *_about_lines(lines, start, used), *about_cells, *about_texts]
+    # A column without any number is one of words, which nobody takes for a channel.
+    texts = {c: found for c, found in faults.texts.items() if not np.isnan(values[:, c]).all()}
+    about_texts = about_columns(texts, [each.name for each in headings], len(values))
+    findings = [*about_header, *_about_lines(lines, start, used), *about_stamps, *about_cells, *about_texts]
     if layout.decimal == ",":
         findings.insert(0, info("decimal-comma", "The commas inside numbers are decimal marks."))
     return Table(
@@ -160,7 +166,26 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
         rows=lines.rows[start:][usable],
         blank=lines.blank,
         findings=tuple(findings),
+        stamped=stamped,
     )
+
+
+def _read_stamps(
+    content: Sequence[str], layout: Layout, headings: tuple[Heading, ...], values: Array, faults: Faults
+) -> tuple[tuple[Heading, ...], list[Finding], frozenset[int]]:
+    """Put seconds from the first time stamp where columns have time stamps; what was wrong with these cells is taken back."""
+    texts = dict(faults.cells.get(_NO_NUMBER, {}))
+    new, findings, stamped = list(headings), [], set()
+    for c in [c for c in texts if is_stamp(faults.texts[c].example) and np.isnan(values[:, c]).all()]:
+        cells = [(layout.row(line) or [""] * layout.columns)[c] for line in content]
+        values[:, c] = seconds_from_first(cells)
+        example = faults.texts[c].example
+        faults.read(c, {k: cells[k] for k in texts[c] if np.isnan(values[k, c])})
+        new[c] = Heading(name=headings[c].name, unit="s")
+        stamped.add(c)
+        sentence = f"`{headings[c].name}` has time stamps such as {example!r}; they are read as seconds from the first."
+        findings.append(info("time-stamps", sentence))
+    return tuple(new), findings, frozenset(stamped)
 
 
 def _sorted_out(text: str) -> _Lines:
@@ -410,14 +435,19 @@ def _finding(
 class Faults:
     """What is wrong with the rows of a table, counted from 0: rows to leave out, and cells by column; the kinds by code.
 
-    `remarks` are rows with a comment behind their numbers, `texts` what stands by column where a number should.
+    `remarks` are rows with a comment behind their numbers, `texts` and `examples` what stands by column where a number should.
     """
 
     rows: dict[str, list[int]] = field(default_factory=dict)
     cells: dict[str, dict[int, list[int]]] = field(default_factory=dict)
     remarks: list[int] = field(default_factory=list)
     texts: dict[int, Texts] = field(default_factory=dict)
-    example: str = ""
+    examples: dict[int, str] = field(default_factory=dict)
+
+    @property
+    def example(self) -> str:
+        """A text that stands where a number should."""
+        return next(iter(self.examples.values()), "")
 
     def row(self, code: str, k: int) -> None:
         """Note a row that can't be used."""
@@ -426,9 +456,17 @@ class Faults:
     def cell(self, code: str, k: int, c: int, text: str) -> None:
         """Note a cell of row k and column c that is no number."""
         self.cells.setdefault(code, {}).setdefault(c, []).append(k)
-        self.example = self.example or text
         if text:
+            self.examples.setdefault(c, text)
             self.texts.setdefault(c, Texts()).add(text)
+
+    def read(self, c: int, left: Mapping[int, str]) -> None:
+        """Take back what was noted of texts in column c, but for what is left by row, as they were read after all."""
+        del self.cells[_NO_NUMBER][c], self.texts[c], self.examples[c]
+        if not self.cells[_NO_NUMBER]:
+            del self.cells[_NO_NUMBER]
+        for k, text in left.items():
+            self.cell(_NO_NUMBER, k, c, text)
 
 
 def numbers(content: Sequence[str], layout: Layout) -> tuple[Array, Faults]:
@@ -488,7 +526,7 @@ def _parsed_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Fau
                 if layout.is_number(cell):
                     values[at, c] = float(cell.replace(",", "."))
                 else:
-                    faults.cell("cell-not-a-number" if cell else "cell-empty", k, c, cell)
+                    faults.cell(_NO_NUMBER if cell else "cell-empty", k, c, cell)
     return values
 
 
@@ -506,7 +544,7 @@ def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: 
         "row-long": f"More than {layout.columns} cells, left out:",
         "row-without-numbers": "Not one number, left out:",
         "cell-empty": "Empty cells, read as NaN:",
-        "cell-not-a-number": f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN:",
+        _NO_NUMBER: f"Text where a number should be, such as {faults.example[:40]!r}, read as NaN:",
     }
     findings = []
     for code, left_out in faults.rows.items():

@@ -60,7 +60,9 @@ def timed(
     sentence = "the times: say --sample-time 0.02, in s, or whatever it is; or --time COL:UNIT"
     if len(recording.series) > 1:
         sentence += f", one of {long_columns(recording)}"
-    why = [each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}]
+    why = [
+        each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}
+    ]
     return " ".join([f"{sentence}.", *why]) if why else sentence
 
 
