@@ -508,5 +508,5 @@ def test_another_file_that_is_not_there_is_told_by_the_name_that_was_given(tmp_p
     recording = made("u", "y")
     recording = replace(recording, source=replace(recording.source, name=str(tmp_path / "made.csv")))
 
-    with pytest.raises(UsageError, match="there is no file f/nowhere.csv"):
+    with pytest.raises(UsageError, match=r"there is no file f/nowhere\.csv"):
         assign(recording, input="f/nowhere.csv#u:V", output="y:rad")
