@@ -61,6 +61,13 @@ def test_a_number_that_can_t_be_is_refused(answer: Answer, value: float, tmp_pat
         export(answer, "wpilib", tmp_path / "m", Wishes(sample_time=value))
 
 
+def test_a_sample_time_longer_than_the_time_constant_is_refused(answer: Answer, tmp_path: Path) -> None:
+    wishes = Wishes(sample_time=1.0, voltage_limit=10.0)
+
+    with pytest.raises(UsageError, match=r"--sample-time 1: .* its time constant is 0\.0"):
+        export(answer, "c", tmp_path / "m", wishes)
+
+
 def test_json_is_the_result(answer: Answer) -> None:
     assert json.loads(rendered(answer, "json")) == document()
 

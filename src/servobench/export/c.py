@@ -157,6 +157,12 @@ class C:
                 "c needs the time between two calls of the controller: say --sample-time, such as 2ms"
             )
         motor = FirstOrderMotor.of(answer, "c", wishes.unit)
+        tau = motor.time_constant.value
+        if wishes.sample_time > tau:
+            raise UsageError(
+                f"--sample-time {wishes.sample_time:g}: between two samples the motor does all that it will, as its time constant "
+                f"is {tau:.3g} s; give less than that, a tenth of it or less is usual"
+            )
         gains = tuned(
             motor, wishes.sample_time, wishes.closed_loop, filtered=wishes.counts_per_rev is not None
         )
