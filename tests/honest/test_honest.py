@@ -179,8 +179,10 @@ def test_the_same_file_twice_is_told_and_few_runs_say_little() -> None:
 
 def test_too_few_runs_and_values_that_do_not_match_are_told() -> None:
     one = dataset(seed=1)
-    with pytest.raises(NotIdentifiable, match="1 of 1 runs"):
+    with pytest.raises(UsageError, match="1 run, and two at least"):
         honest([one])
+    with pytest.raises(NotIdentifiable, match="1 of 2 runs"):
+        honest([one, replace(one, y=0.0 * one.y)])
     with pytest.raises(UsageError, match="one for each run"):
         honest([one, one], beside={"the temperature": [20.0]})
 

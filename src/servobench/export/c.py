@@ -160,8 +160,8 @@ class C:
         tau = motor.time_constant.value
         if wishes.sample_time > tau:
             raise UsageError(
-                f"--sample-time {wishes.sample_time:g}: between two samples the motor does all that it will, as its time constant "
-                f"is {tau:.3g} s; give less than that, a tenth of it or less is usual"
+                f"--sample-time {wishes.sample_time:g}: between two samples the motor does all that it will, as its time "
+                f"constant is {tau:.3g} s; give less than that, a tenth of it or less is usual"
             )
         gains = tuned(
             motor, wishes.sample_time, wishes.closed_loop, filtered=wishes.counts_per_rev is not None
