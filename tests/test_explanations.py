@@ -9,7 +9,7 @@ import pytest
 
 from servobench.explanations.base import explain, is_damaged
 from servobench.measurement.dataset import Dataset
-from tests.datasets import dataset
+from tests.datasets import QUANTUM, dataset
 
 
 @pytest.mark.parametrize(
@@ -46,6 +46,56 @@ def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing
     record = _ideal(np.repeat(levels, 10), 0.004)
 
     assert explain([record]) == []
+
+
+@pytest.mark.parametrize("frequency", [3.0, 12.0, 30.0])
+@pytest.mark.parametrize("which", [0, 2], ids=["at the motor", "at the load"])
+def test_two_masses_that_swing_are_told_as_a_resonance(frequency: float, which: int) -> None:
+    """Two halves of the motor's inertia with a spring between: the poles' frequency is known, to 5 % with the damping's."""
+    record = _two_masses(frequency, which)
+
+    [found] = explain([record])
+
+    assert found.code == "response-oscillates"
+    told = float(found.sentence.split("swings at about ")[1].split(" Hz")[0])
+    assert told == pytest.approx(_pole(frequency), rel=0.05)
+
+
+def _masses(frequency: float) -> np.ndarray:
+    """The matrix of (θ₁, ω₁, θ₂, ω₂): τ 0.1 s, two halves of one inertia, the resonance lightly damped (2 % of critical)."""
+    resonance = 2 * np.pi * frequency
+    spring, damper = 0.5 * resonance**2, 2 * 0.02 * resonance * 0.5
+    return np.array(
+        [
+            [0, 1, 0, 0],
+            [-spring, -2 / 0.1 - damper, spring, damper],
+            [0, 0, 0, 1],
+            [spring, damper, -spring, -damper],
+        ]
+    )
+
+
+def _pole(frequency: float) -> float:
+    """The frequency [Hz] of the pair of poles that is damped least, of the matrix itself."""
+    poles = np.linalg.eigvals(_masses(frequency))
+    pairs = poles[poles.imag > 0]
+    return float(np.abs(pairs[np.argmax(pairs.real)])) / (2 * np.pi)
+
+
+def _two_masses(frequency: float, which: int) -> Dataset:
+    from scipy.signal import cont2discrete
+
+    step, random = 0.002, np.random.default_rng(1)
+    u = np.repeat(random.choice([-3.0, 3.0], 100), 50)
+    drive = np.array([[0.0], [2 * 237.0], [0.0], [0.0]])
+    a, b, *_ = cont2discrete((_masses(frequency), drive, np.eye(4), np.zeros((4, 1))), step)
+    x, y = np.zeros(4), np.empty(len(u))
+    for k, level in enumerate(u.tolist()):
+        y[k] = x[which]
+        x = a @ x + b[:, 0] * level
+    t = np.arange(len(u)) * step
+    like = dataset(seed=0, samples=2, y=np.zeros(2))
+    return replace(like, t_input=t, u=u, t_output=t, y=np.round(y / QUANTUM) * QUANTUM)
 
 
 def _ideal(u: np.ndarray, step: float) -> Dataset:

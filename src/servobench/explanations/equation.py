@@ -50,14 +50,15 @@ class Motion:
         return filtered(x, self.step, self.filter_time, order)[self.rows]
 
     def caused(self, x: Array, order: int = 0) -> Array:
-        """Return F L x, or its derivative of that order, for an x (N,) that acts on the motor, L the measurement chain.
+        """Return F L x, or its derivative of that order, for an x (N,) that acts on the motor, L the measurement chain."""
+        return self.filtered(self.through_chain(x), order)
 
-        A chain that makes a speed of a position is fed the integral of x.
-        """
+    def through_chain(self, x: Array) -> Array:
+        """Return L x (N,) for an x (N,) that acts on the motor; a chain that makes a speed of a position gets its integral."""
         chain = self.data.chain.linear
-        if chain:
-            x = chain(_integral(x, self.step) if self._from_position else x, self.t)
-        return self.filtered(x, order)
+        if not chain:
+            return x
+        return chain(_integral(x, self.step) if self._from_position else x, self.t)
 
     @property
     def _from_position(self) -> bool:
@@ -66,9 +67,13 @@ class Motion:
     @property
     def rows(self) -> NDArray[np.int64]:
         """The points that the regression looks at: those after the filter's start, a quarter of its time apart."""
+        return self.rows_behind(self.filter_time)
+
+    def rows_behind(self, time: float) -> NDArray[np.int64]:
+        """The same behind a filter of another time [s]."""
         looks_back = int(np.argmax(self.data.chain.linear.valid(self.t)))
-        first = looks_back + min(int(np.ceil(_SETTLED * self.filter_time / self.step)), len(self.t) // 4)
-        every = max(1, int(self.filter_time / _PER_TIME / self.step))
+        first = looks_back + min(int(np.ceil(_SETTLED * time / self.step)), len(self.t) // 4)
+        every = max(1, int(time / _PER_TIME / self.step))
         return np.arange(first, len(self.t), every)
 
     @property
@@ -105,7 +110,7 @@ def motion(data: Dataset) -> Motion | None:
         sense=directions(data)[nearest],
         y=y,
         step=step,
-        filter_time=_filter_time(y, step, 2 if data.kind == "position" else 1),
+        filter_time=filter_time(y, step, 2 if data.kind == "position" else 1),
     )
     return found if len(found.rows) >= 30 else None
 
@@ -133,27 +138,27 @@ def input_at(data: Dataset, t: Array) -> Array:
     return np.asarray(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before), dtype=np.float64)
 
 
-def _filter_time(y: Array, step: float, order: int) -> float:
-    """The shortest T = 2ⁿ steps for which noise is a small part of the filtered derivative of that order."""
+def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
+    """Return the shortest T = 2ⁿ steps for which noise is a small part of the filtered derivative of that order."""
     noise = float(np.std(np.diff(y, 3))) / np.sqrt(20.0)
     random = np.random.default_rng(0).standard_normal(len(y))
     time = 2.0 * step
     while 4 * _SETTLED * time < len(y) * step:
-        signal = float(np.std(filtered(y, step, time, order)))
-        if noise * float(np.std(filtered(random, step, time, order))) <= _NOISE * signal:
+        signal = float(np.std(filtered(y, step, time, order, lags)))
+        if noise * float(np.std(filtered(random, step, time, order, lags))) <= _NOISE * signal:
             break
         time *= 2.0
     return time
 
 
-def filtered(x: Array, step: float, time: float, order: int) -> Array:
-    """Return s^order/(T s + 1)³ x by the bilinear rule, from rest."""
+def filtered(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
+    """Return s^order/(T s + 1)ⁿ x by the bilinear rule, from rest; n is the number of lags."""
     from scipy.signal import lfilter
 
     c = 2.0 * time / step
     # (T s + 1) with s = 2/h (1 - z⁻¹)/(1 + z⁻¹): ((1 + c) + (1 - c) z⁻¹)/(1 + z⁻¹)
     out = x
-    for n in range(3):
+    for n in range(lags):
         if n < order:
             out = lfilter([2.0 / step, -2.0 / step], [1 + c, 1 - c], out)
         else:

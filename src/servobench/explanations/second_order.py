@@ -11,7 +11,7 @@ from servobench.finding import warning
 
 def _second_order(case: Case) -> Explained | None:
     """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
-    found = case.with_columns(bent(case))
+    found = case.with_columns(_bent(case))
     tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
     if squared == 0:
         return None
@@ -32,8 +32,8 @@ def _second_order(case: Case) -> Explained | None:
     )
 
 
-def bent(case: Case) -> list[Array]:
-    """Return minus the speed's second derivative (R,) of each record, filtered as the equation is."""
+def _bent(case: Case) -> list[Array]:
+    """Minus the speed's second derivative (R,) of each record, filtered as the equation is."""
     orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
     return [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
 

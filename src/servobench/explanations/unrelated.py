@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.explanations.equation import regression
-from servobench.explanations.second_order import bent
+from servobench.explanations.resonance import swinging_columns
 from servobench.finding import refusal
 
 _SHARE = 0.9  # of what the equation leaves over without any input is still left over with it
@@ -32,13 +32,12 @@ def _unrelated(case: Case) -> Explained | None:
 
 
 def _swings_with_it(case: Case) -> bool:
-    """Whether the input tells much of an output that may swing: its second derivative is one more column.
+    """Whether the input tells much of an output that may swing, by the equation of two masses.
 
     Of a shaft that swings, the swing is nearly all that the first-order equation leaves over, and hides the input.
     """
-    columns, speed = case.base
-    columns = np.column_stack([columns, np.concatenate(bent(case))])
-    without = regression(columns[:, [0, 3, 4, 5]], speed)
+    columns, speed = (np.concatenate(each) for each in zip(*map(swinging_columns, case.motions), strict=True))
+    without = regression(columns[:, [0, 3, 4, 5, 6]], speed)
     return regression(columns, speed).misfit < _SHARE * without.misfit
 
 
