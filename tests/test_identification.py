@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servobench.errors import UnknownName, UsageError
-from servobench.finding import Verdict
+from servobench.finding import Severity, Verdict
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
 from servobench.models.nominal import nominal_values
@@ -214,3 +214,17 @@ def test_a_recording_given_twice_is_told() -> None:
     assert "data-repeated" not in codes(
         identify([data, replace(data, source=Source(name="b.csv", sha256="cd"))])
     )
+
+
+def test_an_angle_that_wraps_is_refused_for_that_and_nothing_is_fitted() -> None:
+    """The twin drawn within ±180°: the reason stands alone, beside no table of noise."""
+    from servobench.measurement.measure import measure
+    from tests.measurement.test_measure import recording
+
+    data = dataset(seed=1, kind="prbs")
+    wrapped = (data.y + np.pi) % (2 * np.pi) - np.pi
+    result = identify(measure(recording(wrapped, "rad", t=data.t_output, u=data.u)))
+
+    assert result.verdict == Verdict.REFUSED
+    assert result.fit is None
+    assert [f.code for f in result.findings if f.severity == Severity.REFUSAL] == ["angle-wraps"]

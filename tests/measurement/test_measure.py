@@ -208,7 +208,7 @@ def test_an_angle_that_wraps_is_told_and_not_repaired(
 
     data = measure(recording(wrapped, unit))
 
-    assert codes(data) == {"angle-wraps": Severity.WARNING}
+    assert codes(data) == {"angle-wraps": Severity.REFUSAL}
     assert "unwrap 360 deg" in data.findings[0].sentence
     assert np.ptp(data.y) <= 2 * np.pi
     first = int(np.flatnonzero(np.abs(np.diff(wrapped)) > turn / 2)[0]) + 2
@@ -231,7 +231,7 @@ def test_counts_that_wrap_unasked_are_told(modulus: float, advice: str) -> None:
 
     data = measure(recording(shown, "counts", counts_per_rev=2048))
 
-    assert codes(data) == {"angle-wraps": Severity.WARNING}
+    assert codes(data) == {"angle-wraps": Severity.REFUSAL}
     assert advice in data.findings[0].sentence
     repaired = measure(recording(shown, "counts", counts_per_rev=2048), advice)
     np.testing.assert_allclose(repaired.y - repaired.y[0], TRAVEL, rtol=0, atol=1.01 * QUANTUM)

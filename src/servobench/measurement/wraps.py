@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, refusal, warning
 from servobench.measurement.column import Column
 from servobench.measurement.unwrap import Unwrap, Unwrapped, unwrapped
 from servobench.units import unit as unit_named
@@ -96,9 +96,10 @@ def _goes_on(delta: Array, jumps: NDArray[np.intp]) -> bool:
 
 def _wraps(column: Column, stage: Unwrap, rows: NDArray[np.int64]) -> Finding:
     jump = "a turn" if column.unit == "rad" else f"{stage.modulus:.9g} counts"
-    return warning(
+    times = "once, " if len(rows) == 1 else f"{len(rows)} times, the first time "
+    return refusal(
         "angle-wraps",
-        f"The position {column.name!r} jumps by about {jump} {len(rows)} times, the first time in row {rows[0]}: it seems to "
-        f"wrap. If so, put `{stage}` at the front of the chain (--chain '{stage}').",
+        f"The position {column.name!r} jumps by about {jump} {times}in row {rows[0]}, and goes on as before: it wraps, and no "
+        f"motor's model fits an angle that does. Put `{stage}` at the front of the chain (--chain '{stage}').",
         rows=(int(rows[0]), int(rows[-1])),
     )
