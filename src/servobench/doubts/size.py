@@ -28,7 +28,7 @@ def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
     if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
         return []
-    other = "V that were taken for kV" if largest < 1 else "mV that were taken for V"
+    other = "V that were taken for mV" if largest < 1 else "mV that were taken for V"
     sentence = (
         f"{data.name}: the input reaches {largest:.3g} V, which is no servo motor's voltage ({other}?). Check its unit: "
         "--input COL:UNIT."
