@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info, warning
+from servobench.models.search import directions
 
 
 def _one_way(fit: Fit) -> list[Finding]:
@@ -21,10 +24,12 @@ def _one_way(fit: Fit) -> list[Finding]:
     )
     if abs(estimate.value) <= 3 * estimate.sd:
         return [together]
-    if estimate.value < 0:
+    # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
+    turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
+    if estimate.value * fit["gain"].value * turns < 0:
         sentence = (
-            f"The friction voltage comes out negative, {estimate.value:.3g} {unit}: friction never helps. The motor isn't "
-            "linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
+            f"The friction voltage comes out with the wrong sign, {estimate.value:.3g} {unit}: friction never helps. The motor "
+            "isn't linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
         )
         return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
     return [
