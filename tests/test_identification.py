@@ -228,3 +228,33 @@ def test_an_angle_that_wraps_is_refused_for_that_and_nothing_is_fitted() -> None
     assert result.verdict == Verdict.REFUSED
     assert result.fit is None
     assert [f.code for f in result.findings if f.severity == Severity.REFUSAL] == ["angle-wraps"]
+
+
+@pytest.mark.parametrize(("input_sign", "output_sign"), [(-1, 1), (1, -1), (-1, -1)])
+def test_friction_that_brakes_isnt_doubted_whichever_way_the_wires_are(
+    input_sign: int, output_sign: int
+) -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=input_sign * data.u, y=output_sign * data.y))
+
+    assert result.verdict == Verdict.TRUSTED
+    assert "offset-found" in codes(result)
+    assert result.fit is not None
+    assert result.fit["coulomb_voltage"].value == pytest.approx(input_sign * 0.16, rel=0.01)
+
+
+def test_a_model_of_one_way_tried_on_reversals_says_that() -> None:
+    result = identify(dataset(seed=1), validate_on=[dataset(seed=2, kind="prbs", hold=20)])
+
+    warned = [f.code for f in result.findings if f.severity == Severity.WARNING]
+    assert warned == ["validation-reverses"]
+    assert result.validation is not None
+    assert result.validation.fit_percent < 50
+
+
+def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=data.u / 1000))
+
+    [asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
+    assert "V that were taken for mV?" in asked

@@ -17,6 +17,7 @@ from servobench.estimators.base import Estimator, Fit, FittedRecord, fit_percent
 from servobench.estimators.output_error import simulated
 from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
+from servobench.models.search import turns_both_ways
 from servobench.result import RecordFit, Validation
 
 _FOLDS = 8  # fits at the most
@@ -77,8 +78,11 @@ def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
     )
 
 
-def about_validation(fit: Fit, validation: Validation | None) -> list[Finding]:
-    """Return what a validation says about a fit: that there is none, that it is poor, or which part isn't predicted."""
+def about_validation(fit: Fit, validation: Validation | None, others: Sequence[Dataset] = ()) -> list[Finding]:
+    """Return what a validation says about a fit: that there is none, that it is poor, or which part isn't predicted.
+
+    `others` are the records that it was tried on, where they aren't parts of those that it was fitted to.
+    """
     if validation is None:
         return [
             info(
@@ -87,6 +91,9 @@ def about_validation(fit: Fit, validation: Validation | None) -> list[Finding]:
                 "is left. Record a second run, or an input that changes more than once.",
             )
         ]
+    reversing = [record.name for record in others if turns_both_ways([*_fitted_to(fit), record])]
+    if fit.structure.endswith("one_way") and reversing and validation.fit_percent < 100 - _WORST:
+        return [_reverses(reversing[0], validation.fit_percent)]
     worst = max(validation.records, key=lambda record: record.beyond)
     stands_out = worst.beyond > _BEYOND and 100 - worst.fit_percent > _WORST and len(validation.records) > 1
     if validation.fit_percent < 50:
@@ -120,6 +127,20 @@ def about_validation(fit: Fit, validation: Validation | None) -> list[Finding]:
             )
         ]
     return []
+
+
+def _fitted_to(fit: Fit) -> list[Dataset]:
+    return [record.data for record in fit.records]
+
+
+def _reverses(name: str, percent: float) -> Finding:
+    """That a model of a motor that turned one way was tried on one that turns round."""
+    sentence = (
+        f"The model was fitted to a motor that turned one way only, and tried on {name}, where it turns the other way as well: "
+        f"friction turns round there, and the model takes it for a constant voltage. That it explains {percent:.0f} % of the output there says "
+        "nothing of gain and time constant. Fit both recordings together, or try the model on one that turns the same way."
+    )
+    return warning("validation-reverses", sentence, parameters=("coulomb_voltage",))
 
 
 def _tried(estimator: Estimator, fit: Fit, part: _Part) -> tuple[list[FittedRecord], RecordFit] | None:

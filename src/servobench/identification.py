@@ -114,7 +114,7 @@ def _judged(
         *validate(fit),
         *missing_terms(choice.shown),
         *superfluous_terms(fit),
-        *about_validation(fit, validation),
+        *about_validation(fit, validation, validate_on),
         *_causes(fit, nominal),
     ]
     motor = MotorEstimates()

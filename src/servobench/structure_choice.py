@@ -30,7 +30,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nonlinear.grammar import with_term
-from servobench.models.search import directions, smoothed_speed
+from servobench.models.search import smoothed_speed, turns_both_ways
 from servobench.score_test import ASKED, Shown
 from servobench.validate import explains_the_colour
 from servobench.winding import about_winding
@@ -94,7 +94,7 @@ def _check_combination(
 
 def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Finding, ...]]:
     """The fit of the simplest structure for a motor that turned so, with Coulomb friction if that is needed, and why."""
-    if not _turns_both_ways(data):
+    if not turns_both_ways(data):
         return _fitted(method, STRUCTURES["first_order_one_way"], data), ()
     frictionless = _fitted(method, STRUCTURES["first_order"], data)
     try:
@@ -406,12 +406,6 @@ def _fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) ->
     if hindrance is not None:
         raise NotIdentifiable(hindrance.sentence.rstrip("."))
     return method.fit(structure, data)
-
-
-def _turns_both_ways(data: Sequence[Dataset]) -> bool:
-    """Whether at least one sample in fifty was taken while the motor turned the other way."""
-    senses = np.concatenate([directions(record) for record in data])
-    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
 
 
 def _better(one: Fit, other: Fit) -> bool:

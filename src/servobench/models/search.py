@@ -123,6 +123,12 @@ def directions(data: Dataset) -> Array:
     return np.where(np.abs(speed) > 0.02 * scale, np.sign(speed), 0.0)
 
 
+def turns_both_ways(data: Sequence[Dataset]) -> bool:
+    """Return whether at least one sample in fifty was taken while the motor turned the other way."""
+    senses = np.concatenate([directions(record) for record in data])
+    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
+
+
 def smoothed_speed(data: Dataset) -> Array:
     """Return a speed for orientation only, in the unit of the position a second, shape (M,).
 
