@@ -258,3 +258,15 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
 
     [asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
     assert "V that were taken for mV?" in asked
+
+
+def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
+    from servobench.doubts.base import about_fit
+
+    data = dataset(seed=1, kind="prbs")
+    fit = identify(replace(data, y=-data.y)).fit
+    assert fit is not None
+    vague = replace(fit, covariance=fit.covariance + np.eye(len(fit.covariance)) * fit["gain"].value ** 2)
+
+    assert "sign-negative" in {f.code for f in about_fit(fit)}
+    assert "sign-negative" not in {f.code for f in about_fit(vague)}

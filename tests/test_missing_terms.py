@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from servobench.finding import Verdict
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
-from servobench.missing_terms import TERMS
+from servobench.missing_terms import TERMS, missing_terms
 from servobench.result import Result
+from servobench.score_test import Shown
 from tests.datasets import QUANTUM, dataset
 
 H, STEPS = 0.002, 200
@@ -106,3 +107,24 @@ def test_a_second_pole_of_a_tenth_of_the_time_constant_is_not_trusted() -> None:
     result = identify(dataset(seed=1, truth=Truth(inductance=84e-3)))
     assert result.verdict == Verdict.DOUBTFUL
     assert "residual-follows-input" in {finding.code for finding in result.findings}
+
+
+def test_a_size_beyond_the_input_is_not_told() -> None:
+    """A ripple of 250 V in a motor that got 3 V: something else moves it, and the number would be believed."""
+    fit = identify(odd(1, ripple=0.02, cycles=6.0)).fit
+    assert fit is not None
+    (term,) = (term for term in TERMS if term.code == "ripple" and "repeats 6 times" in term.sentence)
+    told = []
+    for size in (0.02, 250.0):
+        shown = Shown(
+            term=term,
+            size=9.0,
+            fit=fit,
+            largest=3.0,
+            amount=np.array([size, 0.0]),
+            covariance=np.eye(2) * 1e-6,
+        )
+        told.append(missing_terms([shown])[0].sentence)
+    assert "0.02 ± 0.002 V to and fro" in told[0]
+    assert "to and fro" not in told[1]
+    assert "6 times a revolution" in told[1]

@@ -78,7 +78,9 @@ def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
     )
 
 
-def about_validation(fit: Fit, validation: Validation | None, others: Sequence[Dataset] = ()) -> list[Finding]:
+def about_validation(
+    fit: Fit, validation: Validation | None, others: Sequence[Dataset] = ()
+) -> list[Finding]:
     """Return what a validation says about a fit: that there is none, that it is poor, or which part isn't predicted.
 
     `others` are the records that it was tried on, where they aren't parts of those that it was fitted to.
@@ -137,8 +139,9 @@ def _reverses(name: str, percent: float) -> Finding:
     """That a model of a motor that turned one way was tried on one that turns round."""
     sentence = (
         f"The model was fitted to a motor that turned one way only, and tried on {name}, where it turns the other way as well: "
-        f"friction turns round there, and the model takes it for a constant voltage. That it explains {percent:.0f} % of the output there says "
-        "nothing of gain and time constant. Fit both recordings together, or try the model on one that turns the same way."
+        f"friction turns round there, and the model takes it for a constant voltage. That it explains {percent:.0f} % of the "
+        "output there says nothing of gain and time constant. Fit both recordings together, or try the model on one that turns "
+        "the same way."
     )
     return warning("validation-reverses", sentence, parameters=("coulomb_voltage",))
 

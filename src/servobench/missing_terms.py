@@ -199,8 +199,16 @@ def _lower(structure: Rational) -> str:
 
 
 def _sentence(shown: Shown) -> str:
-    sized = f" {shown.term.sized(shown)}" if shown.term.sized and shown.amount.size else ""
+    sized = f" {shown.term.sized(shown)}" if shown.term.sized and _possible(shown) else ""
     return f"{shown.term.sentence}{sized} ({shown.size:.0f} standard deviations.)"
+
+
+def _possible(shown: Shown) -> bool:
+    """Whether a term has a size that can be: no larger than the input, or than the output's range, of which it is a part."""
+    if not shown.amount.size:
+        return False
+    outputs = [float(np.ptp(record.data.y)) for record in shown.fit.records]
+    return shown.whole[0] <= (shown.largest if shown.term.to_input else max(outputs))
 
 
 def fast_pole_doubt(fit: Fit) -> Array:

@@ -290,3 +290,19 @@ def test_a_report_is_never_written_over_a_recording(tmp_path: Path) -> None:
     assert done.returncode == 2
     assert "would be lost" in done.stderr
     assert recording.read_bytes() == before
+
+
+def test_a_refused_result_tells_why_and_shows_no_table(servobench: Command, tmp_path: Path) -> None:
+    """Noise in place of the output: no parameter, no G(s) in the terminal; who wants the numbers finds them in the JSON."""
+    columns = motor()
+    noise = np.random.default_rng(0).standard_normal(len(columns["t"]))
+    file = table(tmp_path / "noise.csv", {"t [s]": columns["t"], "u [V]": columns["u"], "y [rad]": noise})
+
+    ended = servobench("identify", file)
+
+    assert ended.status == 3
+    assert ended.out.startswith("refused: ")
+    assert "  ✗ " in ended.out
+    assert "G(s)" not in ended.out
+    assert "95 % interval" not in ended.out
+    assert servobench("identify", file, "--json").result["parameters"]

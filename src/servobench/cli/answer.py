@@ -34,7 +34,13 @@ _MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 
 
 def show_result(console: Console, result: Result) -> None:
-    """Print the parameters with their intervals, the transfer function, how well it fits, the verdict and the findings."""
+    """Print the parameters with their intervals, the transfer function, how well it fits, the verdict and the findings.
+
+    Of a refused result there is the verdict and its reasons only: a table of noise would be read all the same.
+    """
+    if result.verdict is Verdict.REFUSED:
+        _show_refused(console, result)
+        return
     if result.fit is not None:
         _show_parameters(console, result.fit.estimates)
         for line in _model(result):
@@ -44,11 +50,35 @@ def show_result(console: Console, result: Result) -> None:
         _show_parameters(console, result.motor_parameters, "motor")
     if result.nominal:
         _show_comparisons(console, result.nominal)
-    style, sentence = _VERDICTS[result.verdict]
-    show_wrapped(console, Text(f"{result.verdict}: ", style=style), sentence, hanging=0)
+    _show_verdict(console, result.verdict)
     if result.findings:
         console.print()
         show_findings(console, result.findings)
+
+
+def _show_refused(console: Console, result: Result) -> None:
+    """What is wrong first, then the refusals; of what else there is to say only that the result as JSON has it."""
+    from servobench.explanations.base import is_cause
+
+    _show_verdict(console, result.verdict)
+    console.print()
+    causes = [finding for finding in result.findings if is_cause(finding)]
+    refusals = [
+        finding
+        for finding in result.findings
+        if finding.severity is Severity.REFUSAL and finding not in causes
+    ]
+    show_findings(console, causes)
+    show_findings(console, refusals)
+    rest = len(result.findings) - len(causes) - len(refusals)
+    if rest:
+        # The tests of a model that can't be are no news; whoever wants them finds them there.
+        console.print(f"    and {rest} more that matter less (--json)", style="dim")
+
+
+def _show_verdict(console: Console, verdict: Verdict) -> None:
+    style, sentence = _VERDICTS[verdict]
+    show_wrapped(console, Text(f"{verdict}: ", style=style), sentence, hanging=0)
 
 
 def show_findings(console: Console, findings: Iterable[Finding]) -> None:

@@ -10,7 +10,9 @@ from servobench.finding import Finding, info
 def _sense(fit: Fit) -> list[Finding]:
     if "gain" not in fit.model.names:
         return []
-    if fit["gain"].value >= 0:
+    gain = fit["gain"]
+    # Of a gain that isn't told from zero nobody knows the sign.
+    if gain.value >= 0 or not 2 * gain.sd < -gain.value:
         return []
     return [
         info(

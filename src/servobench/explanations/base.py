@@ -104,6 +104,24 @@ _CAUSES = frozenset(
     }
 )
 
+# What the explanations themselves say.
+_EXPLAINED = frozenset(
+    {
+        "clock-drift",
+        "dead-zone",
+        "delay-negative",
+        "gain-falls",
+        "hysteresis",
+        "input-unrelated",
+        "level-disagrees",
+        "motor-changes",
+        "records-disagree",
+        "response-oscillates",
+        "second-pole",
+        "sign-flips",
+    }
+)
+
 EXPLANATIONS: Registry[Explain] = Registry("explanation", "servobench.explanations")
 
 
@@ -116,6 +134,11 @@ def unexplained(findings: Sequence[Finding]) -> bool:
 def names_a_cause(findings: Sequence[Finding]) -> bool:
     """Return whether findings about the data say already what is wrong with them."""
     return any(finding.code in _CAUSES for finding in findings if finding.severity != Severity.INFO)
+
+
+def is_cause(finding: Finding) -> bool:
+    """Return whether a finding says what is wrong with the data or the motor, and not only that something is."""
+    return finding.severity != Severity.INFO and finding.code in _CAUSES | _EXPLAINED
 
 
 def explain(records: Sequence[Dataset], simulated: float = np.nan) -> list[Finding]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
@@ -22,7 +23,7 @@ def _resonance(case: Case) -> Explained | None:
     columns, speed = (np.concatenate(each) for each in zip(*map(swinging_columns, case.motions), strict=True))
     without, found = regression(columns[:, :5], speed), regression(columns, speed)
     tau, second, third = (float(found.coefficients[k]) for k in (0, 5, 6))
-    swinging = _swinging(np.roots([third, second, tau, 1.0]))
+    swinging = _swinging(np.roots([third, second, tau, 1.0]).astype(np.complex128))
     fastest = _NYQUIST / max(each.step for each in case.motions)
     if swinging is None or not 0 < swinging < fastest or without.misfit == 0:
         return None
@@ -39,7 +40,7 @@ def _resonance(case: Case) -> Explained | None:
     )
 
 
-def _swinging(poles: Array) -> float | None:
+def _swinging(poles: NDArray[np.complex128]) -> float | None:
     """The frequency [Hz] of a stable pair of poles that is hardly damped; None where there is none."""
     pairs = poles[(poles.imag > 0) & (poles.real < 0)]
     swinging = [abs(pole) for pole in pairs if -pole.real < _DAMPED * abs(pole)]

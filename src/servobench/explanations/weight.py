@@ -17,8 +17,11 @@ def _weight(case: Case) -> Explained | None:
     found = case.with_columns(sine, cosine)
     size = float(np.hypot(*found.coefficients[5:7])) / abs(found.coefficients[1] or 1.0)
     unit = case.motions[0].data.input_unit
+    # Of a torque beyond all that the motor had, only a small part was seen: nobody can say how large it is.
+    seen = size <= max(float(np.abs(each.u).max()) for each in case.motions)
+    how_large = f", as large as {size:.2g} {unit} of input" if seen else ""
     sentence = (
-        f"A torque depends on the shaft's angle, once a turn, as large as {size:.2g} {unit} of input: a weight hangs on the "
+        f"A torque depends on the shaft's angle, once a turn{how_large}: a weight hangs on the "
         "shaft (a pendulum, an arm), which can swing. A first-order motor is the wrong structure; take one with gravity, or "
         "take the weight off."
     )
