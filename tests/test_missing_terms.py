@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.explanations.base import explain
 from servobench.finding import Verdict
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
@@ -128,3 +129,23 @@ def test_a_size_beyond_the_input_is_not_told() -> None:
     assert "0.02 ± 0.002 V to and fro" in told[0]
     assert "to and fro" not in told[1]
     assert "6 times a revolution" in told[1]
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+@pytest.mark.parametrize("drag", [1e-4, 2e-4])
+def test_drag_too_large_for_a_score_test_is_told_with_its_size(
+    kind: Literal["square", "prbs"], drag: float
+) -> None:
+    """A tenth of the input and more: the fit bends to it, and its residuals are too coloured to ask for a term.
+
+    The size is at the 99th percentile of the speed, up to 6 % below the fastest, which is 12 % of its square.
+    """
+    record = odd(1, kind, drag=drag)
+    fastest = float(np.abs(np.diff(record.y[::25])).max()) / (25 * H)
+
+    [found] = explain([record])
+
+    assert found.code == "drag-not-linear"
+    told = float(found.sentence.split("takes about ")[1].split(" V")[0])
+    assert told == pytest.approx(drag * fastest**2, rel=0.12)
+    assert [f.code for f in identify(record).findings].count("drag-not-linear") == 1

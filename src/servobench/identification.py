@@ -63,7 +63,9 @@ def identify(
         judged = _Judged(findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings
     if unexplained(findings):
-        findings += explain(records, judged.fit.fit_percent if judged.fit else np.nan)
+        told = {finding.code for finding in findings}
+        causes = explain(records, judged.fit.fit_percent if judged.fit else np.nan)
+        findings += [cause for cause in causes if cause.code not in told]
     return Result(
         data=records,
         fit=judged.fit,

@@ -110,6 +110,7 @@ _EXPLAINED = frozenset(
         "clock-drift",
         "dead-zone",
         "delay-negative",
+        "drag-not-linear",
         "gain-falls",
         "hysteresis",
         "input-unrelated",

@@ -1,0 +1,39 @@
+"""Drag that grows with the square of the speed: air, water, a fan or a propeller."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.finding import warning
+from servobench.models.search import smoothed_speed
+
+
+def _drag(case: Case) -> Explained | None:
+    """Whether K c ω|ω| makes the equation hold, with a drag that brakes."""
+    # Behind a chain the measured speed is another than the one that the drag goes by.
+    if any(each.data.chain.linear for each in case.motions):
+        return None
+    speeds = [np.interp(each.t, each.data.t_output, smoothed_speed(each.data)) for each in case.motions]
+    found = case.with_columns(
+        [-each.caused(w * np.abs(w)) for each, w in zip(case.motions, speeds, strict=True)]
+    )
+    factor = float(found.coefficients[5] / (found.coefficients[1] or 1.0))
+    size = factor * max(float(np.percentile(np.abs(w), 99)) for w in speeds) ** 2
+    if not 0 < size <= max(float(np.abs(each.u).max()) for each in case.motions):
+        return None
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"Drag grows with the square of the speed, as of air or of a fan: it takes about {size:.2g} {unit} of the input at the "
+        "largest speed. A model that is linear in the speed has a gain that is too small, and friction that is wrong; take "
+        "speeds so low that this drag doesn't matter, or use the model at these speeds only."
+    )
+    return Explained(
+        finding=warning("drag-not-linear", sentence, parameters=("gain", "time_constant", "coulomb_voltage")),
+        structural=True,
+        misfit=found.misfit,
+        chosen=1,
+    )
+
+
+EXPLANATIONS.member("drag")(_drag)
