@@ -55,7 +55,7 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
     few distinct errors decide, so that by how much the two estimates differ is part of the covariance.
     """
     again = fit.model.structure.friction and any(
-        record.data.quantum and (length := period(record.data)) and repeats(record.residual, length)
+        record.data.quantum and (cycle := period(record.data)) and repeats(record.residual, cycle)
         for record in fit.records
     )
     if not again:

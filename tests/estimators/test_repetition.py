@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.estimators.output_error import OutputError
-from servobench.estimators.repetition import folded, period, repeats
+from servobench.estimators.repetition import Cycle, folded, period, repeats
 from servobench.identification import identify
 from servobench.models.base import STRUCTURES
 from tests.datasets import QUANTUM, dataset
@@ -33,23 +33,92 @@ T = np.arange(5000) * 0.002
 )
 def test_the_period_of_an_input(u: NDArray[np.float64], expected: int | None) -> None:
     data = replace(dataset(seed=1, y=np.zeros(5000)), u=u)
-    assert period(data) == expected
+    cycle = period(data)
+    assert (cycle and cycle.length) == expected
+    if cycle:
+        assert cycle.places.tolist() == list(range(5000))
 
 
-def test_uneven_times_have_no_period() -> None:
+@pytest.mark.parametrize(
+    ("u", "expected"),
+    [
+        (np.where(0.4 * T % 1 < 0.5, 3.0, 1.0), 1250),
+        (np.sin(2 * np.pi * 2 * T), 250),
+        (np.random.default_rng(1).standard_normal(5000), None),
+        (np.where(T < 5, 1.0, 3.0), None),
+        (np.tile(np.random.default_rng(2).standard_normal(500), 10), 500),
+    ],
+)
+@pytest.mark.parametrize(
+    "lost", ["one row", "one in twenty rows", "one in five rows", "a second", "outputs only"]
+)
+def test_missing_rows_do_not_hide_the_period(u: NDArray[np.float64], expected: int | None, lost: str) -> None:
+    there = np.ones(5000, dtype=bool)
+    if lost == "a second":
+        there[1700:2200] = False
+    else:
+        share = {"one row": 2e-4, "one in five rows": 0.2}.get(lost, 0.05)
+        there[1 + np.random.default_rng(7).permutation(4999)[: round(5000 * share)]] = False
+    data = replace(dataset(seed=1, y=np.zeros(5000)), u=u)
+    data = replace(data, t_output=T[there], y=data.y[there])
+    if lost != "outputs only":
+        data = replace(data, t_input=T[there], u=u[there])
+    cycle = period(data)
+    assert (cycle and cycle.length) == expected
+    if cycle:
+        assert cycle.places.tolist() == np.flatnonzero(there).tolist()
+
+
+def test_times_that_scatter_and_a_clock_that_is_off_do_not_hide_the_period() -> None:
     data = dataset(seed=1, y=np.zeros(5000))
-    assert period(replace(data, t_output=data.t_output + 1e-4 * np.sin(np.arange(5000)))) is None
+    t = T * 1.0003 + 1e-4 * np.sin(np.arange(5000))
+    cycle = period(replace(data, t_output=t, t_input=t))
+    assert cycle is not None
+    assert cycle.length == 1250
+    assert cycle.places.tolist() == list(range(5000))
 
 
 def test_folding_sums_the_same_place_of_all_periods() -> None:
     scores = np.arange(14.0).reshape(7, 2)
-    assert folded(scores, 3).tolist() == [[0 + 6 + 12, 1 + 7 + 13], [2 + 8, 3 + 9], [4 + 10, 5 + 11]]
+    whole = Cycle(np.arange(7), 3)
+    assert folded(scores, whole).tolist() == [[0 + 6 + 12, 1 + 7 + 13], [2 + 8, 3 + 9], [4 + 10, 5 + 11]]
+    with_gap = Cycle(np.array([0, 1, 2, 4, 5, 6, 8]), 3)  # places 3 and 7 are missing
+    assert folded(scores, with_gap).tolist() == [[0 + 10, 1 + 11], [2 + 6, 3 + 7], [4 + 8 + 12, 5 + 9 + 13]]
 
 
 def test_only_an_error_that_repeats_is_one() -> None:
     random = np.random.default_rng(3)
-    assert not repeats(random.standard_normal(5000), 1250)
-    assert repeats(np.tile(random.standard_normal(1250), 4), 1250)
+    cycle = Cycle(np.arange(5000), 1250)
+    again = np.tile(random.standard_normal(1250), 4)
+    assert not repeats(random.standard_normal(5000), cycle)
+    assert repeats(again, cycle)
+    some = np.flatnonzero(random.random(5000) > 0.05)
+    assert repeats(again[some], Cycle(some, 1250))
+    assert not repeats(
+        again[some], Cycle(np.arange(len(some)), 1250)
+    )  # by number, no two of them belong together
+
+
+@pytest.mark.parametrize("lost", ["rows", "outputs"])
+def test_intervals_cover_where_rounding_repeats_and_samples_are_missing(lost: str) -> None:
+    """1 to 3 V, a twentieth of the samples lost: were samples counted by number, 60 to 83 % of the intervals would cover.
+
+    40 runs at 95 %: fewer than 34 is 1 case in 130. The reference motor is stepped finely (tests/motor/reference.py).
+    """
+    covered = {"gain": 0, "time_constant": 0}
+    u = np.where((0.4 * T + 1e-9) % 1 < 0.5, 3.0, 1.0)
+    for seed in range(40):
+        truth, there = drawn(seed), np.random.default_rng(seed).random(5000) > 0.05
+        there[::625] = True  # where the input changes, a lost row would make the model wrong
+        angle = march(truth, u, 0.002, angle=seed * 0.37 * QUANTUM)[:, 2]
+        y = (np.floor(angle / QUANTUM) + 0.5) * QUANTUM
+        known = there if lost == "rows" else np.ones(5000, dtype=bool)
+        data = replace(dataset(seed=seed, y=y), t_input=T[known], u=u[known], t_output=T[there], y=y[there])
+        fit = OutputError().fit(STRUCTURES["first_order_one_way"], [data])
+        for name in covered:
+            low, high = fit[name].interval
+            covered[name] += low <= answers(truth)[name] <= high
+    assert min(covered.values()) >= 34
 
 
 def test_intervals_cover_where_a_motor_goes_to_and_fro_over_the_same_counts() -> None:

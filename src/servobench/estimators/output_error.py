@@ -207,10 +207,10 @@ def _folded(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[A
     """The scores of all records, summed over the input's periods where the residual repeats; none where no record's does."""
     out, any_repeats = [], False
     for record, prediction, s in zip(layout.data, minimum.predictions, scores, strict=True):
-        length = period(record) if len(s) == len(record.y) else None
-        again = length is not None and repeats(record.y - prediction.y, length)
+        cycle = period(record) if len(s) == len(record.y) else None
+        again = cycle is not None and repeats(record.y - prediction.y, cycle)
         any_repeats |= again
-        out.append(folded(s, length) if again and length is not None else s)
+        out.append(folded(s, cycle) if again and cycle is not None else s)
     return out if any_repeats else []
 
 

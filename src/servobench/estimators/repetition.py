@@ -2,12 +2,16 @@
 
 Where a motor goes to and fro in the same way again and again, it comes back to the same counts, and an encoder's rounding
 repeats. It then averages out within a period but not over the periods, as the usual covariance takes for granted. Summed over
-the periods first, the scores show it.
+the periods first, the scores show it. Rows that are missing, or times that scatter a little, don't change that: each sample has
+its place on an even grid of times, and is compared with the sample a period before it, where there is one.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.measurement.dataset import Dataset
@@ -15,37 +19,97 @@ from servobench.measurement.dataset import Dataset
 _PROBES = 32
 _SAME = 1e-9  # of the input's range
 _REPEATS = 0.6  # correlation of the residual with itself a period before; chance gives 0.014 in 5,000 samples
+_FIRST = (
+    4  # changes of the input from which its period is measured: one of them may have come in a missing row
+)
+_MET = 0.1  # of the samples have to meet one a period before; half of them do in two whole periods
 
 
-def period(data: Dataset) -> int | None:
-    """Return after how many samples a record's input repeats, twice at least; None where it doesn't or the times are uneven."""
-    u, t = data.u, data.t_output
-    n = len(u)
-    if n < 4 or len(t) != n or np.ptp(u) == 0 or np.ptp(np.diff(t)) > 1e-3 * data.sample_time:
+@dataclass(frozen=True, slots=True)
+class Cycle:
+    """Where each sample lies on an even grid of times, counted from the first one, (M,), and the period [places of the grid]."""
+
+    places: NDArray[np.int64]
+    length: int
+
+    def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Return the samples that have one a period before them, and those."""
+        before = np.arange(len(self.places))
+        now, met = _found(self.places, self.places + self.length)
+        return now[met], before[met]
+
+
+def period(data: Dataset) -> Cycle | None:
+    """Return after how much of a record's even grid its input repeats, twice at least; None where it doesn't."""
+    if len(data.t_output) < 4:
         return None
+    u, places = _input(data), _places(data.t_output)
+    if np.ptp(u) == 0:
+        return None
+    half = (int(places[-1]) + 1) // 2
     near = _SAME * float(np.ptp(u))
-    changes = np.flatnonzero(np.abs(np.diff(u)) > near)
-    # A held input repeats after the distance of two of its changes; one that always changes, after any time.
-    shifts = changes[1:] - changes[0] if len(changes) < n // 4 else np.arange(1, n)
-    shifts = shifts[shifts <= n // 2]
-    probes = np.linspace(0, n - n // 2 - 1, _PROBES).astype(int)[:, None]
-    alike = (np.abs(u[probes + shifts] - u[probes]) <= near).all(axis=0)
-    for shift in shifts[alike]:
-        if np.abs(u[shift:] - u[:-shift]).max() <= near:
-            return int(shift)
+    for shift in _alike(u, places, _shifts(u, places, half, near), near):
+        cycle = Cycle(places, int(shift))
+        now, before = cycle.pairs()
+        if len(now) >= _MET * len(u) and np.abs(u[now] - u[before]).max() <= near:
+            return cycle
     return None
 
 
-def repeats(residual: Array, length: int) -> bool:
-    """Return whether a residual (N,) is alike in successive periods of `length` samples."""
-    now, before = residual[length:], residual[:-length]
+def repeats(residual: Array, cycle: Cycle) -> bool:
+    """Return whether a residual (M,) is alike in successive periods."""
+    later, earlier = cycle.pairs()
+    now, before = residual[later], residual[earlier]
     power = float(np.sqrt(np.sum(now**2) * np.sum(before**2)))
     return power > 0 and float(now @ before) > _REPEATS * power
 
 
-def folded(scores: Array, length: int) -> Array:
-    """Return scores (N, P) summed over the periods, (length, P); the last period may be cut short."""
-    cycles = -(-len(scores) // length)
-    whole = np.zeros((cycles * length, scores.shape[1]))
-    whole[: len(scores)] = scores
-    return np.asarray(whole.reshape(cycles, length, -1).sum(axis=0), dtype=np.float64)
+def folded(scores: Array, cycle: Cycle) -> Array:
+    """Return scores (M, P) summed over the periods, a row for each place in the period of which there is a sample."""
+    seen, rows = np.unique(cycle.places % cycle.length, return_inverse=True)
+    out = np.zeros((len(seen), scores.shape[1]))
+    np.add.at(out, rows, scores)
+    return out
+
+
+def _input(data: Dataset) -> Array:
+    """The input that holds from each sample of the output on, (M,); a time a thousandth of a step later is the same time."""
+    index = np.searchsorted(data.t_input, data.t_output + 1e-3 * data.sample_time, side="right") - 1
+    return np.where(index >= 0, data.u[np.maximum(index, 0)], data.input_before)
+
+
+def _places(t: Array) -> NDArray[np.int64]:
+    """The place of each time on the even grid that suits them all best, (M,), from 0."""
+    steps = np.diff(t)
+    counted = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
+    off, away = counted - counted.mean(), t - t.mean()
+    step = float(off @ away) / float(off @ off)
+    places = np.round((away - step * off[0]) / step).astype(np.int64)
+    return np.asarray(places - places[0], dtype=np.int64)
+
+
+def _shifts(u: Array, places: NDArray[np.int64], half: int, near: float) -> NDArray[np.int64]:
+    """The periods that may be: of a held input the distances of two changes, of one that always changes any."""
+    changes = np.flatnonzero(np.abs(np.diff(u)) > near)
+    if len(changes) >= len(u) // 4:
+        return np.arange(1, min(half, len(u)) + 1)
+    at = places[changes + 1]
+    shifts = np.unique(at[None, :] - at[:_FIRST, None])
+    return np.asarray(shifts[(shifts > 0) & (shifts <= half)], dtype=np.int64)
+
+
+def _alike(u: Array, places: NDArray[np.int64], shifts: NDArray[np.int64], near: float) -> NDArray[np.int64]:
+    """Those of the shifts after which a few samples of the input are as they were, as far as there are any."""
+    last = int(np.searchsorted(places, places[-1] - (places[-1] + 1) // 2, side="right")) - 1
+    probes = np.linspace(0, last, _PROBES).astype(int)[:, None]
+    later, met = _found(places, places[probes] + shifts)
+    alike = ((np.abs(u[later] - u[probes]) <= near) | ~met).all(axis=0)
+    return np.asarray(shifts[alike], dtype=np.int64)
+
+
+def _found(
+    places: NDArray[np.int64], wanted: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
+    """The samples at the places that are wanted, and whether there is one."""
+    index = np.minimum(np.searchsorted(places, wanted), len(places) - 1)
+    return index, places[index] == wanted
