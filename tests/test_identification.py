@@ -10,6 +10,7 @@ import pytest
 from servobench.errors import UnknownName, UsageError
 from servobench.finding import Severity, Verdict
 from servobench.identification import identify
+from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.models.nominal import nominal_values
 from servobench.motor.parameters import QUBE_SERVO_2
@@ -270,3 +271,19 @@ def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
 
     assert "sign-negative" in {f.code for f in about_fit(fit)}
     assert "sign-negative" not in {f.code for f in about_fit(vague)}
+@pytest.mark.parametrize("torque_noise", [0.0, 2e-4])
+def test_a_position_that_was_unwrapped_is_judged_as_one_that_never_wrapped(torque_noise: float) -> None:
+    """Nothing of the motor passes through `unwrap`: the sample is a plain count of the encoder before and after it."""
+    plain = dataset(seed=3, torque_noise=torque_noise)
+    unwrapped = replace(plain, applied=Chain.parse("unwrap 360 deg"))
+
+    one, other = identify(plain), identify(unwrapped)
+
+    assert one.fit is not None
+    assert other.fit is not None
+    assert one.fit.estimator == ("prediction_error" if torque_noise else "output_error")
+    assert (other.fit.estimator, other.verdict) == (one.fit.estimator, one.verdict)
+    sd = np.sqrt(np.diag(one.fit.covariance))
+    # Another order of additions, and no more: far below what the search itself leaves open.
+    np.testing.assert_allclose((other.fit.model.theta - one.fit.model.theta) / sd, 0.0, atol=1e-3)
+    assert [finding.code for finding in other.findings] == [finding.code for finding in one.findings]

@@ -67,7 +67,7 @@ def predict(fit: Fit | Result, data: Dataset) -> Array:
     Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain where the fit has a disturbance.
     """
     known = _fit(fit)
-    if known.disturbance is not None and data.chain:
+    if known.disturbance is not None and data.chain.linear:
         raise UsageError(
             f"{data.name} stands behind a measurement chain (`{data.chain}`), and the fit's noise model is that of the shaft "
             "itself: simulate the record, or fit data of the same chain"

@@ -75,7 +75,7 @@ def is_rounding(fit: Fit) -> bool | None:
     """Return whether the residual is no larger than the encoder's rounding explains; None where no quantum is known."""
     quanta = {record.data.quantum for record in fit.records}
     quantum = quanta.pop() if len(quanta) == 1 else None
-    if not quantum or any(record.data.chain for record in fit.records):
+    if not quantum or any(record.data.chain.linear for record in fit.records):
         return None
     return bool(fit.residual_sd <= _ROUNDING * quantum / np.sqrt(12))
 

@@ -155,7 +155,7 @@ def hindrance(name: str, can: Abilities, structure: Structure, data: Sequence[Da
     needs = {
         "a position": any(record.kind == "position" for record in data) and not can.position,
         "a speed": any(record.kind == "speed" for record in data) and not can.speed,
-        "data behind a measurement chain": any(record.chain for record in data) and not can.chain,
+        "data behind a measurement chain": any(record.chain.linear for record in data) and not can.chain,
         "irregular times": not can.irregular_times and not all(is_regular(record) for record in data),
         "several records at once": len(data) > 1 and not can.several_records,
         "friction with rest and reversals": structure.friction and not can.friction,
