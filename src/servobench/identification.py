@@ -10,6 +10,7 @@ import numpy as np
 
 from servobench._version import __version__
 from servobench.doubts.base import about_data, about_fit
+from servobench.doubts.single_level import with_what_one_level_tells
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Fit
 from servobench.explanations.base import explain, unexplained
@@ -106,6 +107,7 @@ def _judged(
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
     fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
+    fit = with_what_one_level_tells(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,

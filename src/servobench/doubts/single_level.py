@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
+from servobench.estimators.base import Fit
 from servobench.finding import Finding, warning
 from servobench.measurement.dataset import Dataset
 from servobench.models.search import smoothed_speed
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
+_FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
 
 
 def _single_level(records: Sequence[Dataset]) -> list[Finding]:
@@ -47,6 +50,27 @@ def _levels_while_moving(record: Dataset) -> Array:
     held = np.searchsorted(record.t_input, record.t_output, side="left") - 1
     u = np.where(held >= 0, record.u[np.maximum(held, 0)], record.input_before)
     return np.asarray(u[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64)
+
+
+def with_what_one_level_tells(fit: Fit) -> Fit:
+    """Return the fit, with gain and friction unknown where one level of the input only moved the motor.
+
+    Every pair with the same K (u - u_c) makes the same motion, so that each of the two may be anything. The time constant and the
+    delay are known from the shape of that motion, and stay as they are.
+    """
+    names = fit.model.names
+    together = [names.index(name) for name in ("gain", *_FRICTION) if name in names]
+    if "gain" not in names or len(together) < 2:
+        return fit
+    said = _single_level([record.data for record in fit.records])
+    if not said:
+        return fit
+    covariance = fit.covariance.copy()
+    covariance[together, :] = 0.0
+    covariance[:, together] = 0.0
+    covariance[together, together] = np.inf
+    intervals = {name: ends for name, ends in fit.intervals.items() if names.index(name) not in together}
+    return replace(fit, covariance=covariance, intervals=intervals, findings=(*fit.findings, *said))
 
 
 DOUBTS.member("single_level")(Doubt(codes=("single-level",), about_data=_single_level))

@@ -8,11 +8,16 @@ from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, refusal, warning
 
+_SAID = (
+    "scatter-unknown",
+    "single-level",
+)  # findings that say by themselves why a standard deviation is infinite
+
 
 def _uncertain(fit: Fit) -> list[Finding]:
     """Whether gain and time constant are known at all, and how well."""
     found = []
-    told = any(finding.code == "scatter-unknown" for finding in fit.findings)
+    told = any(finding.code in _SAID for finding in fit.findings)
     for name in ("gain", "time_constant"):
         if name not in fit.model.names:
             continue
