@@ -271,6 +271,8 @@ def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
 
     assert "sign-negative" in {f.code for f in about_fit(fit)}
     assert "sign-negative" not in {f.code for f in about_fit(vague)}
+
+
 @pytest.mark.parametrize("torque_noise", [0.0, 2e-4])
 def test_a_position_that_was_unwrapped_is_judged_as_one_that_never_wrapped(torque_noise: float) -> None:
     """Nothing of the motor passes through `unwrap`: the sample is a plain count of the encoder before and after it."""

@@ -80,7 +80,6 @@ def rounded(value: float, half: float, unit: str) -> Rounded:
 
 
 def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> Rounded:
-    """Return a value with its interval, in one unit: with half of it where it lies evenly about the value, else its ends.
     """Return a value with its interval, in one unit: with half of it where it lies evenly about the value, or else its ends.
 
     Beside an uneven interval the value has at least two significant digits.

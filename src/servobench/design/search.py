@@ -97,8 +97,6 @@ def design(
         )
     if duration > _MOST_SAMPLES * sample_time:
         raise UsageError(
-            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, too "
-            f"many to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of "
             f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, "
             f"too many to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of "
             f"{_MOST_SAMPLES * sample_time:g} s, or a longer sample time"

@@ -57,7 +57,7 @@ def counts_in_place(
     """
     wrong, samples = 0, 0
     for record, residual in zip(data, residuals, strict=True):
-        if not record.quantum or record.kind != "position" or record.chain:
+        if not record.quantum or record.kind != "position" or record.chain.linear:
             return False
         wrong += int(np.count_nonzero(np.abs(residual) > 0.5 * record.quantum))
         samples += len(residual)

@@ -115,22 +115,6 @@ def rounding_explains(fit: Fit, times: float = 2.0) -> bool:
     """Return whether the encoder's rounding is all that a fit leaves over; see `counts_in_place`."""
     data = [record.data for record in fit.records]
     return counts_in_place(data, [record.residual for record in fit.records], len(fit.vector), times)
-    """Return whether the counts are where the model and the encoder's rounding put them: then nothing else is at work.
-
-    The true position is within half a count of the middle of its own. The prediction's standard deviation is about
-    Q √(p / 12 N) for p parameters and N samples, so that about 0.8 of it, over Q, of the counts come out on the wrong side.
-    So many `times` over are taken for chance. Stricter than any test of colour: slow beats of speed and encoder look like
-    a wandering shaft, but leave no count in the wrong place.
-    """
-    wrong, samples, parameters = 0, 0, len(fit.model.theta)
-    for record in fit.records:
-        quantum = record.data.quantum
-        if not quantum or record.data.kind != "position" or record.data.chain.linear:
-            return False
-        wrong += int(np.count_nonzero(np.abs(record.residual) > 0.5 * quantum))
-        samples += len(record.residual)
-        parameters += len(record.nuisance)
-    return bool(wrong <= times * 0.8 * samples * np.sqrt(parameters / (12 * samples)))
 
 
 def disturbance_test(fit: Fit) -> Profile | None:

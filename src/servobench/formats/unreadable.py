@@ -34,7 +34,6 @@ class Texts:
 
 
 def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -> list[Finding]:
-    """Return a warning for each column of a table of so many rows with many texts, a refusal where they are more than half."""
     """Return a warning for each column of a table of so many rows that has many texts, a refusal for more than half."""
     findings = []
     for c, found in sorted(texts.items()):
