@@ -110,7 +110,9 @@ def loop_margins(
 
     found = propagate(fit, quantities)
     lagging = _of_the_loop(series(feedback, _with_lag(fit, around)))
-    off = np.where(np.isfinite(lagging) & np.isfinite(found.value), lagging - found.value, 0.0)
+    known = np.isfinite(lagging) & np.isfinite(found.value)
+    off = np.zeros_like(lagging)
+    off[known] = lagging[known] - found.value[known]
     found = replace(found, low=found.low + np.minimum(off, 0.0), high=found.high + np.maximum(off, 0.0))
     return _named(found, _OF_THE_LOOP)
 

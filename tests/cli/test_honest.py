@@ -68,13 +68,6 @@ def test_a_folder_with_something_in_it_is_not_written_over(servobench: Command, 
     assert "isn't an empty folder" in ended.err
 
 
-def test_one_recording_is_too_few(servobench: Command, finished_run: Path) -> None:
-    ended = servobench("honest", finished_run / "recording.mcap")
-
-    assert ended.status == 3
-    assert "at least two" in ended.err
-
-
 def test_one_run_is_too_few_and_the_same_one_twice_shows_nothing(
     servobench: Command, finished_run: Path
 ) -> None:

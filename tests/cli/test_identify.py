@@ -237,7 +237,7 @@ def test_a_nominal_that_doesn_t_fit_the_units_ends_with_2(servobench: Command, t
     ended = servobench("identify", file, "--output", "x:m", "--nominal", "qube_servo_2")
 
     assert ended.status == 2
-    assert "nominal values are in V and rad" in ended.err
+    assert "a data sheet is in V and rad" in ended.err
 
 
 def test_the_report_names_the_command_that_was_typed(
