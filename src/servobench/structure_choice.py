@@ -95,7 +95,7 @@ def _check_combination(
 def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Finding, ...]]:
     """The fit of the simplest structure for a motor that turned so, with Coulomb friction if that is needed, and why."""
     if not turns_both_ways(data):
-        return _fitted(method, STRUCTURES["first_order_one_way"], data), ()
+        return _resting(method, data, _fitted(method, STRUCTURES["first_order_one_way"], data))
     frictionless = _fitted(method, STRUCTURES["first_order"], data)
     try:
         with_friction = _fitted(method, STRUCTURES["first_order_coulomb"], data)
@@ -117,6 +117,31 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Findin
         return with_friction, (info("friction-possible", sentence, parameters=("coulomb_voltage",)),)
     sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
     return frictionless, (info("friction-not-found", sentence),)
+
+
+def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> tuple[Fit, tuple[Finding, ...]]:
+    """The fit for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
+    if explains_the_colour(one_way) or not _stands(data):
+        return one_way, ()
+    try:
+        with_rest = _fitted(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return one_way, ()
+    if not with_rest.converged or not _better(with_rest, one_way):
+        return one_way, ()
+    sentence = (
+        "The motor stands still in a part of the record, so the model has friction that holds the shaft. As it turned one way "
+        "only, friction and offset are known by their sum, and whether friction is the same at all speeds can't be told; let it "
+        "turn both ways."
+    )
+    return with_rest, (warning(_REST, sentence, parameters=("coulomb_voltage", "offset_voltage")),)
+
+
+def _stands(data: Sequence[Dataset]) -> bool:
+    """Whether at least one sample in fifty was taken while the motor stood still."""
+    speeds = [np.abs(smoothed_speed(record)) for record in data]
+    still = np.concatenate([speed <= 1e-3 * speed.max() for speed in speeds])
+    return bool(np.mean(still) > 0.02)
 
 
 def _climbed(
