@@ -25,7 +25,7 @@ from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.least_squares import Minimum
 from servobench.estimators.output_error import best_minimum
 from servobench.explanations.base import is_damaged, names_a_cause
-from servobench.finding import Finding, info
+from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
 from servobench.models.base import STRUCTURES, Structure
@@ -38,6 +38,7 @@ from servobench.winding import about_winding
 _RUNGS = 5  # as many as there are
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
+_REST = "rest-found"
 _WITH_WINDING = {
     "first_order": "second_order",
     "first_order_coulomb": "second_order_coulomb",
@@ -154,6 +155,8 @@ def _climbed(
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     plain, fit, refused = base, allow(base), dict[str, str]()
     shown = shown_terms(fit)
+    if any(finding.code == _REST for finding in findings):
+        return Choice(fit=fit, shown=shown, findings=findings)  # nothing more can be told of its friction
     if _suspected(shown, fit) and _damaged(data, fit):
         return Choice(fit=fit, shown=shown, findings=findings)
     for _ in range(_RUNGS):
