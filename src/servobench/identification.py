@@ -156,7 +156,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
     data = fit.records[0].data
     if data.input_unit != "V" or data.position_unit != "rad":
         raise UsageError(
-            f"nominal values are in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave nominal out"
+            f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave nominal out"
         )
     estimates = fit.estimates
     return tuple(

@@ -11,12 +11,12 @@ from servobench.errors import UsageError
 from servobench.finding import Finding, info
 from servobench.formats.columns import Heading, heading, quoted, time_unit
 from servobench.formats.roles import (
-    SUPPLY_NAMES,
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
     found,
     full_scale,
+    may_be_supply,
     plain_name,
     quantity_of,
     recognised,
@@ -136,7 +136,7 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
     wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
     names = [each.channel.name for each in recording.series]
-    possible = [name for name in names if plain_name(name) not in SUPPLY_NAMES]
+    possible = [name for name in names if not may_be_supply(name)]
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]

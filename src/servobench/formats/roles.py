@@ -32,11 +32,6 @@ INPUT_NAMES = VOLTS_BY_CONVENTION | {
 }  # fmt: skip
 """The names by which a motor's input is recognised, in lower case and without a unit."""
 
-SUPPLY_NAMES = frozenset(
-    {"supply", "supply_voltage", "battery", "battery_voltage", "bus_voltage", "vbus", "vbat", "vin"}
-)
-"""The names of voltages that feed an amplifier, and so are never proposed as a motor's input."""
-
 OUTPUT_NAMES = frozenset({
     "y", "theta", "θ", "phi", "omega", "ω", "position", "pos", "angle", "speed", "velocity", "vel", "rpm",
     "counts", "encoder", "encoder_counts", "tachometer", "motor_speed", "motor_position", "motor_angle",
