@@ -68,6 +68,7 @@ def test_what_is_recorded_is_named_and_has_its_units_times_and_roles(to: Path | 
         "tachometer": "rad/s",
         "scheduled": "s",
         "late": "1",
+        "saturated": "1",
     }
     assert (recording.name, recording.input, recording.output, recording.input_before) == (
         "two volts",

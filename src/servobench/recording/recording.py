@@ -73,8 +73,9 @@ class Recording:
     `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
     `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder, or where nobody knows,
     `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
-    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s] and `late` (0 or 1), and where the device has
-    them `tachometer` and `current`. `experiment` is the experiment's TOML text, empty where there was none.
+    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
+    has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
+    text, empty where there was none.
     """
 
     name: str

@@ -1,0 +1,59 @@
+"""The log of a run in the program's own process: rows in blocks to a recorder, with an account of their timing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.errors import UsageError
+from servobench.finding import Finding
+from servobench.loop.account import Account
+from servobench.loop.opening import RowMaker
+from servobench.loop.place import Place
+from servobench.loop.recorder import InMemory, Recorder
+from servobench.recording.recording import Recording, Stopped
+
+BLOCK_TIME = 0.5  # s; what a crash of the process may cost
+BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
+
+
+class Log:
+    """Gathers the ticks of a run in blocks for the recorder; `kept` keeps them for somebody who looks meanwhile."""
+
+    def __init__(
+        self, recorder: Recorder, row: RowMaker, sample_time: float, kept: InMemory | None = None
+    ) -> None:
+        self._recorder = recorder
+        self._row = row
+        self._kept = kept
+        self._block = max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
+        self._rows: list[tuple[float, ...]] = []
+        self._account = Account()
+
+    def add(self, place: Place) -> None:
+        """Take one tick that is done."""
+        self._rows.append(self._row(place))
+        self._account.add(place.tick)
+        if len(self._rows) >= self._block:
+            self._flush()
+
+    def so_far(self) -> Recording:
+        """Hand on what is left, and return the recording so far; only where the log keeps it."""
+        if self._kept is None:
+            raise UsageError("this run keeps no recording to look at: give `look`")
+        if self._rows:
+            self._flush()
+        return self._kept.end(Stopped(reason="unknown", sentence="the run goes on"), self._account.findings())
+
+    def end(self, stopped: Stopped, findings: tuple[Finding, ...] = ()) -> Recording:
+        """Hand on what is left, and return the recording with what was found."""
+        if self._rows:
+            self._flush()
+        return self._recorder.end(stopped, (*self._account.findings(), *findings))
+
+    def _flush(self) -> None:
+        # Away with the rows first: an interruption in the middle may lose a block at the end, but never doubles one.
+        rows, self._rows = self._rows, []
+        block = np.array(rows, dtype=np.float64)
+        self._recorder.append(block)
+        if self._kept is not None:
+            self._kept.append(block)

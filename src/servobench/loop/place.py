@@ -1,0 +1,22 @@
+"""Where a run is: one tick that is done, with all that belongs to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from servobench.clock import Tick
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """A tick that is done: what the controller followed, what it commanded and what the device put out then.
+
+    `saturated` says that the two differ, as a limit stood in between. `command` is the number of the last command in force.
+    """
+
+    tick: Tick
+    reference: float
+    commanded: float
+    applied: float
+    saturated: bool
+    command: int = 0
