@@ -91,7 +91,7 @@ def run(
     attendants = _attendants(experiment, log, watch, look)
     try:
         stopped, error = outcome(
-            lambda: _carry_out(experiment, device, keeper, Drive(experiment, references), log, attendants),
+            lambda: _carry_out(experiment, device, keeper, Drive(experiment, device.info, references), log, attendants),
             device,
         )
         if isinstance(error, StorageError):

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import math
+from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol, TypeAlias
 
+from servobench.channels import DeviceInfo
 from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
 from servobench.devices.base import Device, RunEnded
-from servobench.errors import DeviceError
+from servobench.errors import DeviceError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.place import Place
 from servobench.loop.references import References
 from servobench.recording.recording import Stopped
+from servobench.signals.base import Signal
 
 
 class Sink(Protocol):
@@ -28,26 +31,85 @@ Attendant: TypeAlias = Callable[[Place], Stopped | None]
 """Is shown each tick once it's done; returns None, or why the run is to end. It holds the loop up."""
 
 
+class Change(Protocol):
+    """What changes a run while it goes on; None leaves a thing as it is."""
+
+    @property
+    def number(self) -> int:
+        """Its number; a later one is higher."""
+        ...
+
+    @property
+    def signal(self) -> Signal | None:
+        """What the controller follows from then on; its own time begins there."""
+        ...
+
+    @property
+    def controller(self) -> Controller | None:
+        """What controls from then on."""
+        ...
+
+    @property
+    def enabled(self) -> bool | None:
+        """Whether the controller's voltage is let through from then on."""
+        ...
+
+
 class Drive:
     """What drives the motor at the moment: a signal, a controller with its state, and whether it is let through.
 
-    In a live run commands change it between two ticks; a change takes effect at the tick after.
+    `change` takes effect at the next tick, and without a bump where the controller's law can take over. What can't be taken over
+    stays as it was; `refused` says why, by the change's number. `command` is the number of the last change in force.
     """
 
-    def __init__(self, experiment: Experiment, references: References) -> None:
-        self.references = references
-        self.controller: Controller = experiment.controller
-        self.state: State = self.controller.start(experiment.sample_time)
-        self.enabled = True
+    def __init__(
+        self, experiment: Experiment, info: DeviceInfo, references: References, *, enabled: bool = True
+    ) -> None:
+        self._sample_time = experiment.sample_time
+        self._info = info
+        self._references = references
+        self._controller: Controller = experiment.controller
+        self._state: State = self._controller.start(experiment.sample_time, info)
+        self._enabled = enabled
+        self._changes: deque[Change] = deque()
+        self._last = 0.0
         self.command = 0
+        self.refused: dict[int, str] = {}
+
+    def change(self, change: Change) -> None:
+        """Let it take effect at the next tick."""
+        self._changes.append(change)
 
     def voltage(self, tick: Tick) -> tuple[float, float]:
         """Return the reference and the voltage that the controller commands for it [V]; 0 V where it isn't let through."""
-        reference = self.references[tick.index]
-        if not self.enabled or not math.isfinite(reference):
-            return reference, 0.0
-        self.state, voltage = self.controller.step(self.state, reference, tick.sample)
-        return reference, float(voltage)
+        while self._changes:
+            self._take_effect(self._changes.popleft(), tick)
+        reference = self._references[tick.index]
+        commanded = 0.0
+        if self._enabled and math.isfinite(reference):
+            self._state, voltage = self._controller.step(self._state, reference, tick.sample)
+            commanded = float(voltage)
+        self._last = commanded
+        return reference, commanded
+
+    def _take_effect(self, change: Change, tick: Tick) -> None:
+        self.command = change.number
+        try:
+            references = (
+                self._references
+                if change.signal is None
+                else References(change.signal, self._sample_time, tick.index)
+            )
+            controller = change.controller or self._controller
+            enabled = self._enabled if change.enabled is None else change.enabled
+            if change.controller is not None or enabled > self._enabled:
+                self._state = controller.take_over(
+                    self._sample_time, self._info, references[tick.index], tick.sample, self._last
+                )
+        except UsageError as error:
+            self.refused[change.number] = str(error)
+            return
+        self._references, self._controller, self._enabled = references, controller, enabled
 
 
 def let_pass(

@@ -1,0 +1,121 @@
+"""Who looks at each tick in the loop's own process: for commands, for the recorder, for the operator."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from servobench.errors import UsageError
+from servobench.loop.messages import Event, Order
+from servobench.loop.place import Place
+from servobench.loop.ring import (
+    FAILED,
+    OPERATOR_HEARTBEAT,
+    RECORDER_HEARTBEAT,
+    RECORDER_STATE,
+    MessageReader,
+    MessageRing,
+    RowRing,
+)
+from servobench.loop.ticks import Drive
+from servobench.recording.recording import Stopped
+
+RECORDER_SILENT = 1.0  # s; it shows itself 20 times in that
+LOOK_EVERY = 0.01  # s of the run
+
+
+class CommandTaker:
+    """Takes commands out of their ring, one a tick, and acknowledges each with the tick at which it took effect."""
+
+    def __init__(
+        self, commands: MessageReader, events: MessageRing, drive: Drive, acknowledge: Callable[[], None]
+    ) -> None:
+        self._commands = commands
+        self._events = events
+        self._drive = drive
+        self._acknowledge = acknowledge
+        self._texts: list[str] = []
+        self._waiting: list[Order] = []
+
+    def __call__(self, place: Place) -> Stopped | None:
+        while self._waiting and self._waiting[0].number <= place.command:
+            self._answer(place, self._waiting.pop(0))
+        if not self._texts:
+            self._texts = self._commands.read()
+        return self._take(self._texts.pop(0), place) if self._texts else None
+
+    def _take(self, text: str, place: Place) -> Stopped | None:
+        try:
+            order = Order.parse(text)
+        except UsageError as error:
+            about = {"number": None, "accepted": False, "what": text, "why": str(error)}
+            self._tell(place, about)
+            return None
+        if order.command.stop is not None:
+            self._answer(place, order)
+            reason = "finished" if order.command.as_asked else "interrupted"
+            return Stopped(reason=reason, sentence=order.command.stop)
+        if order.command.acknowledge:
+            self._acknowledge()
+        self._drive.change(order)
+        self._waiting.append(order)
+        return None
+
+    def _answer(self, place: Place, order: Order) -> None:
+        what = order.command.model_dump(mode="json", exclude_defaults=True)
+        why = self._drive.refused.pop(order.number, "")
+        self._tell(place, {"number": order.number, "accepted": not why, "what": what, "why": why})
+
+    def _tell(self, place: Place, about: dict[str, object]) -> None:
+        event = Event(kind="command", tick=place.tick.index, time=place.tick.actual, about=about)
+        self._events.push(event.to_text())
+
+
+@dataclass
+class RecorderWatch:
+    """Ends the run where the recorder failed or fell silent: nothing turns unrecorded, unless that was asked for."""
+
+    rows: RowRing
+    now: Callable[[], int] = time.monotonic_ns
+
+    def __call__(self, place: Place) -> Stopped | None:
+        if self.rows.get(RECORDER_STATE) == FAILED:
+            return Stopped(reason="error", sentence="nothing more could be recorded; the motor was stopped")
+        if self.now() - self.rows.get(RECORDER_HEARTBEAT) > RECORDER_SILENT * 1e9:
+            return Stopped(
+                reason="error",
+                sentence=f"the recorder has been silent for more than {RECORDER_SILENT:g} s; the motor was stopped",
+            )
+        return None
+
+
+@dataclass
+class OperatorWatch:
+    """Ends the run where nobody has shown that they are there for `timeout` [s]."""
+
+    rows: RowRing
+    timeout: float
+    now: Callable[[], int] = time.monotonic_ns
+
+    def __call__(self, place: Place) -> Stopped | None:
+        if self.now() - self.rows.get(OPERATOR_HEARTBEAT) <= self.timeout * 1e9:
+            return None
+        return Stopped(
+            reason="interrupted",
+            sentence=f"nobody has shown for {self.timeout:g} s that they are there; the motor was stopped",
+        )
+
+
+@dataclass
+class ProgramWatch:
+    """Ends the run where the program that started it is gone."""
+
+    gone: Callable[[], bool]
+
+    def __call__(self, place: Place) -> Stopped | None:
+        if not self.gone():
+            return None
+        return Stopped(
+            reason="interrupted", sentence="the program that started the run is gone; the motor was stopped"
+        )

@@ -1,0 +1,182 @@
+"""The loop's own process: `python -m servobench.loop.child`, a `LoopSpec` in one line on its standard input.
+
+It opens the device, lets the ticks pass, and stops the motor however that ends. The end of its standard input means that the
+program that started it is gone. Its exit status is 0 where the run began, and that of the error where it didn't.
+"""
+
+from __future__ import annotations
+
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import FrameType
+
+from servobench.channels import Sample
+from servobench.clock import clock_for
+from servobench.devices.base import Device, connect
+from servobench.errors import DeviceError, ServobenchError, UsageError
+from servobench.experiment import Experiment, read_experiment
+from servobench.finding import Finding
+from servobench.loop.account import Account
+from servobench.loop.attendants import LOOK_EVERY, CommandTaker, OperatorWatch, ProgramWatch, RecorderWatch
+from servobench.loop.messages import Event, ending_to_json, info_to_json
+from servobench.loop.opening import RowMaker, opening, row_maker
+from servobench.loop.place import Place
+from servobench.loop.references import References
+from servobench.loop.ring import (
+    ENDED,
+    FAILED,
+    LOOP_STATE,
+    RECORDER_STATE,
+    RECORDING,
+    RUNNING,
+    MessageRing,
+    RowRing,
+)
+from servobench.loop.schedule import real_time
+from servobench.loop.spec import COLUMNS, LoopSpec
+from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome
+from servobench.recording.recording import Stopped
+
+RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
+
+
+class ToRing:
+    """Hands the ticks on to whoever reads the ring, and keeps account of their timing."""
+
+    def __init__(self, rows: RowRing, row: RowMaker, width: int) -> None:
+        self._rows = rows
+        self._row = row
+        self._rest = (0.0,) * (COLUMNS - width)
+        self.account = Account()
+
+    def add(self, place: Place) -> None:
+        """Hand on one tick."""
+        self._rows.push(self._row(place) + self._rest)
+        self.account.add(place.tick)
+
+
+def main() -> int:
+    """Carry out the run that standard input asks for; return the exit status."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches all; the program says what it means
+    spec = LoopSpec.from_line(sys.stdin.readline())
+    with ExitStack() as stack:
+        rows = stack.enter_context(RowRing.attach(spec.rows))
+        commands = stack.enter_context(MessageRing.attach(spec.commands))
+        events = stack.enter_context(MessageRing.attach(spec.events))
+        loop = _Loop(spec, rows, commands, events)
+        try:
+            loop.run()
+        except ServobenchError as error:
+            loop.tell("failed", error=type(error).__name__, sentence=str(error))
+            return error.exit_status
+        finally:
+            rows.set(LOOP_STATE, ENDED)
+    return 0
+
+
+class _Loop:
+    """One run in this process."""
+
+    def __init__(self, spec: LoopSpec, rows: RowRing, commands: MessageRing, events: MessageRing) -> None:
+        self._spec = spec
+        self._rows = rows
+        self._commands = commands
+        self._events = events
+        self._gone = threading.Event()
+
+    def tell(self, kind: str, **about: object) -> None:
+        """Tell everybody who listens."""
+        self._events.push(Event(kind=kind, about=about).to_text())  # type: ignore[arg-type]
+
+    def run(self) -> None:
+        """Open the device, wait for the recorder, let the ticks pass, and tell how it ended."""
+        _ended_like_ctrl_c()
+        threading.Thread(target=self._await_the_end_of_input, daemon=True).start()
+        experiment = read_experiment(self._spec.experiment, "the experiment")
+        with connect(experiment.device.name, **experiment.device.settings) as device:
+            stopped, findings = self._driven(experiment, device)
+        self.tell("ended", **ending_to_json(stopped, findings))
+
+    def _driven(self, experiment: Experiment, device: Device) -> tuple[Stopped, tuple[Finding, ...]]:
+        opened = opening(experiment, device.info, commanded_live=True)
+        references = References(experiment.signal, experiment.sample_time)
+        drive = Drive(experiment, device.info, references, enabled=self._spec.enabled)
+        sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series))
+        attendants = self._attendants(experiment, drive)
+        self.tell("opened", info=info_to_json(device.info), pid=_own_number())
+        self._await_the_recorder()
+        _warm(experiment, device)
+        clock = clock_for(device.info.timing)
+        device.start(experiment.sample_time, experiment.seed)
+        scheduling = real_time(experiment.sample_time) if self._spec.real_time else None
+
+        def carry_out() -> Stopped:
+            self._rows.set(LOOP_STATE, RUNNING)
+            clock.start(experiment.sample_time)
+            ended = let_pass(
+                experiment.samples, experiment.limits.voltage, device, clock, drive, sink, attendants
+            )
+            return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
+
+        stopped, error = outcome(carry_out, device)
+        if error is not None and not isinstance(error, DeviceError):
+            raise error
+        return stopped, (*sink.account.findings(), *(scheduling.findings() if scheduling else ()))
+
+    def _attendants(self, experiment: Experiment, drive: Drive) -> list[Attendant]:
+        slow: list[Attendant] = [ProgramWatch(self._gone.is_set)]
+        if self._spec.recorded and not self._spec.unrecorded_goes_on:
+            slow.append(RecorderWatch(self._rows))
+        if self._spec.operator_timeout is not None:
+            slow.append(OperatorWatch(self._rows, self._spec.operator_timeout))
+        taker = CommandTaker(self._commands.reader(0), self._events, drive, lambda: None)
+        return [taker, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
+
+    def _await_the_recorder(self) -> None:
+        """Wait until the recorder is at work: nothing moves before."""
+        deadline = time.monotonic() + RECORDER_PATIENCE
+        while self._spec.recorded and (state := self._rows.get(RECORDER_STATE)) != RECORDING:
+            if state == FAILED:
+                raise UsageError("the recorder couldn't begin; nothing was moved")
+            if time.monotonic() > deadline or self._gone.is_set():
+                raise DeviceError(f"the recorder wasn't there after {RECORDER_PATIENCE:g} s; nothing was moved")
+            time.sleep(0.005)
+
+    def _await_the_end_of_input(self) -> None:
+        while sys.stdin.read(1024):
+            pass
+        self._gone.set()
+
+
+def _warm(experiment: Experiment, device: Device) -> None:
+    """Ask the controller once, for nothing: what is compiled or loaded the first time takes longer than many a tick."""
+    still = Sample(index=0, time=0.0, counts=0, tachometer=0.0, current=0.0)
+    state = experiment.controller.start(experiment.sample_time, device.info)
+    experiment.controller.step(state, 0.0, still)
+
+
+def _ended_like_ctrl_c() -> None:
+    """Let whatever asks the process to end stop the motor first."""
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        raise KeyboardInterrupt
+
+    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), interrupt)
+
+
+def _own_number() -> int:
+    import os
+
+    return os.getpid()
+
+
+_: Callable[[], int] = main
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,41 @@
+"""What the loop's process is told at its start, as one line of JSON on its standard input."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from json import dumps, loads
+from typing import Literal, Self
+
+WhenFaulted = Literal["end", "hold"]
+COLUMNS = 16  # of the ring; a row fills the first of them
+
+
+@dataclass(frozen=True, kw_only=True)
+class LoopSpec:
+    """The experiment as TOML text, the names of the three rings, and the rules of the run.
+
+    `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends a run
+    at a fault or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
+    `operator_timeout` [s] ends the run where nobody has shown for as long that they are there; None where nobody needs to.
+    `real_time` asks for real-time scheduling.
+    """
+
+    experiment: str
+    rows: str
+    commands: str
+    events: str
+    recorded: bool
+    unrecorded_goes_on: bool = False
+    when_faulted: WhenFaulted = "end"
+    enabled: bool = True
+    operator_timeout: float | None = None
+    real_time: bool = True
+
+    def to_line(self) -> str:
+        """Return the spec as one line."""
+        return dumps(asdict(self)) + "\n"
+
+    @classmethod
+    def from_line(cls, line: str) -> Self:
+        """Return the spec in a line of ours."""
+        return cls(**loads(line))
