@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from servobench.errors import UsageError
 from servobench.loop.messages import Event, Order
 from servobench.loop.place import Place
 from servobench.loop.ring import (
-    FAILED,
     OPERATOR_HEARTBEAT,
     RECORDER_HEARTBEAT,
     RECORDER_STATE,
@@ -18,6 +17,7 @@ from servobench.loop.ring import (
     MessageRing,
     RowRing,
 )
+from servobench.loop.spec import FAILED
 from servobench.loop.ticks import Drive
 from servobench.recording.recording import Stopped
 
@@ -54,8 +54,9 @@ class CommandTaker:
             return None
         if order.command.stop is not None:
             self._answer(place, order)
-            reason = "finished" if order.command.as_asked else "interrupted"
-            return Stopped(reason=reason, sentence=order.command.stop)
+            return Stopped(
+                reason="finished" if order.command.as_asked else "interrupted", sentence=order.command.stop
+            )
         if order.command.acknowledge:
             self._acknowledge()
         self._drive.change(order)
@@ -67,7 +68,7 @@ class CommandTaker:
         why = self._drive.refused.pop(order.number, "")
         self._tell(place, {"number": order.number, "accepted": not why, "what": what, "why": why})
 
-    def _tell(self, place: Place, about: dict[str, object]) -> None:
+    def _tell(self, place: Place, about: Mapping[str, object]) -> None:
         event = Event(kind="command", tick=place.tick.index, time=place.tick.actual, about=about)
         self._events.push(event.to_text())
 

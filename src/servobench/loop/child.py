@@ -6,11 +6,11 @@ program that started it is gone. Its exit status is 0 where the run began, and t
 
 from __future__ import annotations
 
+import os
 import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
 from contextlib import ExitStack
 from types import FrameType
 
@@ -26,18 +26,9 @@ from servobench.loop.messages import Event, ending_to_json, info_to_json
 from servobench.loop.opening import RowMaker, opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.references import References
-from servobench.loop.ring import (
-    ENDED,
-    FAILED,
-    LOOP_STATE,
-    RECORDER_STATE,
-    RECORDING,
-    RUNNING,
-    MessageRing,
-    RowRing,
-)
+from servobench.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
 from servobench.loop.schedule import real_time
-from servobench.loop.spec import COLUMNS, LoopSpec
+from servobench.loop.spec import COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
 from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome
 from servobench.recording.recording import Stopped
 
@@ -61,7 +52,9 @@ class ToRing:
 
 def main() -> int:
     """Carry out the run that standard input asks for; return the exit status."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C in a terminal reaches all; the program says what it means
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # Ctrl-C in a terminal reaches all; the program says what it means
     spec = LoopSpec.from_line(sys.stdin.readline())
     with ExitStack() as stack:
         rows = stack.enter_context(RowRing.attach(spec.rows))
@@ -107,12 +100,12 @@ class _Loop:
         drive = Drive(experiment, device.info, references, enabled=self._spec.enabled)
         sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series))
         attendants = self._attendants(experiment, drive)
-        self.tell("opened", info=info_to_json(device.info), pid=_own_number())
+        self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
         _warm(experiment, device)
         clock = clock_for(device.info.timing)
         device.start(experiment.sample_time, experiment.seed)
-        scheduling = real_time(experiment.sample_time) if self._spec.real_time else None
+        scheduling = real_time() if self._spec.real_time else None
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)
@@ -120,7 +113,9 @@ class _Loop:
             ended = let_pass(
                 experiment.samples, experiment.limits.voltage, device, clock, drive, sink, attendants
             )
-            return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
+            return ended or Stopped(
+                reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
+            )
 
         stopped, error = outcome(carry_out, device)
         if error is not None and not isinstance(error, DeviceError):
@@ -133,7 +128,7 @@ class _Loop:
             slow.append(RecorderWatch(self._rows))
         if self._spec.operator_timeout is not None:
             slow.append(OperatorWatch(self._rows, self._spec.operator_timeout))
-        taker = CommandTaker(self._commands.reader(0), self._events, drive, lambda: None)
+        taker = CommandTaker(self._commands.reader(0), self._events, drive, _nothing_to_acknowledge)
         return [taker, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
 
     def _await_the_recorder(self) -> None:
@@ -143,13 +138,19 @@ class _Loop:
             if state == FAILED:
                 raise UsageError("the recorder couldn't begin; nothing was moved")
             if time.monotonic() > deadline or self._gone.is_set():
-                raise DeviceError(f"the recorder wasn't there after {RECORDER_PATIENCE:g} s; nothing was moved")
+                raise DeviceError(
+                    f"the recorder wasn't there after {RECORDER_PATIENCE:g} s; nothing was moved"
+                )
             time.sleep(0.005)
 
     def _await_the_end_of_input(self) -> None:
         while sys.stdin.read(1024):
             pass
         self._gone.set()
+
+
+def _nothing_to_acknowledge() -> None:
+    """Take the word: a device without a guard has no fault."""
 
 
 def _warm(experiment: Experiment, device: Device) -> None:
@@ -169,14 +170,6 @@ def _ended_like_ctrl_c() -> None:
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), interrupt)
 
-
-def _own_number() -> int:
-    import os
-
-    return os.getpid()
-
-
-_: Callable[[], int] = main
 
 if __name__ == "__main__":
     sys.exit(main())

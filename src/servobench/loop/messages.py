@@ -23,8 +23,8 @@ from servobench.signals.base import AnySignal, Signal
 class Command(Settings):
     """What a running loop is told: what is given changes at the next tick, what is left out stays.
 
-    A change of the signal begins at the signal's own time 0. A change of the controller, its gains included, is taken over without
-    a bump where the law can. `stop` ends the run with that sentence.
+    A new signal begins at its own time 0. A new controller, or one with other gains, takes over without a bump where its law can.
+    `stop` ends the run with that sentence.
     """
 
     signal: AnySignal | None = None
@@ -76,6 +76,11 @@ class Order:
     def controller(self) -> Controller | None:
         """The controller that it brings, if any."""
         return self.command.controller
+
+    @property
+    def enabled(self) -> bool | None:
+        """Whether the controller's voltage is let through from then on."""
+        return self.command.enabled
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -144,7 +149,8 @@ def _reason(error: Exception) -> str:
     """One line about it."""
     if isinstance(error, ValidationError):
         return "; ".join(
-            f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}" for each in error.errors()
+            f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
+            for each in error.errors()
         )
     if isinstance(error, KeyError):
         return "its number is missing"

@@ -17,7 +17,7 @@ from servobench.loop.opening import opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.recorder import InMemory, Recorder, ToFile
 from servobench.loop.references import References
-from servobench.loop.ticks import Attendant, Drive, let_pass, outcome, stop
+from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stop
 from servobench.recording.recording import Recording, Stopped
 
 WATCH_INTERVAL = 0.1  # s of the run
@@ -91,7 +91,9 @@ def run(
     attendants = _attendants(experiment, log, watch, look)
     try:
         stopped, error = outcome(
-            lambda: _carry_out(experiment, device, keeper, Drive(experiment, device.info, references), log, attendants),
+            lambda: _carry_out(
+                experiment, device, keeper, Drive(experiment, device.info, references), log, attendants
+            ),
             device,
         )
         if isinstance(error, StorageError):
@@ -128,29 +130,16 @@ def _attendants(
     attendants: list[Attendant] = []
     if watch is not None:
         attendants.append(
-            _now_and_then(WATCH_INTERVAL, experiment, 0, lambda place: _watched(watch, place, ticks))
+            now_and_then(WATCH_INTERVAL, experiment.sample_time, lambda place: _watched(watch, place, ticks))
         )
     if look is not None:
         every = max(1, round(LOOK_INTERVAL / experiment.sample_time))
         attendants.append(
-            _now_and_then(LOOK_INTERVAL, experiment, every, lambda place: _looked(look, log.so_far()))
+            now_and_then(
+                LOOK_INTERVAL, experiment.sample_time, lambda place: _looked(look, log.so_far()), every
+            )
         )
     return tuple(attendants)
-
-
-def _now_and_then(interval: float, experiment: Experiment, first: int, attendant: Attendant) -> Attendant:
-    """Show it a tick in each interval [s of the run], from that one on."""
-    every = max(1, round(interval / experiment.sample_time))
-    due = first
-
-    def shown(place: Place) -> Stopped | None:
-        nonlocal due
-        if place.tick.index < due:
-            return None
-        due = place.tick.index + every
-        return attendant(place)
-
-    return shown
 
 
 def _watched(watch: Watch, place: Place, ticks: int | None) -> Stopped | None:

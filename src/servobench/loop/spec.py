@@ -9,13 +9,17 @@ from typing import Literal, Self
 WhenFaulted = Literal["end", "hold"]
 COLUMNS = 16  # of the ring; a row fills the first of them
 
+# What the words RECORDER_STATE and LOOP_STATE of the ring say; 0 is what they begin with.
+RECORDING, FAILED, DONE = 1, 2, 3
+RUNNING, ENDED = 1, 2
+
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSpec:
     """The experiment as TOML text, the names of the three rings, and the rules of the run.
 
-    `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends a run
-    at a fault or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
+    `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends
+    a run at a fault, or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
     `operator_timeout` [s] ends the run where nobody has shown for as long that they are there; None where nobody needs to.
     `real_time` asks for real-time scheduling.
     """

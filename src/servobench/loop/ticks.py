@@ -159,6 +159,21 @@ def _no_voltage(place: Place) -> Stopped:
     )
 
 
+def now_and_then(interval: float, sample_time: float, attendant: Attendant, first: int = 0) -> Attendant:
+    """Return what shows an attendant one tick in each interval [s of the run], from the tick `first` on."""
+    every = max(1, round(interval / sample_time))
+    due = first
+
+    def shown(place: Place) -> Stopped | None:
+        nonlocal due
+        if place.tick.index < due:
+            return None
+        due = place.tick.index + every
+        return attendant(place)
+
+    return shown
+
+
 def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, BaseException | None]:
     """Carry out a run and stop the device, whatever happens; return why it ended, and the error if it was one."""
     try:

@@ -1,0 +1,250 @@
+"""The loop in its own process, as the program sees it: starts it, talks to it, waits for it, and always ends it."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack, suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+
+import servobench.errors as errors
+from servobench.channels import DeviceInfo
+from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageError, UsageError
+from servobench.experiment import Experiment
+from servobench.loop.messages import Command, Event, info_of, stopped_of
+from servobench.loop.opening import opening
+from servobench.loop.recording_process import RecorderProcess, complete
+from servobench.loop.ring import OPERATOR_HEARTBEAT, MessageReader, MessageRing, RowReader, RowRing
+from servobench.loop.spec import COLUMNS, LoopSpec, WhenFaulted
+from servobench.recording.recording import Recording, Stopped
+
+SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
+COMMAND_SLOTS = 1024
+START_PATIENCE = 120.0  # s; a second interpreter and its kernels, on a busy machine
+END_PATIENCE = 10.0  # s; how long a loop that was told to stop may take, before it is killed
+LOOK_INTERVAL = 0.02  # s
+
+
+class LoopProcess:
+    """A run in a process of its own; a context manager that leaves the motor at rest.
+
+    Entering starts the recorder (where `record` names a file) and the loop, which opens the device and begins. What
+    can't begin raises the error that it would raise here. Leaving ends the run, if it goes on.
+
+    `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
+    `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where the
+    recorder failed; `real_time` False leaves the scheduling alone.
+    """
+
+    def __init__(
+        self,
+        experiment: Experiment,
+        *,
+        record: str | os.PathLike[str] | None = None,
+        when_faulted: WhenFaulted = "end",
+        enabled: bool = True,
+        operator_timeout: float | None = None,
+        unrecorded_goes_on: bool = False,
+        real_time: bool = True,
+    ) -> None:
+        self.experiment = experiment
+        self._path = None if record is None else Path(record)
+        self._rules: dict[str, Any] = {
+            "when_faulted": when_faulted,
+            "enabled": enabled,
+            "operator_timeout": operator_timeout,
+            "unrecorded_goes_on": unrecorded_goes_on,
+            "real_time": real_time,
+        }
+        self._stack = ExitStack()
+        self._number = 0
+        self._ended: Event | None = None
+
+    def __enter__(self) -> Self:
+        """Start it, and wait until the device is open."""
+        with ExitStack() as stack:
+            self.ring = stack.enter_context(RowRing.create(COLUMNS, SLOTS))
+            self._commands = stack.enter_context(MessageRing.create(COMMAND_SLOTS))
+            self._events = stack.enter_context(MessageRing.create())
+            self._heard = self._events.reader(0)
+            self._recorder = self._started_recorder(stack)
+            self.here()
+            self._process = self._started_loop()
+            stack.callback(self._end)
+            self.info = self._opened()
+            self.recording = opening(self.experiment, self.info, commanded_live=True)
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the run, if it goes on, and let go of the rings."""
+        self._stack.close()
+
+    @property
+    def width(self) -> int:
+        """The numbers of a row that are used: the time and a value for each series of `recording`."""
+        return 1 + len(self.recording.series)
+
+    def rows(self, start: int | None = None) -> RowReader:
+        """Return a reader of the rows, from the oldest that is still there or from that number on."""
+        return self.ring.reader(start)
+
+    def events(self, start: int | None = 0) -> MessageReader:
+        """Return a reader of the events' texts; `Event.parse` reads them."""
+        return self._events.reader(start)
+
+    def command(self, command: Command) -> int:
+        """Give a command and return its number, with which the event that acknowledges it comes."""
+        self._number += 1
+        self._commands.push(command.to_text(self._number))
+        return self._number
+
+    def stop(self, sentence: str, *, as_asked: bool = False) -> None:
+        """Tell it to end with that sentence; `wait` sees the end."""
+        self.command(Command(stop=sentence, as_asked=as_asked))
+
+    def here(self) -> None:
+        """Show that the operator is there."""
+        self.ring.set(OPERATOR_HEARTBEAT, time.monotonic_ns())
+
+    @property
+    def pid(self) -> int:
+        """The number of the loop's process."""
+        return self._process.pid
+
+    @property
+    def ended(self) -> Stopped | None:
+        """Why it ended; None while it goes on."""
+        self._listen()
+        if self._ended is not None:
+            return stopped_of(self._ended)
+        if self._process.poll() is None:
+            return None
+        self._listen()  # what it said last
+        if self._ended is not None:
+            return stopped_of(self._ended)
+        return Stopped(reason="error", sentence=self._last_words())
+
+    def wait(self, meanwhile: Callable[[], None] | None = None) -> Recording:
+        """Wait for the end, calling `meanwhile` fifty times a second, and return the recording.
+
+        Raises as `run` does: `DeviceLost`, which carries the recording, and `StorageError`. Raises `UsageError` where nothing was
+        recorded.
+        """
+        while (stopped := self.ended) is None:
+            if meanwhile is not None:
+                meanwhile()
+            self._process_waits()
+        if self._path is None or self._recorder is None:
+            raise UsageError("this run wasn't recorded: give `record`")
+        recording = self._recorded(self._recorder, self._path)
+        if stopped.reason == "device_lost":
+            raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
+        return recording
+
+    def _recorded(self, recorder: RecorderProcess, path: Path) -> Recording:
+        from servobench.recording.reader import read
+
+        recorder.wait()
+        if recorder.failed:
+            raise StorageError(recorder.failed)
+        if recorder.died:
+            complete(self.ring, self._events, self.experiment, path)
+        (recording,) = read(path)
+        return recording
+
+    def _process_waits(self) -> None:
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(LOOK_INTERVAL)
+
+    def _started_recorder(self, stack: ExitStack) -> RecorderProcess | None:
+        if self._path is None:
+            return None
+        return stack.enter_context(
+            RecorderProcess(
+                rows=self.ring.name, events=self._events.name, path=self._path, experiment=self.experiment
+            )
+        )
+
+    def _started_loop(self) -> subprocess.Popen[str]:
+        spec = LoopSpec(
+            experiment=self.experiment.to_toml(),
+            rows=self.ring.name,
+            commands=self._commands.name,
+            events=self._events.name,
+            recorded=self._path is not None,
+            **self._rules,
+        )
+        process = subprocess.Popen(
+            [sys.executable, "-m", "servobench.loop.child"],
+            stdin=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            text=True,
+        )
+        assert process.stdin is not None
+        process.stdin.write(spec.to_line())
+        process.stdin.flush()
+        return process
+
+    def _opened(self) -> DeviceInfo:
+        """Wait until the device is open, and return what it is; raises what kept it from being opened."""
+        deadline = time.monotonic() + START_PATIENCE
+        while time.monotonic() < deadline:
+            for text in self._heard.read():
+                event = Event.parse(text)
+                if event.kind == "opened":
+                    return info_of(event)
+                if event.kind == "failed":
+                    raise _error(event)
+            if self._process.poll() is not None:
+                raise DeviceError(self._last_words())
+            self._process_waits()
+        raise DeviceError(f"the loop's process wasn't there after {START_PATIENCE:g} s; nothing was moved")
+
+    def _listen(self) -> None:
+        for text in self._heard.read():
+            event = Event.parse(text)
+            if event.kind == "ended":
+                self._ended = event
+            elif event.kind == "failed":
+                raise _error(event)
+
+    def _last_words(self) -> str:
+        """A sentence about a process that ended without one."""
+        said = self._process.stderr.read().strip().splitlines() if self._process.stderr else []
+        reason = f": {said[-1]}" if said else ""
+        return f"the loop's process ended without a word, with status {self._process.returncode}{reason}"
+
+    def _end(self) -> None:
+        """End the process, whatever it is doing; the end of its input tells it that nobody is there."""
+        assert self._process.stdin is not None
+        with suppress(OSError):
+            self._process.stdin.close()
+        try:
+            self._process.wait(END_PATIENCE)
+        except subprocess.TimeoutExpired:
+            self._process.terminate()
+            try:
+                self._process.wait(END_PATIENCE)
+            except subprocess.TimeoutExpired:
+                self._process.kill()
+                self._process.wait()
+        if self._process.stderr is not None:
+            self._process.stderr.close()
+
+
+def _error(event: Event) -> ServobenchError:
+    """The error that kept a run from beginning, as the class that it had."""
+    kind = getattr(errors, event.about["error"], DeviceError)
+    sentence = event.about["sentence"]
+    if kind in (UsageError, DeviceError, StorageError, errors.ExperimentError):
+        error: ServobenchError = kind(sentence)
+        return error
+    return UsageError(sentence) if issubclass(kind, UsageError) else DeviceError(sentence)
