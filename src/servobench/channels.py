@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from typing import Literal, TypeAlias
+from dataclasses import dataclass, field, replace
+from typing import Literal, Self, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,3 +62,17 @@ class DeviceInfo:
     def channel(self, name: str) -> Channel | None:
         """Return the channel of that name, or None where the device hasn't one."""
         return next((channel for channel in self.channels if channel.name == name), None)
+
+    def limited(self, voltage: float) -> Self:
+        """Return the same device with its voltage limited to ±`voltage` [V] as well: what a controller is told."""
+        channels = tuple(
+            replace(
+                channel,
+                minimum=-voltage if channel.minimum is None else max(channel.minimum, -voltage),
+                maximum=voltage if channel.maximum is None else min(channel.maximum, voltage),
+            )
+            if channel.name == "voltage"
+            else channel
+            for channel in self.channels
+        )
+        return replace(self, channels=channels)

@@ -29,7 +29,7 @@ from servobench.registry import Registry
 from servobench.units import quantity
 
 _WITH_UNITS = {"quantities": "with units"}
-"""The context in which a quantity is written as a text."""
+"""The context in which a quantity is written as a text; those in its unit `bare`, if there is one, stay numbers."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,10 @@ class In:
         return quantity(given, self.si)
 
     def _write(self, value: float, info: core_schema.SerializationInfo) -> float | str:
-        return f"{value!r} {self.si}".replace(".0 ", " ") if info.context is _WITH_UNITS else value
+        context = info.context or {}
+        if not context or self.si == context.get("bare"):
+            return value
+        return f"{value!r} {self.si}".replace(".0 ", " ")
 
 
 @dataclass(frozen=True)
@@ -158,9 +161,12 @@ class Settings(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, retold)
 
 
-def with_units(settings: Settings) -> dict[str, Any]:
-    """Return settings as plain data that reads back the same: each quantity a text with its unit, no key where there is none."""
-    return settings.model_dump(context=_WITH_UNITS, exclude_none=True)
+def with_units(settings: Settings, bare: str = "") -> dict[str, Any]:
+    """Return settings as plain data that reads back the same: each quantity a text with its unit, no key where there is none.
+
+    Quantities in the unit `bare` stay numbers: the levels of a signal, which are volts only where it is the voltage.
+    """
+    return settings.model_dump(context={**_WITH_UNITS, "bare": bare}, exclude_none=True)
 
 
 def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDetails:

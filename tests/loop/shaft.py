@@ -89,11 +89,18 @@ def odd(**changes: Any) -> Any:
 class Controller:
     """Commands what a function of the tick's number gives."""
 
+    reference_unit = "V"
+
     def __init__(self, command: Callable[[int], Any]) -> None:
         self.command = command
 
-    def start(self, sample_time: float) -> int:
+    def start(self, sample_time: float, info: DeviceInfo) -> int:
         return 0
 
     def step(self, state: int, reference: float, sample: Sample) -> tuple[int, Any]:
         return state + 1, self.command(state)
+
+    def take_over(
+        self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
+    ) -> int:
+        return 0

@@ -2,21 +2,48 @@
 
 from __future__ import annotations
 
-from pydantic import BaseModel, ConfigDict
+import math
+from typing import TypeAlias
 
-from servobench.channels import Sample
+from servobench.channels import DeviceInfo, Sample
 from servobench.control.base import CONTROLLERS
+from servobench.control.running import FadeTime, faded
+from servobench.settings import Settings
+
+Bias: TypeAlias = tuple[float, float] | None
+"""What is added to the reference [V], and when that was [s]; None where nothing is."""
 
 
 @CONTROLLERS.member("open_loop")
-class OpenLoop(BaseModel):
-    """u[k] = r[k]: the reference [V] goes to the motor as it is."""
+class OpenLoop(Settings):
+    """u[k] = r[k]: the reference [V] goes to the motor as it is.
 
-    model_config = ConfigDict(frozen=True, extra="forbid")
+    After a switch from another law the voltage goes over to the reference gradually: u = r + u_b e^(-t/fade_time).
+    """
 
-    def start(self, sample_time: float) -> None:
-        """Return the state: there is none."""
+    fade_time: FadeTime = 0.5
+    """Time constant with which a switch from another law fades; at 0 the voltage jumps [s]."""
 
-    def step(self, state: None, reference: float, sample: Sample) -> tuple[None, float]:
-        """Return the reference as the voltage [V]."""
-        return None, reference
+    @property
+    def reference_unit(self) -> str:
+        """Volts."""
+        return "V"
+
+    def start(self, sample_time: float, info: DeviceInfo) -> Bias:
+        """Return the state: nothing is added."""
+        return None
+
+    def step(self, state: Bias, reference: float, sample: Sample) -> tuple[Bias, float]:
+        """Return the reference as the voltage [V], and what is left of the bias with it."""
+        if state is None:
+            return None, reference
+        bias, before = state
+        left = faded(bias, sample.time - before, self.fade_time)
+        return (left, sample.time) if left else None, reference + left
+
+    def take_over(
+        self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
+    ) -> Bias:
+        """Return the state from which the voltage goes on, and fades to the reference."""
+        bias = voltage - reference
+        return (bias, sample.time) if self.fade_time and math.isfinite(bias) and bias else None

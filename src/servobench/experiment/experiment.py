@@ -79,7 +79,7 @@ class Experiment(Settings):
     notes: Text = ""
     """Anything worth knowing later."""
     signal: AnySignal = Square(low=1, high=3, frequency=0.4)
-    """The controller's reference; in open loop the voltage [V]."""
+    """The controller's reference, in its unit (rad, rad/s); in open loop the voltage [V]."""
     duration: Duration = 10.0
     """How long it lasts, or None (in a file "endless"): until it's stopped [s]."""
     sample_time: PositiveTime = 0.002
