@@ -39,7 +39,7 @@ def opening(experiment: Experiment, device: DeviceInfo, *, commanded_live: bool 
         _flag("saturated"),
     ]
     if controlled or commanded_live:
-        channels.append(Channel(name="reference", unit=None))
+        channels.append(Channel(name="reference", unit=experiment.controller.reference_unit))
     if commanded_live:
         channels.append(Channel(name="command", unit="1", minimum=0.0, resolution=1.0))
     nothing = np.empty(0)

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
 from types import TracebackType
-from typing import Any, Self
+from typing import IO, Any, Self
 
 import servobench.errors as errors
 from servobench.channels import DeviceInfo
@@ -18,7 +18,7 @@ from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageE
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Event, info_of, stopped_of
 from servobench.loop.opening import opening
-from servobench.loop.recording_process import RecorderProcess, complete
+
 from servobench.loop.ring import OPERATOR_HEARTBEAT, MessageReader, MessageRing, RowReader, RowRing
 from servobench.loop.spec import COLUMNS, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
@@ -37,8 +37,8 @@ class LoopProcess:
     can't begin raises the error that it would raise here. Leaving ends the run, if it goes on.
 
     `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
-    `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where the
-    recorder failed; `real_time` False leaves the scheduling alone.
+    `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where
+    the recorder failed; `real_time` False leaves the scheduling alone.
     """
 
     def __init__(
@@ -188,9 +188,8 @@ class LoopProcess:
             stderr=subprocess.PIPE,
             text=True,
         )
-        assert process.stdin is not None
-        process.stdin.write(spec.to_line())
-        process.stdin.flush()
+        _standard_input(process).write(spec.to_line())
+        _standard_input(process).flush()
         return process
 
     def _opened(self) -> DeviceInfo:
@@ -224,9 +223,8 @@ class LoopProcess:
 
     def _end(self) -> None:
         """End the process, whatever it is doing; the end of its input tells it that nobody is there."""
-        assert self._process.stdin is not None
         with suppress(OSError):
-            self._process.stdin.close()
+            _standard_input(self._process).close()
         try:
             self._process.wait(END_PATIENCE)
         except subprocess.TimeoutExpired:
@@ -238,6 +236,13 @@ class LoopProcess:
                 self._process.wait()
         if self._process.stderr is not None:
             self._process.stderr.close()
+
+
+def _standard_input(process: subprocess.Popen[str]) -> IO[str]:
+    """The end of a pipe that a process was started with."""
+    if process.stdin is None:
+        raise DeviceError("the loop's process was started without a standard input")
+    return process.stdin
 
 
 def _error(event: Event) -> ServobenchError:
