@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import signal
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -23,6 +23,8 @@ if TYPE_CHECKING:
     from servobench.cli.run_folder import RunFolder
     from servobench.devices.base import Device
     from servobench.experiment import Experiment
+    from servobench.loop.run import Look
+    from servobench.loop.run import Progress as Place
     from servobench.recording.recording import Recording, StopReason
     from servobench.result import Result
 
@@ -166,8 +168,6 @@ def _carried_out(
     from servobench.cli.terminal import say
     from servobench.errors import DeviceLost
     from servobench.formats.base import save
-    from servobench.loop.run import Progress as Place
-    from servobench.loop.run import run as carry_out
     from servobench.stopping_rule import StoppingRule, parse_wish
 
     def watch(place: Place) -> None:
@@ -175,19 +175,37 @@ def _carried_out(
             progress.reached(place.tick / place.ticks)
 
     look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
-    with ended_like_ctrl_c(), device:
+    with ended_like_ctrl_c(), _connected(device):
         say(console, _asked_in_words(asked))
         show_findings(console, asked.findings())
-        folder.begin(asked.to_toml())
-        progress.begin("running" if asked.duration else "running until Ctrl-C")
-        try:
-            recording = carry_out(asked, device, to=folder.recording, watch=watch, look=look)
-        except DeviceLost as error:
-            recording = error.recording
+        with folder.begun(asked.to_toml()):
+            progress.begin("running" if asked.duration else "running until Ctrl-C")
+            try:
+                recording = _driven(asked, device, folder.recording, watch, look)
+            except DeviceLost as error:
+                recording = error.recording
     save(recording, folder.data)
     with folder.recording.open("rb") as file:
         checksum = hashlib.file_digest(file, "sha256").hexdigest()
     return replace(recording, source=replace(recording.source, sha256=checksum))
+
+
+def _connected(device: Device) -> AbstractContextManager[object]:
+    """A simulation is run here; a motor in real time is opened by the loop's own process."""
+    return device if device.info.timing == "virtual" else nullcontext()
+
+
+def _driven(
+    asked: Experiment, device: Device, to: Path, watch: Callable[[Place], None], look: Look | None
+) -> Recording:
+    """Carry the experiment out: at once where time is computed, in a process of its own where it passes."""
+    if device.info.timing == "virtual":
+        from servobench.loop.run import run as carry_out
+
+        return carry_out(asked, device, to=to, watch=watch, look=look)
+    from servobench.loop.live import run_live
+
+    return run_live(asked, to=to, watch=watch, look=look)
 
 
 @contextmanager

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain, count
@@ -64,6 +65,19 @@ class RunFolder:
             self.experiment.write_text(f"{_OURS}\n{experiment}", encoding="utf-8", newline="\n")
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
+
+    @contextmanager
+    def begun(self, experiment: str) -> Iterator[None]:
+        """Begin, and take it back where nothing was recorded: a device that can't be opened leaves no folder."""
+        self.begin(experiment)
+        try:
+            yield
+        except BaseException:
+            if not any(self.path.glob(f"{self.recording.name}*")):
+                with suppress(OSError):
+                    self.experiment.unlink(missing_ok=True)
+                    self.path.rmdir()  # only where nothing else is in it
+            raise
 
     def write_result(self, result: Mapping[str, Any]) -> None:
         """Write the answer."""

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from servobench.errors import UsageError
-from servobench.loop.messages import Event, Order
+from servobench.loop.messages import Notice, Order
 from servobench.loop.place import Place
 from servobench.loop.ring import (
     OPERATOR_HEARTBEAT,
@@ -69,7 +69,7 @@ class CommandTaker:
         self._tell(place, {"number": order.number, "accepted": not why, "what": what, "why": why})
 
     def _tell(self, place: Place, about: Mapping[str, object]) -> None:
-        event = Event(kind="command", tick=place.tick.index, time=place.tick.actual, about=about)
+        event = Notice(kind="command", tick=place.tick.index, time=place.tick.actual, about=about)
         self._events.push(event.to_text())
 
 

@@ -22,7 +22,7 @@ from servobench.experiment import Experiment, read_experiment
 from servobench.finding import Finding
 from servobench.loop.account import Account
 from servobench.loop.attendants import LOOK_EVERY, CommandTaker, OperatorWatch, ProgramWatch, RecorderWatch
-from servobench.loop.messages import Event, ending_to_json, info_to_json
+from servobench.loop.messages import Notice, ending_to_json, info_to_json
 from servobench.loop.opening import RowMaker, opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.references import References
@@ -79,11 +79,11 @@ class _Loop:
         self._rows = rows
         self._commands = commands
         self._events = events
-        self._gone = threading.Event()
+        self._gone = threading.Notice()
 
     def tell(self, kind: str, **about: object) -> None:
         """Tell everybody who listens."""
-        self._events.push(Event(kind=kind, about=about).to_text())  # type: ignore[arg-type]
+        self._events.push(Notice(kind=kind, about=about).to_text())  # type: ignore[arg-type]
 
     def run(self) -> None:
         """Open the device, wait for the recorder, let the ticks pass, and tell how it ended."""
@@ -105,7 +105,7 @@ class _Loop:
         _warm(experiment, device)
         clock = clock_for(device.info.timing)
         device.start(experiment.sample_time, experiment.seed)
-        scheduling = real_time() if self._spec.real_time else None
+        scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)

@@ -84,7 +84,7 @@ class Order:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Event:
+class Notice:
     """What the loop tells: one of the kinds below, when, and what it's about.
 
     `opened` (`info`: the device), `command` (`number`, `accepted`, `what`, `why`), `fault` (`code`, `sentence`), `acknowledged`,
@@ -113,7 +113,7 @@ def info_to_json(info: DeviceInfo) -> Any:
     return _adapter(DeviceInfo).dump_python(info, mode="json")
 
 
-def info_of(event: Event) -> DeviceInfo:
+def info_of(event: Notice) -> DeviceInfo:
     """Return the device's description in the event `opened`."""
     info: DeviceInfo = _adapter(DeviceInfo).validate_python(event.about["info"])
     return info
@@ -125,12 +125,12 @@ def ending_to_json(stopped: Stopped, findings: tuple[Finding, ...]) -> dict[str,
     return {"reason": stopped.reason, "sentence": stopped.sentence, "findings": told}
 
 
-def stopped_of(event: Event) -> Stopped:
+def stopped_of(event: Notice) -> Stopped:
     """Return why a run ended, of the event `ended`."""
     return Stopped(reason=event.about["reason"], sentence=event.about["sentence"])
 
 
-def findings_of(event: Event) -> tuple[Finding, ...]:
+def findings_of(event: Notice) -> tuple[Finding, ...]:
     """Return what was found, of the event `ended`."""
     findings: tuple[Finding, ...] = _adapter(tuple[Finding, ...]).validate_python(event.about["findings"])
     return findings

@@ -16,9 +16,9 @@ import servobench.errors as errors
 from servobench.channels import DeviceInfo
 from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageError, UsageError
 from servobench.experiment import Experiment
-from servobench.loop.messages import Command, Event, info_of, stopped_of
+from servobench.loop.messages import Command, Notice, info_of, stopped_of
 from servobench.loop.opening import opening
-
+from servobench.loop.recording_process import RecorderProcess, complete
 from servobench.loop.ring import OPERATOR_HEARTBEAT, MessageReader, MessageRing, RowReader, RowRing
 from servobench.loop.spec import COLUMNS, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
@@ -38,7 +38,7 @@ class LoopProcess:
 
     `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
     `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where
-    the recorder failed; `real_time` False leaves the scheduling alone.
+    the recorder failed; `real_time` False leaves the scheduling alone, `cpu` is the processor to stay on.
     """
 
     def __init__(
@@ -51,6 +51,7 @@ class LoopProcess:
         operator_timeout: float | None = None,
         unrecorded_goes_on: bool = False,
         real_time: bool = True,
+        cpu: int | None = None,
     ) -> None:
         self.experiment = experiment
         self._path = None if record is None else Path(record)
@@ -60,10 +61,11 @@ class LoopProcess:
             "operator_timeout": operator_timeout,
             "unrecorded_goes_on": unrecorded_goes_on,
             "real_time": real_time,
+            "cpu": cpu,
         }
         self._stack = ExitStack()
         self._number = 0
-        self._ended: Event | None = None
+        self._ended: Notice | None = None
 
     def __enter__(self) -> Self:
         """Start it, and wait until the device is open."""
@@ -97,7 +99,7 @@ class LoopProcess:
         return self.ring.reader(start)
 
     def events(self, start: int | None = 0) -> MessageReader:
-        """Return a reader of the events' texts; `Event.parse` reads them."""
+        """Return a reader of the events' texts; `Notice.parse` reads them."""
         return self._events.reader(start)
 
     def command(self, command: Command) -> int:
@@ -197,7 +199,7 @@ class LoopProcess:
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
             for text in self._heard.read():
-                event = Event.parse(text)
+                event = Notice.parse(text)
                 if event.kind == "opened":
                     return info_of(event)
                 if event.kind == "failed":
@@ -209,7 +211,7 @@ class LoopProcess:
 
     def _listen(self) -> None:
         for text in self._heard.read():
-            event = Event.parse(text)
+            event = Notice.parse(text)
             if event.kind == "ended":
                 self._ended = event
             elif event.kind == "failed":
@@ -245,7 +247,7 @@ def _standard_input(process: subprocess.Popen[str]) -> IO[str]:
     return process.stdin
 
 
-def _error(event: Event) -> ServobenchError:
+def _error(event: Notice) -> ServobenchError:
     """The error that kept a run from beginning, as the class that it had."""
     kind = getattr(errors, event.about["error"], DeviceError)
     sentence = event.about["sentence"]

@@ -21,7 +21,7 @@ class LoopSpec:
     `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends
     a run at a fault, or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
     `operator_timeout` [s] ends the run where nobody has shown for as long that they are there; None where nobody needs to.
-    `real_time` asks for real-time scheduling.
+    `real_time` asks for real-time scheduling, on the processor `cpu` where it is given.
     """
 
     experiment: str
@@ -34,6 +34,7 @@ class LoopSpec:
     enabled: bool = True
     operator_timeout: float | None = None
     real_time: bool = True
+    cpu: int | None = None
 
     def to_line(self) -> str:
         """Return the spec as one line."""

@@ -1,0 +1,279 @@
+"""How punctual is the loop, beside the kernel's own test of the machine (`cyclictest`) at the same time on another processor?
+
+    python bench/realtime.py            a look of some seconds, for `make bench`
+    python bench/realtime.py --write    6 pairs of 60 s of each condition; the table goes to docs/benchmarks/realtime.md
+
+The loop is the one of `servobench run`: its own process, the simulated motor beside the wall clock, the paper's experiment at
+1 kHz, real-time scheduling. Its latency is the time from a tick's deadline to the latch of its sample, cyclictest's that from a
+deadline to its wake-up. The two change processors from pair to pair. Real-time scheduling and at least two processors are
+needed, and Debian's rt-tests and stress-ng.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+from figures import Figure, shown
+
+PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks" / "realtime.md"
+SAMPLE_TIME = 0.001
+QUANTILES = (0.5, 0.99, 0.999, 1.0)
+NAMES = ("p50", "p99", "p99.9", "largest")
+LONGEST = 100_000  # us that cyclictest's histogram holds
+PAIRS, SECONDS = 6, 60
+QUICK_PAIRS, QUICK_SECONDS = 2, 5
+
+
+@dataclass(frozen=True)
+class Condition:
+    """What goes on beside the loop: load on both processors, real-time scheduling or not, somebody who reads the rows."""
+
+    name: str
+    load: bool = False
+    real_time: bool = True
+    reader: bool = False
+
+
+CONDITIONS = (
+    Condition("idle"),
+    Condition("stress-ng on all processors", load=True),
+    Condition("idle, plain scheduler", real_time=False),
+    Condition("stress-ng, plain scheduler", load=True, real_time=False),
+)
+
+
+@dataclass(frozen=True)
+class Latency:
+    """Quantiles of a latency [us], and how many ticks were missed, of how many."""
+
+    quantiles: tuple[float, ...]
+    missed: int
+    ticks: int
+
+
+def measured(seconds: float, cpu: int, condition: Condition) -> Latency:
+    """Run the loop for some seconds and return its latency."""
+    from servobench.experiment import DeviceChoice, Experiment
+    from servobench.loop.process import LoopProcess
+
+    twin = DeviceChoice(name="twin", settings={"timing": "host"})
+    asked = Experiment(duration=seconds, sample_time=SAMPLE_TIME, device=twin)
+    with LoopProcess(asked, real_time=condition.real_time, cpu=cpu) as loop:
+        names = [series.channel.name for series in loop.recording.series]
+        reader, found = loop.rows(0), []
+        with reading(loop.ring.name) if condition.reader else nothing():
+            while loop.ended is None:
+                time.sleep(0.2)
+                found.append(reader.read(1 << 20))
+        found.append(reader.read(1 << 20))
+    rows = np.concatenate(found)
+    lateness = 1e6 * (rows[:, 0] - rows[:, 1 + names.index("scheduled")])
+    missed = int(np.max(rows[:, 1 + names.index("scheduled")]) / SAMPLE_TIME + 1.5) - len(rows)
+    if reader.missed:
+        raise RuntimeError(f"the bench itself missed {reader.missed} rows")
+    return Latency(tuple(np.quantile(lateness, QUANTILES)), missed, missed + len(rows))
+
+
+class Cyclictest:
+    """`cyclictest` on one processor for some seconds."""
+
+    def __init__(self, seconds: float, cpu: int, real_time: bool) -> None:
+        policy = ["--priority=80", "--policy=fifo"] if real_time else ["--policy=other"]
+        self._process = subprocess.Popen(
+            [
+                "cyclictest", "--mlockall", "--quiet", "--threads=1", f"--affinity={cpu}", "--interval=1000",
+                f"--duration={seconds:g}", f"--histogram={LONGEST}", *policy,
+            ],
+            stdout=subprocess.PIPE,
+            text=True,
+        )  # fmt: skip
+
+    def latency(self) -> Latency:
+        """Wait for its end and return its latency."""
+        text, _ = self._process.communicate()
+        counts = np.array([[int(a), int(b)] for a, b in re.findall(r"^(\d{6}) (\d+)", text, re.MULTILINE)])
+        worst = int(re.search(r"# Max Latencies: (\d+)", text)[1])  # type: ignore[index]
+        beyond = int(re.search(r"# Histogram Overflows: (\d+)", text)[1])  # type: ignore[index]
+        us = np.append(counts[:, 0], worst)
+        share = np.cumsum(np.append(counts[:, 1], beyond))
+        quantiles = [float(us[np.searchsorted(share, q * share[-1])]) for q in QUANTILES[:-1]]
+        over = int(share[-1] - share[int(1e6 * SAMPLE_TIME)])
+        return Latency((*quantiles, float(worst)), over, int(share[-1]))
+
+
+@contextmanager
+def stressed(load: bool) -> Iterator[None]:
+    """Keep all processors busy with `stress-ng` meanwhile."""
+    process = subprocess.Popen(["stress-ng", "--cpu", str(os.cpu_count()), "--quiet"]) if load else None
+    try:
+        time.sleep(1.0 if load else 0.0)
+        yield
+    finally:
+        if process is not None:
+            process.terminate()
+            process.wait()
+
+
+@contextmanager
+def nothing() -> Iterator[None]:
+    """Do nothing meanwhile."""
+    yield
+
+
+READER = """
+import json, sys
+from servobench.loop.ring import RowRing
+with RowRing.attach(sys.argv[1]) as ring:
+    reader = ring.reader(0)
+    while True:
+        json.dumps(reader.read().tolist())
+"""
+
+
+@contextmanager
+def reading(ring: str) -> Iterator[None]:
+    """Let a process read the rows and turn them into text, without a pause."""
+    process = subprocess.Popen([sys.executable, "-c", READER, ring])
+    try:
+        yield
+    finally:
+        process.kill()
+        process.wait()
+
+
+def pair(number: int, seconds: float, condition: Condition) -> tuple[Latency, Latency]:
+    """The latencies of the loop and of cyclictest at the same time, each on its processor."""
+    cpus = sorted(os.sched_getaffinity(0))[:2]
+    ours, theirs = cpus if number % 2 else cpus[::-1]
+    with stressed(condition.load):
+        # It starts before the loop is up, and ends after it.
+        limit = Cyclictest(seconds + 4, theirs, condition.real_time)
+        loop = measured(seconds, ours, condition)
+        return loop, limit.latency()
+
+
+def with_and_without_reader(number: int, seconds: float) -> tuple[Latency, Latency]:
+    """The latencies of the loop with a busy reader and without, one after the other, in turns."""
+    cpu = sorted(os.sched_getaffinity(0))[number % 2]
+    busy, alone = Condition("busy reader", reader=True), Condition("alone")
+    if number // 2 % 2:
+        without = measured(seconds, cpu, alone)
+        return measured(seconds, cpu, busy), without
+    return measured(seconds, cpu, busy), measured(seconds, cpu, alone)
+
+
+def median_ratio(pairs: list[tuple[Latency, Latency]], quantile: int) -> float:
+    """The median of the paired ratios of one quantile."""
+    return float(np.median([a.quantiles[quantile] / b.quantiles[quantile] for a, b in pairs]))
+
+
+def missing() -> str:
+    """What keeps this machine from the comparison; empty where nothing does."""
+    tools = [name for name in ("cyclictest", "stress-ng") if shutil.which(name) is None]
+    if tools:
+        return f"{' and '.join(tools)} not installed"
+    return "" if len(os.sched_getaffinity(0)) > 1 else "only one processor"
+
+
+def main() -> list[Figure]:
+    """A look at idle and stressed, real-time scheduling, and at a busy reader."""
+    if lacking := missing():
+        print(f"realtime: {lacking}: nothing was measured", file=sys.stderr)
+        return []
+    figures = []
+    for condition in CONDITIONS[:2]:
+        pairs = [pair(k, QUICK_SECONDS, condition) for k in range(QUICK_PAIRS)]
+        figures += limits(condition, pairs)
+    readers = [with_and_without_reader(k, QUICK_SECONDS) for k in range(QUICK_PAIRS)]
+    return [*figures, reader_limit(readers)]
+
+
+def limits(condition: Condition, pairs: list[tuple[Latency, Latency]]) -> list[Figure]:
+    """The figures that have a limit: median and 99 % of the latency over cyclictest's."""
+    what = f"loop / cyclictest at 1 kHz, {condition.name}"
+    return [
+        Figure(what=f"{what}: p50", value=median_ratio(pairs, 0), unit="times", at_most=0.1),
+        Figure(what=f"{what}: p99", value=median_ratio(pairs, 1), unit="times", at_most=1.2),
+    ]
+
+
+def reader_limit(readers: list[tuple[Latency, Latency]]) -> Figure:
+    """The figure of a busy reader."""
+    return Figure(
+        what="p99 of the loop with a busy reader / without",
+        value=median_ratio(readers, 1),
+        unit="times",
+        at_most=1.5,
+    )
+
+
+def table(condition: Condition, pairs: list[tuple[Latency, Latency]], names: tuple[str, str]) -> list[str]:
+    """The lines of one condition: the median of each quantile over the pairs, and of the paired ratios."""
+    lines = [f"| {condition.name} | | {' | '.join(NAMES)} | missed |"]
+    for place, name in enumerate(names):
+        values = np.median([each[place].quantiles for each in pairs], axis=0)
+        missed = sum(each[place].missed for each in pairs)
+        ticks = sum(each[place].ticks for each in pairs)
+        shown_values = " | ".join(f"{value:.3g}" for value in values)
+        lines.append(f"| | {name} | {shown_values} | {missed} of {ticks} |")
+    ratios = " | ".join(f"{median_ratio(pairs, k):.2g}" for k in range(len(NAMES)))
+    return [*lines, f"| | median of the paired ratios | {ratios} | |"]
+
+
+def write(pairs: int, seconds: float) -> list[Figure]:
+    """Measure all conditions, write the page, and return the figures with a limit."""
+    figures: list[Figure] = []
+    lines: list[str] = []
+    for condition in CONDITIONS:
+        found = [pair(k, seconds, condition) for k in range(pairs)]
+        lines += table(condition, found, ("loop", "cyclictest"))
+        if condition.real_time:
+            figures += limits(condition, found)
+        print(json.dumps({condition.name: [[a.quantiles, b.quantiles] for a, b in found]}), file=sys.stderr)
+    readers = [with_and_without_reader(k, seconds) for k in range(pairs)]
+    lines += table(
+        Condition("idle, a process that reads all rows without a pause"), readers, ("with it", "without")
+    )
+    figures.append(reader_limit(readers))
+    PAGE.write_text(page(pairs, seconds, lines), encoding="utf-8")
+    return figures
+
+
+def page(pairs: int, seconds: float, lines: list[str]) -> str:
+    """The page of the table."""
+    release = Path("/proc/sys/kernel/osrelease").read_text(encoding="ascii").strip()
+    head = "| condition | latency [µs] | | | | | |\n|---|---|---|---|---|---|---|"
+    return f"""# Punctuality of the loop
+
+Made by `python bench/realtime.py --write`: {pairs} pairs of {seconds:g} s of each condition, the loop and `cyclictest` at the
+same time on two processors, which they change from pair to pair; Linux {release}, {os.cpu_count()} processors. Latency of the
+loop: from the deadline of a tick to the latch of its sample; of cyclictest: from its deadline to its wake-up. Medians over the
+pairs. The largest values describe the machine (a host that pauses a virtual processor, for instance), not either program. A tick
+of cyclictest counts as missed where it woke up more than a period late.
+
+{head}
+{chr(10).join(lines)}
+"""
+
+
+if __name__ == "__main__":
+    parser = argparse.ArgumentParser()
+    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--pairs", type=int, default=PAIRS)
+    parser.add_argument("--seconds", type=float, default=SECONDS)
+    arguments = parser.parse_args()
+    sys.exit(shown(write(arguments.pairs, arguments.seconds) if arguments.write else main()))
