@@ -79,7 +79,7 @@ class _Loop:
         self._rows = rows
         self._commands = commands
         self._events = events
-        self._gone = threading.Notice()
+        self._gone = threading.Event()
 
     def tell(self, kind: str, **about: object) -> None:
         """Tell everybody who listens."""

@@ -1,0 +1,229 @@
+"""The loop in its own process: what it hands on, what it is told, and that it ends with the motor at rest whatever happens."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servobench.control.pid import Pid
+from servobench.errors import DeviceError, UsageError
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.live import run_live
+from servobench.loop.messages import Command, Notice, Order
+from servobench.loop.process import LoopProcess
+from servobench.loop.spec import LoopSpec
+from servobench.recording.reader import read
+from servobench.recording.recording import Recording
+from servobench.signals.constant import Constant
+from servobench.signals.square import Square
+
+TWIN = DeviceChoice(name="twin", settings={"timing": "host"})
+
+
+def asked(duration: float | None = 0.5, **changes: object) -> Experiment:
+    return Experiment(**{"duration": duration, "sample_time": 0.002, "device": TWIN, **changes})
+
+
+def heard(loop: LoopProcess) -> list[Notice]:
+    return [Notice.parse(text) for text in loop.events().read()]
+
+
+@pytest.fixture(scope="module")
+def commanded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Recording, list[Notice]]]:
+    """A run that is told five things while it goes on, one of them nonsense."""
+    path = tmp_path_factory.mktemp("run") / "a.mcap"
+    with LoopProcess(asked(None), record=path) as loop:
+        loop.command(Command(signal=Constant(value=2.0)))
+        loop.command(Command(controller=Pid(kp=0.5, output="position")))
+        loop.command(Command(enabled=False))
+        loop._commands.push("no command")
+        loop.command(Command(enabled=True, signal=Square(low=1, high=2, frequency=1)))
+        while len(heard(loop)) < 6 and loop.ended is None:
+            time.sleep(0.01)
+        loop.stop("enough", as_asked=True)
+        recording = loop.wait()
+        yield recording, heard(loop)
+
+
+def test_every_tick_is_recorded_or_counted_as_missed(tmp_path: Path) -> None:
+    recording = run_live(asked(), to=tmp_path / "a.mcap")
+
+    ticks = np.round(recording["scheduled"].values / 0.002).astype(int)
+    said = " ".join(finding.sentence for finding in recording.findings)
+    missed = 250 - len(ticks)
+    assert (f"{missed} of 250 samples were missed" in said) == (missed > 0)
+    assert np.all(np.diff(ticks) >= 1)
+    t = recording["counts"].t
+    assert t is not None
+    assert np.all(np.diff(t) > 0)
+    assert np.all(t - recording["scheduled"].values >= 0)
+    assert recording.stopped.reason == "finished"
+    assert recording.stopped.sentence == "ran for 0.5 s, as asked"
+    assert (recording,) == read(tmp_path / "a.mcap")
+    assert [event.kind for event in recording.events] == ["opened", "ended"]
+
+
+def test_each_command_is_acknowledged_with_the_tick_at_which_it_took_effect(
+    commanded: tuple[Recording, list[Notice]],
+) -> None:
+    recording, notices = commanded
+    answers = [notice for notice in notices if notice.kind == "command"]
+    accepted = [answer for answer in answers if answer.about["accepted"]]
+
+    assert [answer.about["number"] for answer in accepted] == [1, 2, 3, 4, 5]
+    ticks = np.round(recording["scheduled"].values / 0.002).astype(int)
+    number = recording["command"].values
+    for answer in accepted[:-1]:
+        first = int(np.argmax(number >= answer.about["number"]))
+        assert ticks[first] == answer.tick
+    assert np.all(np.diff(number) >= 0)
+    refused = [answer for answer in answers if not answer.about["accepted"]]
+    assert [(r.about["number"], r.about["what"]) for r in refused] == [(None, "no command")]
+
+
+def test_what_a_command_changes_shows_from_its_tick_on(commanded: tuple[Recording, list[Notice]]) -> None:
+    recording, _ = commanded
+    number, word = recording["command"].values, recording["commanded"].values
+
+    assert np.all(word[number == 1] == 2.0)
+    assert np.all(word[number == 3] == 0.0)
+    # The position controller takes over from 2 V without a bump, and goes on from 0 V once it's let through again.
+    assert word[np.argmax(number == 2)] == pytest.approx(2.0, abs=1e-9)
+    assert word[np.argmax(number == 4)] == pytest.approx(0.0, abs=1e-9)
+    assert set(recording["reference"].values[number == 4]) <= {1.0, 2.0}
+
+
+def test_the_commands_stand_in_the_recording(commanded: tuple[Recording, list[Notice]]) -> None:
+    recording, notices = commanded
+
+    assert [event.kind for event in recording.events] == [notice.kind for notice in notices]
+    assert [json.loads(event.text) for event in recording.events] == [
+        json.loads(notice.to_text()) for notice in notices
+    ]
+    assert recording.stopped.reason == "finished"
+    assert recording.stopped.sentence == "enough"
+
+
+def test_a_device_that_can_not_be_opened_is_told_as_it_would_be_here(tmp_path: Path) -> None:
+    nowhere = DeviceChoice(name="twin", settings={"timing": "host", "solver_step": "-1 ms"})
+
+    with (
+        pytest.raises(UsageError, match="solver_step is -0.001 s; expected more than 0"),
+        LoopProcess(asked(device=nowhere), record=tmp_path / "a.mcap"),
+    ):
+        pytest.fail("it was entered")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_word_from_who_watches_ends_the_run(tmp_path: Path) -> None:
+    recording = run_live(asked(None), to=tmp_path / "a.mcap", watch=lambda progress: "seen enough")
+
+    assert (recording.stopped.reason, recording.stopped.sentence) == ("interrupted", "seen enough")
+
+
+def test_who_looks_at_the_data_may_end_the_run_as_asked(tmp_path: Path) -> None:
+    def look(so_far: Recording) -> str | None:
+        return "told enough" if len(so_far["counts"].values) > 20 else None
+
+    recording = run_live(asked(None), to=tmp_path / "a.mcap", look=look)
+
+    assert (recording.stopped.reason, recording.stopped.sentence) == ("finished", "told enough")
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_sigterm_to_the_loop_stops_the_motor_and_keeps_the_recording(tmp_path: Path) -> None:
+    with LoopProcess(asked(None), record=tmp_path / "a.mcap") as loop:
+        _await_rows(loop, 20)
+        os.kill(loop.pid, signal.SIGTERM)
+        recording = loop.wait()
+
+    assert recording.stopped.reason == "interrupted"
+    assert len(recording["counts"].values) >= 20
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_loop_that_is_killed_leaves_a_whole_file_that_says_so(tmp_path: Path) -> None:
+    with LoopProcess(asked(None), record=tmp_path / "a.mcap") as loop:
+        _await_rows(loop, 50)
+        os.kill(loop.pid, signal.SIGKILL)
+        recording = loop.wait()
+        written = loop.ring.written
+
+    assert recording.stopped.reason == "error"
+    assert "ended without a word" in recording.stopped.sentence
+    assert len(recording["counts"].values) == written
+
+
+def test_an_operator_who_is_not_there_any_more_ends_the_run(tmp_path: Path) -> None:
+    with LoopProcess(asked(None), record=tmp_path / "a.mcap", operator_timeout=0.5) as loop:
+        recording = loop.wait()
+
+    assert recording.stopped.reason == "interrupted"
+    assert "nobody has shown for 0.5 s" in recording.stopped.sentence
+
+
+PROGRAM = """
+import sys, time
+from servobench.loop.process import LoopProcess
+from tests.loop.test_process import asked
+with LoopProcess(asked(None), record=sys.argv[1]) as loop:
+    print(loop.pid, flush=True)
+    time.sleep(60)
+"""
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
+def test_a_program_that_is_killed_ends_the_run_and_the_file_is_whole(tmp_path: Path) -> None:
+    program = subprocess.Popen(
+        [sys.executable, "-c", PROGRAM, tmp_path / "a.mcap"], stdout=subprocess.PIPE, text=True
+    )
+    assert program.stdout is not None
+    program.stdout.readline()
+    program.kill()
+    program.wait()
+    program.stdout.close()
+
+    deadline = time.monotonic() + 60
+    while not (tmp_path / "a.mcap").exists() and time.monotonic() < deadline:
+        time.sleep(0.05)
+    (recording,) = read(tmp_path / "a.mcap")
+    assert recording.stopped.reason == "interrupted"
+    assert "the program that started the run is gone" in recording.stopped.sentence
+
+
+def test_a_command_that_says_nothing_useful_is_refused_with_the_reason() -> None:
+    for text, reason in [
+        ("{}", "its number is missing"),
+        ('{"number": true}', "expected a whole number"),
+        ('{"number": 1, "voltage": 3}', "voltage"),
+        ('{"number": 1, "signal": {"type": "constant", "value": NaN}}', "NaN is no number"),
+        ('{"number": 1, "signal": {"type": "constant", "value": 1e999}}', "value"),
+        ("[" * 100_000, "no command"),
+    ]:
+        with pytest.raises(UsageError, match=reason):
+            Order.parse(text)
+
+
+def test_a_command_and_a_spec_come_through_as_they_were() -> None:
+    command = Command(signal=Square(low=1, high=2, frequency=3), controller=Pid(kp=2.0, output="speed"))
+    spec = LoopSpec(experiment=asked().to_toml(), rows="a", commands="b", events="c", recorded=True)
+
+    assert Order.parse(command.to_text(7)) == Order(number=7, command=command)
+    assert LoopSpec.from_line(spec.to_line()) == spec
+
+
+def _await_rows(loop: LoopProcess, rows: int) -> None:
+    deadline = time.monotonic() + 60
+    while loop.ring.written < rows:
+        if loop.ended is not None or time.monotonic() > deadline:
+            raise DeviceError(f"the loop wrote {loop.ring.written} rows; {loop.ended}")
+        time.sleep(0.01)
