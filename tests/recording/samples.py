@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from servobench.channels import Channel, DeviceInfo
 from servobench.finding import Finding, Severity, info
-from servobench.recording.recording import Recording, Series, Source, Stopped
+from servobench.recording.recording import Event, Recording, Series, Source, Stopped
 from servobench.recording.writer import Together
 
 
@@ -26,6 +26,7 @@ def opening(name: str = "run") -> Recording:
     nothing = np.empty(0)
     return replace(
         full,
+        events=(),
         series=tuple(
             replace(each, values=nothing, t=None if each.t is None else nothing) for each in full.series
         ),
@@ -52,6 +53,10 @@ def small(name: str = "run", samples: int = 3) -> Recording:
         findings=(info("example", "an example"),),
         stopped=Stopped(reason="finished", sentence="ran for 6 ms, as asked"),
         versions={"servobench": "0"},
+        events=(
+            Event(tick=0, time=0.0, kind="opened", text='{"info": {}}'),
+            Event(tick=1, time=0.002, kind="command", text='{"number": 1}'),
+        ),
     )
 
 
@@ -88,6 +93,15 @@ infos = st.builds(
 )
 
 
+events = st.builds(
+    Event,
+    tick=st.integers(-(2**63), 2**63 - 1),
+    time=st.floats(allow_nan=False),
+    kind=words,
+    text=words,
+)
+
+
 @st.composite
 def recordings(draw: st.DrawFn) -> Recording:
     """Any recording: groups of channels that share times, with NaN, infinities, no times or no samples at all."""
@@ -120,4 +134,5 @@ def recordings(draw: st.DrawFn) -> Recording:
             st.builds(Stopped, reason=st.sampled_from(["finished", "interrupted", "unknown"]), sentence=words)
         ),
         versions=draw(st.dictionaries(words, words, max_size=2)),
+        events=tuple(draw(st.lists(events, max_size=2))),
     )

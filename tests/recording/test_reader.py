@@ -30,11 +30,13 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> tuple[bytes, tuple[Record
         first = small("first", samples=4)
         writer.begin(opening("first"), TOGETHER)
         rows = np.column_stack([first["counts"].t, first["applied"].values, first["counts"].values])
+        writer.event(first.events[0])
         writer.append(0, rows[:2])
+        writer.event(first.events[1])
         writer.append(0, rows[2:])
         writer.append(1, first["notes"].values[:, None])
         writer.end(first.stopped, first.findings)
-        second = replace(opening("second"), findings=())
+        second = replace(opening("second"), findings=(), events=())
         writer.begin(second, TOGETHER)
         writer.end(second.stopped)
     return path.read_bytes(), (first, second)
@@ -56,8 +58,9 @@ def holds_nothing_wrong(path: Path, data: bytes, originals: tuple[Recording, ...
         and last.findings[-1].code == "recording-cut-short"
         and last.findings[:-1] == original.findings
         and all(is_beginning(last, original, each.channel.name) for each in original.series)
-        and replace(last, series=(), findings=(), stopped=original.stopped, input=None, output=None)
-        == replace(original, series=(), findings=(), input=None, output=None)
+        and last.events == original.events[: len(last.events)]
+        and replace(last, series=(), findings=(), stopped=original.stopped, input=None, output=None, events=())
+        == replace(original, series=(), findings=(), input=None, output=None, events=())
     )
 
 

@@ -74,7 +74,13 @@ def test_the_standard_reader_takes_any_file_of_ours(
     assert summary is not None
     assert summary.statistics is not None
     assert summary.statistics.message_count == counted == samples
-    assert metadata == ["servobench.recording/1", "servobench.recording.end/1"] * len(given_ones)
+    kinds = ["servobench.recording/1", "servobench.recording.event/1", "servobench.recording.end/1"]
+    assert metadata == [
+        kind
+        for each in given_ones
+        for kind, times in zip(kinds, (1, len(each.events), 1), strict=True)
+        for _ in range(times)
+    ]
 
 
 def _columns_by_topic(path: Path) -> dict[str, list[list[float]]]:

@@ -1,7 +1,8 @@
 """What a native file says about a recording beside its samples: JSON texts in MCAP metadata records, each with a checksum.
 
 What is known before the first sample stands before it (`Opening`), so that a torn file can still be read; why the
-recording ended stands after the last one (`Ending`).
+recording ended stands after the last one (`Ending`). What happened meanwhile stands between them, before the samples that it
+concerns (`Happening`).
 """
 
 from __future__ import annotations
@@ -18,10 +19,11 @@ from pydantic import TypeAdapter, ValidationError
 from servobench.channels import Channel, DeviceInfo
 from servobench.finding import Finding
 from servobench.recording.mcap import Damaged
-from servobench.recording.recording import Source, Stopped
+from servobench.recording.recording import Event, Source, Stopped
 
 OPENING = "servobench.recording/1"
 ENDING = "servobench.recording.end/1"
+HAPPENING = "servobench.recording.event/1"
 _CHECKSUM = "crc32"
 
 
@@ -75,17 +77,26 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """What is known after the last sample: why the recording ended, all findings, and the rows of each group."""
+    """What is known after the last sample: why the recording ended, all findings, the rows of each group and the events."""
 
     stopped: Stopped
     findings: tuple[Finding, ...]
     rows: tuple[int, ...]
+    events: int = 0
 
 
-T = TypeVar("T", Opening, Ending)
+@dataclass(frozen=True, kw_only=True)
+class Happening:
+    """An event of a recording and its number in it, counted from 0, so that none can be lost unnoticed."""
+
+    number: int
+    event: Event
 
 
-def entries(description: Opening | Ending) -> dict[str, bytes]:
+T = TypeVar("T", Opening, Ending, Happening)
+
+
+def entries(description: Opening | Ending | Happening) -> dict[str, bytes]:
     """Return a description as the entries of a metadata record."""
     texts = {key: _json(value) for key, value in asdict(description).items()}
     return {**texts, _CHECKSUM: _checksum(texts)}
@@ -107,7 +118,7 @@ def described(kind: type[T], entries: Mapping[str, bytes]) -> T:
 
 @cache
 def _adapters() -> Mapping[type, TypeAdapter[Any]]:
-    return {kind: TypeAdapter(kind) for kind in (Opening, Ending)}
+    return {kind: TypeAdapter(kind) for kind in (Opening, Ending, Happening)}
 
 
 def _json(value: object) -> bytes:

@@ -15,9 +15,18 @@ from servobench.channels import Array
 from servobench.errors import FormatError, UsageError
 from servobench.finding import warning
 from servobench.recording import mcap
-from servobench.recording.description import ENDING, OPENING, Ending, Group, Opening, described
+from servobench.recording.description import (
+    ENDING,
+    HAPPENING,
+    OPENING,
+    Ending,
+    Group,
+    Happening,
+    Opening,
+    described,
+)
 from servobench.recording.mcap import Damaged, Op
-from servobench.recording.recording import Recording, Series, Stopped
+from servobench.recording.recording import Event, Recording, Series, Stopped
 
 CUT_SHORT = Stopped(reason="unknown", sentence="the file ends before it says why the recording ended")
 
@@ -54,10 +63,11 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
 
 @dataclass
 class _Unfinished:
-    """A recording while it is read: what it says of itself, and the rows of each group so far."""
+    """A recording while it is read: what it says of itself, and the rows of each group and the events so far."""
 
     opening: Opening
     ending: Ending | None = None
+    events: list[Event] = field(default_factory=list)
     groups: dict[int, Group] = field(init=False)
     blocks: dict[int, list[Array]] = field(init=False)
     rows: dict[int, int] = field(init=False)
@@ -80,10 +90,18 @@ class _Unfinished:
         self.blocks[number].append(rows)
         self.rows[number] += len(rows)
 
+    def happen(self, happening: Happening) -> None:
+        """Take an event, if it is the next one."""
+        if self.ending is not None or happening.number != len(self.events):
+            raise Damaged("an event is missing")
+        self.events.append(happening.event)
+
     def end(self, ending: Ending) -> None:
         """Take what is said at the end, if it fits what came before."""
         if self.ending is not None or ending.rows != tuple(self.rows.values()):
             raise Damaged("samples are missing at the end")
+        if ending.events != len(self.events):
+            raise Damaged("events are missing at the end")
         self.ending = ending
 
     def recording(self) -> Recording:
@@ -104,6 +122,7 @@ class _Unfinished:
             findings=ending.findings if ending else opening.findings,
             stopped=ending.stopped if ending else CUT_SHORT,
             versions=dict(opening.versions),
+            events=tuple(self.events),
         )
 
     def _series(self, group: Group) -> dict[str, Series]:
@@ -148,7 +167,7 @@ def _collect(file: BinaryIO, size: int) -> _Found:
 
 
 def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -> None:
-    """Take a metadata record: one of ours begins a recording or ends it, others are somebody else's and say nothing to us."""
+    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's and say nothing to us."""
     if name == OPENING:
         if recordings and recordings[-1].ending is None:
             raise Damaged("a recording begins before the one before has ended")
@@ -158,10 +177,13 @@ def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -
         except UsageError as error:
             raise Damaged("a description contradicts itself") from error
         recordings.append(unfinished)
-    elif name == ENDING:
+    elif name in (HAPPENING, ENDING):
         if not recordings:
-            raise Damaged("a recording ends that never began")
-        recordings[-1].end(described(Ending, entries))
+            raise Damaged("a recording goes on that never began")
+        if name == HAPPENING:
+            recordings[-1].happen(described(Happening, entries))
+        else:
+            recordings[-1].end(described(Ending, entries))
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, int]]:

@@ -23,6 +23,20 @@ class Stopped:
     sentence: str
 
 
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One thing that happened in a run beside its samples, such as a command that was taken or a fault.
+
+    `tick` is the first tick that it concerns, `time` [s] when it happened, in the run's own count. `kind` is one word, such as
+    `command` or `fault`; `text` says the rest as JSON.
+    """
+
+    tick: int
+    time: float
+    kind: str
+    text: str
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Series:
     """The samples of one channel.
@@ -76,6 +90,9 @@ class Recording:
     A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
     has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
     text, empty where there was none.
+    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s] and `late` (0 or 1), and where the device has
+    them `tachometer` and `current`. `experiment` is the experiment's TOML text, empty where there was none. `events` are in the
+    order in which they happened.
     """
 
     name: str
@@ -91,6 +108,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
     versions: Mapping[str, str] = field(default_factory=dict)
+    events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:
         names = [series.channel.name for series in self.series]

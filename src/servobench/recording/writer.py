@@ -17,9 +17,19 @@ from servobench.channels import Array, Channel
 from servobench.errors import UsageError
 from servobench.finding import Finding
 from servobench.recording import mcap
-from servobench.recording.description import ENDING, OPENING, Ending, Group, Opening, Roles, entries
+from servobench.recording.description import (
+    ENDING,
+    HAPPENING,
+    OPENING,
+    Ending,
+    Group,
+    Happening,
+    Opening,
+    Roles,
+    entries,
+)
 from servobench.recording.mcap_file import McapFile
-from servobench.recording.recording import Recording, Series, Stopped
+from servobench.recording.recording import Event, Recording, Series, Stopped
 
 MOST_ROWS = 4096  # in a chunk
 CHUNK_BYTES = mcap.LARGEST_CHUNK // 16
@@ -46,6 +56,7 @@ class RecordingWriter:
         self._file = McapFile(path, library=f"servobench {__version__}", now=now)
         self._topics: dict[str, int] = {}
         self._opening: Opening | None = None
+        self._events = 0
 
     def __enter__(self) -> Self:
         return self
@@ -60,7 +71,7 @@ class RecordingWriter:
             self.abandon()
 
     def begin(self, opening: Recording, together: Sequence[Together], *, earliest: float = 0.0) -> None:
-        """Begin a recording with all that is known of it: everything but its samples and why it stopped.
+        """Begin a recording with all that is known of it: everything but its samples, its events and why it stopped.
 
         Each channel of `opening` stands in one of `together`, which is what `append` counts. `earliest` is the earliest time to
         come [s], if that is before 0. Raises `UsageError` where a channel has no place, or the recording before has no end.
@@ -101,6 +112,7 @@ class RecordingWriter:
         for group in groups:
             self._file.add_channel(group.topic, _definition(group, channels))
         self._opening = begun
+        self._events = 0
 
     def append(self, group: int, rows: Array) -> None:
         """Write rows (N, C) of one group, the place of it in `together`: the time [s], if it has times, and the values."""
@@ -118,10 +130,17 @@ class RecordingWriter:
                 times = np.arange(first, first + len(block), dtype=np.uint64)
             self._file.add_messages(mcap.messages(target.number, first, times, block))
 
+    def event(self, event: Event) -> None:
+        """Write what happened; before the samples that it concerns, so that a torn file has no sample without it."""
+        self._begun()
+        self._file.add_metadata(HAPPENING, entries(Happening(number=self._events, event=event)))
+        self._events += 1
+
     def end(self, stopped: Stopped, findings: Iterable[Finding] = ()) -> None:
         """End the recording: why it stopped, and all its findings, those that it began with among them."""
         rows = tuple(self._file.count(group.number) for group in self._begun().groups)
-        self._file.add_metadata(ENDING, entries(Ending(stopped=stopped, findings=tuple(findings), rows=rows)))
+        ending = Ending(stopped=stopped, findings=tuple(findings), rows=rows, events=self._events)
+        self._file.add_metadata(ENDING, entries(ending))
         self._opening = None
 
     def close(self) -> None:
@@ -162,6 +181,8 @@ def save(recordings: Sequence[Recording], path: str | os.PathLike[str]) -> None:
                 for group in groups
             ]
             writer.begin(recording, together, earliest=_earliest(recording))
+            for event in recording.events:
+                writer.event(event)
             for place, group in enumerate(groups):
                 times = group[0].t
                 columns = [*([] if times is None else [times]), *(each.values for each in group)]
