@@ -176,7 +176,7 @@ class MessageRing(Ring):
 
     def push(self, text: str) -> None:
         """Publish a text; it never waits, and overwrites the oldest. Raises `UsageError` for one that is too long."""
-        data = text.encode()
+        data = text.encode("utf-8", "surrogatepass")  # a file's name may hold what no text should
         if len(data) > self.size:
             raise UsageError(
                 f"a message of {len(data)} bytes is too long for ring {self.name}, which takes {self.size}: {text[:60]!r}...; "
@@ -206,7 +206,9 @@ class MessageReader:
         number, begin, end = ring._kernels.read_words(ring.memory, self.next, out)
         self.missed += number - self.next
         self.next = number + end - begin
-        return [record[1:].tobytes()[: record[0]].decode() for record in out[begin:end]]
+        return [
+            record[1:].tobytes()[: record[0]].decode("utf-8", "surrogatepass") for record in out[begin:end]
+        ]
 
 
 @cache

@@ -15,7 +15,7 @@ from contextlib import suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
 from threading import Lock
-from typing import TypeAlias
+from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,7 +101,8 @@ def attached(kind: str, name: str) -> Segment:
 
 def integers(segment: Segment) -> Memory:
     """Return all of a segment as integers."""
-    return np.ndarray(segment.size // 8, np.int64, buffer=segment.buf)
+    # Unlike np.ndarray(buffer=...), this array keeps the memory mapped: without it, using the array after the end would crash.
+    return np.frombuffer(cast(memoryview, segment.buf), np.int64, count=segment.size // 8)
 
 
 def _untracked(name: str) -> Segment:
