@@ -59,7 +59,9 @@ def holds_nothing_wrong(path: Path, data: bytes, originals: tuple[Recording, ...
         and last.findings[:-1] == original.findings
         and all(is_beginning(last, original, each.channel.name) for each in original.series)
         and last.events == original.events[: len(last.events)]
-        and replace(last, series=(), findings=(), stopped=original.stopped, input=None, output=None, events=())
+        and replace(
+            last, series=(), findings=(), stopped=original.stopped, input=None, output=None, events=()
+        )
         == replace(original, series=(), findings=(), input=None, output=None, events=())
     )
 

@@ -25,6 +25,7 @@ class McapFile:
     clock `now` [s], the file is put on the disk itself, and so outlives a power cut.
 
     Raises `UsageError` where there is a part already, and `StorageError`, with the part kept, where nothing more can be written.
+    Nothing is closed then: a disk that fails may let closing wait, and somebody may have a motor to stop first. `abandon` closes.
     """
 
     def __init__(
@@ -43,8 +44,13 @@ class McapFile:
         self._chunks = bytearray()  # index records; a list of them would take several times the memory
         self._chunk_count = 0
         self._span: tuple[int, int] | None = None
+        self._failure = ""
         self._file = _new_file(self.part)
-        self._put(mcap.MAGIC + mcap.header(library))
+        try:
+            self._put(mcap.MAGIC + mcap.header(library))
+        except StorageError:
+            self.abandon()
+            raise
 
     @property
     def channels(self) -> int:
@@ -94,7 +100,7 @@ class McapFile:
 
         Does nothing to a file that is closed already.
         """
-        if self._file.closed:
+        if self._file.closed and not self._failure:
             return
         self._put(mcap.data_end(self._crc))
         self._put(self._summary())
@@ -135,6 +141,8 @@ class McapFile:
         return mcap.summary(self._size, records)
 
     def _put(self, data: bytes) -> None:
+        if self._failure:
+            raise StorageError(self._failure)
         if self._file.closed:
             raise UsageError(f"{self.path} is closed: nothing more is written to it")
         try:
@@ -150,11 +158,11 @@ class McapFile:
         self._size += len(data)
 
     def _failed(self, error: OSError) -> StorageError:
-        self.abandon()
-        return StorageError(
+        self._failure = (
             f"{self.path} can't be written any further: {error.strerror or error}; "
             f"what was written before is kept in {self.part} (servobench recover makes a whole file of it)"
         )
+        return StorageError(self._failure)
 
 
 def _part_of(path: Path) -> Path:

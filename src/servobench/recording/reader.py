@@ -167,7 +167,7 @@ def _collect(file: BinaryIO, size: int) -> _Found:
 
 
 def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -> None:
-    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's and say nothing to us."""
+    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's, and no matter."""
     if name == OPENING:
         if recordings and recordings[-1].ending is None:
             raise Damaged("a recording begins before the one before has ended")
