@@ -15,9 +15,9 @@ from hypothesis import strategies as st
 from servobench.compiled import compiled
 from servobench.errors import FormatError, StorageError, UsageError
 from servobench.loop import segment
-from servobench.loop.kernels import push_row, read_rows, set_word
+from servobench.loop.kernels import push_row, push_words, read_rows, read_words, set_word
 from servobench.loop.ring import FAULT, LOOP_STATE, ROWS_KEPT, MessageRing, RowReader, RowRing
-from servobench.loop.segment import MAGIC, SLOTS, VERSION, WIDTH
+from servobench.loop.segment import HEAD, MAGIC, SLOTS, VERSION, WIDTH
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 SLOTS_OF_SMALL = 8
@@ -135,9 +135,33 @@ def test_any_order_of_pushing_and_reading_is_that_of_a_list(
             assert (reader.next, reader.missed, ring.written) == (place, missed, pushed)
 
 
-def test_nothing_is_torn_or_lost_uncounted_while_another_process_writes_as_fast_as_it_can() -> None:
-    rows, columns = 2_000_000, 8
-    # So small a ring is overrun again and again, and often while it is being copied.
+@pytest.mark.parametrize(
+    ("meanwhile", "expected"),
+    [(0, [1, 2, 3, 4, 5, 6, 7]), (1, [2, 3, 4, 5, 6, 7]), (4, [5, 6, 7]), (6, [7]), (7, []), (20, [])],
+)
+def test_what_was_overwritten_while_it_was_copied_is_thrown_away_and_counted(
+    ring: RowRing, meanwhile: int, expected: list[int]
+) -> None:
+    """The copy lies over the head itself, and the last word of the last record moves it on by so many records."""
+    memory = ring.memory
+    for n in range(8):
+        push_words(memory, np.array([n, 8 + meanwhile]))
+    out = memory[HEAD - 13 : HEAD + 1].reshape(7, 2)
+
+    number, begin, end = read_words(memory, 0, out)
+
+    assert memory[HEAD] == 8 + meanwhile
+    assert out[begin:end, 0].tolist() == expected
+    # After 8 + m records the oldest whole one is number m + 1; all up to there are missed, read or not.
+    assert number == 1 + meanwhile
+
+
+# Narrow rows: the writer laps the reader between two reads. Wide ones: it overtakes it within a read, because a copy of 63 of
+# them is a quarter of a megabyte that the reader is the first to touch, which takes longer than to write over it.
+@pytest.mark.parametrize(("columns", "rows"), [(8, 2_000_000), (512, 500_000)])
+def test_nothing_is_torn_or_lost_uncounted_while_another_process_writes_as_fast_as_it_can(
+    columns: int, rows: int
+) -> None:
     with RowRing.create(columns, 64) as ring:
         command = [sys.executable, "-m", "tests.loop.writing", ring.name, str(rows)]
         writer = subprocess.Popen(command, cwd=ROOT)
