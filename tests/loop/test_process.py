@@ -117,7 +117,7 @@ def test_a_device_that_can_not_be_opened_is_told_as_it_would_be_here(tmp_path: P
     nowhere = DeviceChoice(name="twin", settings={"timing": "host", "solver_step": "-1 ms"})
 
     with (
-        pytest.raises(UsageError, match="solver_step is -0.001 s; expected more than 0"),
+        pytest.raises(UsageError, match=r"solver_step is -0.001 s; expected more than 0"),
         LoopProcess(asked(device=nowhere), record=tmp_path / "a.mcap"),
     ):
         pytest.fail("it was entered")

@@ -15,8 +15,8 @@ from servobench.channels import Array, DeviceInfo
 from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.finding import Finding, warning
+from servobench.loop.opening import opening
 from servobench.loop.ring import MessageReader, MessageRing, RowReader, RowRing
-from servobench.loop.run import _opening as opening
 from servobench.recording.mcap_file import PART
 from servobench.recording.recording import Event, Recording, Stopped
 from servobench.recording.writer import RecordingWriter, Together
@@ -118,10 +118,11 @@ class Drain:
     def _begin(self, recording: Recording) -> None:
         """Begin the file with what is known; rows are of that many columns, or there is a mistake that no run should hide."""
         names = tuple(series.channel.name for series in recording.series)
-        if self._ring.columns != 1 + len(names):
+        self._width = 1 + len(names)
+        if self._ring.columns < self._width:
             raise UsageError(
                 f"a row in the ring {self._ring.name} is {self._ring.columns} numbers; expected the time and one each for "
-                f"{', '.join(names)}"
+                f"{', '.join(names)} at least"
             )
         self._writer.begin(recording, [Together(channels=names)])
         self._scheduled = 1 + names.index("scheduled") if "scheduled" in names else None
@@ -142,7 +143,8 @@ class Drain:
         for text in texts:
             said = json.loads(text)
             if said["kind"] == "opened" and not self.begun:
-                self._begin(opening(self._experiment, _adapter(DeviceInfo).validate_python(said["info"])))
+                info = _adapter(DeviceInfo).validate_python(said["info"])
+                self._begin(opening(self._experiment, info, commanded_live=True))
             if said["kind"] == "ended":
                 self._take_rows(self._ring.written)  # the last word comes after the last row
                 self.ended = ending(said)
@@ -158,7 +160,7 @@ class Drain:
             if lost:
                 self._told_missed(ROWS_MISSED, before, lost)
             if len(rows):
-                self.append(rows)
+                self.append(rows[:, : self._width])
             if self._rows.next == before:
                 break
 

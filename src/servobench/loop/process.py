@@ -16,11 +16,19 @@ import servobench.errors as errors
 from servobench.channels import DeviceInfo
 from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageError, UsageError
 from servobench.experiment import Experiment
+from servobench.loop.completion import complete
 from servobench.loop.messages import Command, Notice, info_of, stopped_of
 from servobench.loop.opening import opening
-from servobench.loop.recording_process import RecorderProcess, complete
-from servobench.loop.ring import OPERATOR_HEARTBEAT, MessageReader, MessageRing, RowReader, RowRing
-from servobench.loop.spec import COLUMNS, LoopSpec, WhenFaulted
+from servobench.loop.recording_process import RecorderProcess, RecorderSpec
+from servobench.loop.ring import (
+    OPERATOR_HEARTBEAT,
+    RECORDER_STATE,
+    MessageReader,
+    MessageRing,
+    RowReader,
+    RowRing,
+)
+from servobench.loop.spec import COLUMNS, FAILED, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
@@ -74,10 +82,10 @@ class LoopProcess:
             self._commands = stack.enter_context(MessageRing.create(COMMAND_SLOTS))
             self._events = stack.enter_context(MessageRing.create())
             self._heard = self._events.reader(0)
-            self._recorder = self._started_recorder(stack)
             self.here()
             self._process = self._started_loop()
-            stack.callback(self._end)
+            self._recording = self._started_recorder(stack)
+            stack.callback(self._end)  # before the recorder's own end, which waits for this
             self.info = self._opened()
             self.recording = opening(self.experiment, self.info, commanded_live=True)
             self._stack = stack.pop_all()
@@ -144,36 +152,40 @@ class LoopProcess:
             if meanwhile is not None:
                 meanwhile()
             self._process_waits()
-        if self._path is None or self._recorder is None:
+        if self._recording is None:
             raise UsageError("this run wasn't recorded: give `record`")
-        recording = self._recorded(self._recorder, self._path)
+        recording = self._recorded(*self._recording)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
 
-    def _recorded(self, recorder: RecorderProcess, path: Path) -> Recording:
+    def _recorded(self, recorder: RecorderProcess, spec: RecorderSpec) -> Recording:
+        """The recording in the file, once that is whole; what a recorder that died hadn't written is still in the rings."""
         from servobench.recording.reader import read
 
-        recorder.wait()
-        if recorder.failed:
-            raise StorageError(recorder.failed)
-        if recorder.died:
-            complete(self.ring, self._events, self.experiment, path)
-        (recording,) = read(path)
+        went = recorder.wait()
+        if went.error and self.ring.get(RECORDER_STATE) != FAILED:
+            went = complete(spec, self.ring, self._events)
+        if went.error or went.path is None:
+            raise StorageError(went.error or f"{spec.path}: nothing was recorded")
+        (recording,) = read(went.path)
         return recording
 
     def _process_waits(self) -> None:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(LOOK_INTERVAL)
 
-    def _started_recorder(self, stack: ExitStack) -> RecorderProcess | None:
+    def _started_recorder(self, stack: ExitStack) -> tuple[RecorderProcess, RecorderSpec] | None:
         if self._path is None:
             return None
-        return stack.enter_context(
-            RecorderProcess(
-                rows=self.ring.name, events=self._events.name, path=self._path, experiment=self.experiment
-            )
+        spec = RecorderSpec(
+            rows=self.ring.name,
+            events=self._events.name,
+            path=os.fspath(self._path),
+            experiment=self.experiment.to_toml(),
+            loop=self._process.pid,
         )
+        return stack.enter_context(RecorderProcess(spec)), spec
 
     def _started_loop(self) -> subprocess.Popen[str]:
         spec = LoopSpec(

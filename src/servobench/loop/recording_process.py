@@ -34,11 +34,8 @@ from servobench.loop.ring import (
     MessageRing,
     RowRing,
 )
+from servobench.loop.spec import DONE, ENDED, FAILED, RECORDING
 from servobench.recording.recording import Stopped
-
-RECORDING, FAILED, DONE = 1, 2, 3
-"""The recorder's states; 0 is none yet."""
-LOOP_ENDED = 2
 
 INTERVAL = 0.03  # s between two looks at the rings; what is written on top of it stays below 50 ms
 LAST_WORDS = 40  # looks for which the loop's last word is waited for, once somebody wants an end
@@ -129,7 +126,7 @@ def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopp
     looks = patience
     while looks and drain.ended is None:
         # Looked at before the rings: who has ended by now has pushed its last word before.
-        gone, over = signs.loop_gone(), rows.get(LOOP_STATE) == LOOP_ENDED
+        gone, over = signs.loop_gone(), rows.get(LOOP_STATE) == ENDED
         before = drain.taken
         drain.take()
         _publish(drain, rows)
@@ -154,7 +151,7 @@ def _publish(drain: Drain, rows: RowRing) -> None:
 def _wait_for_rest(rows: RowRing, signs: Signs) -> None:
     """Wait until the loop has stopped its motor, or won't: to close a file on a disk that fails may take any time."""
     for _ in range(STOPPING):
-        if rows.get(LOOP_STATE) == LOOP_ENDED or signs.loop_gone():
+        if rows.get(LOOP_STATE) == ENDED or signs.loop_gone():
             return
         signs.wait()
 
