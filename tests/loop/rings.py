@@ -11,9 +11,10 @@ from typing import Any, Self
 
 import numpy as np
 
-from servobench.loop.drain import opening
-from servobench.loop.recording_process import FAILED, LOOP_ENDED, RecorderSpec
+from servobench.loop.opening import opening
+from servobench.loop.recording_process import RecorderSpec
 from servobench.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
+from servobench.loop.spec import ENDED, FAILED
 from servobench.recording.recording import Recording
 from tests.loop.shaft import Shaft, experiment
 
@@ -36,7 +37,10 @@ class RingLoop:
         self.device = Shaft()
         self.experiment = experiment()
         self.device.start(self.experiment.sample_time, None)
-        self.names = [series.channel.name for series in opening(self.experiment, self.device.info).series]
+        self.names = [
+            series.channel.name
+            for series in opening(self.experiment, self.device.info, commanded_live=True).series
+        ]
         self.rows = RowRing.create(1 + len(self.names), slots)
         self.events = MessageRing.create(event_slots, 1024)
         self.spec = RecorderSpec(
@@ -60,7 +64,7 @@ class RingLoop:
 
     def tick(self) -> None:
         """Let one tick pass, if the run hasn't ended."""
-        if self.rows.get(LOOP_STATE) == LOOP_ENDED or self.stands:
+        if self.rows.get(LOOP_STATE) == ENDED or self.stands:
             return
         k = self.rows.written
         if self.rows.get(RECORDER_STATE) == FAILED:
@@ -87,7 +91,7 @@ class RingLoop:
         self.device.write(0.0)
         self.device.stop()
         self.say("ended", reason=reason, sentence=sentence, findings=[])
-        self.rows.set(LOOP_STATE, LOOP_ENDED)
+        self.rows.set(LOOP_STATE, ENDED)
 
     def say(self, kind: str, **more: Any) -> None:
         self.events.push(json.dumps({"kind": kind, **more}))

@@ -10,16 +10,9 @@ import pytest
 
 from servobench.errors import UsageError
 from servobench.loop.drain import EVENTS_MISSED, ROWS_MISSED
-from servobench.loop.recording_process import (
-    DONE,
-    FAILED,
-    LAST_WORDS,
-    RECORDING,
-    Recorded,
-    RecorderProcess,
-    record,
-)
+from servobench.loop.recording_process import LAST_WORDS, Recorded, RecorderProcess, record
 from servobench.loop.ring import LOOP_STATE, RECORDER_HEARTBEAT, RECORDER_STATE, ROWS_KEPT
+from servobench.loop.spec import DONE, FAILED, RECORDING
 from servobench.recording.reader import read
 from tests.loop.rings import RingLoop, ticks_of
 
