@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from servobench.compiled import compiled
 from servobench.errors import FormatError, StorageError, UsageError
 from servobench.loop import segment
-from servobench.loop.kernels import push_row, push_words, read_rows, read_words, set_word
+from servobench.loop.kernels import push_row, read_rows, set_word
 from servobench.loop.ring import FAULT, LOOP_STATE, ROWS_KEPT, MessageRing, RowReader, RowRing
 from servobench.loop.segment import HEAD, MAGIC, SLOTS, VERSION, WIDTH
 
@@ -145,10 +145,10 @@ def test_what_was_overwritten_while_it_was_copied_is_thrown_away_and_counted(
     """The copy lies over the head itself, and the last word of the last record moves it on by so many records."""
     memory = ring.memory
     for n in range(8):
-        push_words(memory, np.array([n, 8 + meanwhile]))
+        push_row(memory, np.array([n, 8 + meanwhile]))
     out = memory[HEAD - 13 : HEAD + 1].reshape(7, 2)
 
-    number, begin, end = read_words(memory, 0, out)
+    number, begin, end = read_rows(memory, 0, out)
 
     assert memory[HEAD] == 8 + meanwhile
     assert out[begin:end, 0].tolist() == expected

@@ -22,7 +22,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import Any, cast
 
-import numpy as np
 from numba import types
 from numba.extending import intrinsic
 
@@ -85,6 +84,26 @@ def fence_acquire(_typing: Any) -> Lowering:
     return types.void(), lowered
 
 
+@instruction
+def to_bits(_typing: Any, value: Any) -> Lowering:
+    """Return the 64 bits of a number as an integer. (A view of its whole array would cost five times as much as the rest.)"""
+
+    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
+
+    return types.int64(value), lowered
+
+
+@instruction
+def from_bits(_typing: Any, bits: Any, like: Any) -> Lowering:
+    """Return 64 bits as a number of the type of another one."""
+
+    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+        return builder.bitcast(arguments[0], context.get_value_type(signature.return_type))
+
+    return like(types.int64, like), lowered
+
+
 @compiled
 def written(memory: Memory) -> int:
     """Return how many records were published so far."""
@@ -106,49 +125,37 @@ def set_word(memory: Memory, word: int, value: int) -> None:
 
 
 @compiled
-def push_words(memory: Memory, record: Memory) -> None:
-    """Publish a record (width,) of 64-bit integers; only one thread of one process may."""
+def push_row(memory: Memory, row: Array | Memory) -> None:
+    """Publish a row (width,) of 64-bit numbers or integers; only one thread of one process may."""
     width = memory[WIDTH]
-    if len(record) != width:
-        raise ValueError("the record is not as wide as the ring's slots")
+    if len(row) != width:
+        raise ValueError("the row is not as wide as the ring's slots")
     head = memory[HEAD]
     slot = HEADER + (head & (memory[SLOTS] - 1)) * width
     fence_release()
     for k in range(width):
-        memory[slot + k] = record[k]
+        memory[slot + k] = to_bits(row[k])
     store_release(memory, HEAD, head + 1)
 
 
 @compiled
-def push_row(memory: Memory, row: Array) -> None:
-    """Publish a row (columns,) of numbers; only one thread of one process may."""
-    push_words(memory, row.view(np.int64))
+def read_rows(memory: Memory, first: int, out: Array | Memory) -> tuple[int, int, int]:
+    """Copy rows from number `first` on, or from the oldest that is left, into `out` (N, width); return (number, from, to).
 
-
-@compiled
-def read_words(memory: Memory, first: int, out: Memory) -> tuple[int, int, int]:
-    """Copy records from number `first` on, or from the oldest that is left, into `out` (N, width); return (number, from, to).
-
-    out[from:to] is whole, and its first record is that `number`; those from `first` until there are lost. So the reader goes on
+    out[from:to] is whole, and its first row is that `number`; those from `first` until there are lost. So the reader goes on
     at number + to - from, and has missed number - first more. Where from = to there was nothing to read, or what was copied was
     overwritten meanwhile.
     """
     slots, width = memory[SLOTS], memory[WIDTH]
     if out.shape[1] != width:
-        raise ValueError("the records are not as wide as the ring's slots")
+        raise ValueError("the rows are not as wide as the ring's slots")
     head = load_acquire(memory, HEAD)
     start = max(first, head - slots + 1)
     count = max(0, min(head - start, len(out)))
     for n in range(count):
         slot = HEADER + ((start + n) & (slots - 1)) * width
         for k in range(width):
-            out[n, k] = memory[slot + k]
+            out[n, k] = from_bits(memory[slot + k], out[n, k])
     fence_acquire()
     number = max(start, load_acquire(memory, HEAD) - slots + 1)
     return number, min(number - start, count), count
-
-
-@compiled
-def read_rows(memory: Memory, first: int, out: Array) -> tuple[int, int, int]:
-    """Copy rows from number `first` on into `out` (N, columns); what it returns is said at `read_words`."""
-    return read_words(memory, first, out.view(np.int64))

@@ -184,7 +184,7 @@ class MessageRing(Ring):
             )
         self._record[0] = len(data)
         self._text[: len(data)] = data
-        self._kernels.push_words(self.memory, self._record)
+        self._kernels.push_row(self.memory, self._record)
 
     def reader(self, start: int | None = None) -> MessageReader:
         """Return a reader whose first text is number `start`, or the oldest that is still there."""
@@ -203,7 +203,7 @@ class MessageReader:
         """Return up to `most` of the texts that there are, as they were pushed; where it was overtaken `missed` has risen."""
         ring = self._ring
         out = np.empty((_room(ring, self.next, most), ring.width), np.int64)
-        number, begin, end = ring._kernels.read_words(ring.memory, self.next, out)
+        number, begin, end = ring._kernels.read_rows(ring.memory, self.next, out)
         self.missed += number - self.next
         self.next = number + end - begin
         return [
@@ -216,12 +216,11 @@ def _kernels() -> ModuleType:
     """Return the kernels, each called once: a loop doesn't wait for the compiler at its first tick."""
     from servobench.loop import kernels
 
-    memory, record = np.zeros(HEADER + 2, np.int64), np.zeros(1, np.int64)
+    memory = np.zeros(HEADER + 2, np.int64)
     memory[SLOTS], memory[WIDTH] = 2, 1
-    kernels.push_words(memory, record)
-    kernels.push_row(memory, np.zeros(1))
-    kernels.read_words(memory, 0, np.zeros((1, 1), np.int64))
-    kernels.read_rows(memory, 0, np.zeros((1, 1)))
+    for kind in (np.float64, np.int64):
+        kernels.push_row(memory, np.zeros(1, kind))
+        kernels.read_rows(memory, 0, np.zeros((1, 1), kind))
     kernels.set_word(memory, 0, kernels.get_word(memory, 0) + kernels.written(memory))
     return kernels
 
