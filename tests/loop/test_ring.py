@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from numba.core.errors import TypingError
 
 from servobench.compiled import compiled
 from servobench.errors import FormatError, StorageError, UsageError
@@ -212,6 +213,12 @@ def test_compiled_code_can_t_push_a_row_of_another_width(ring: RowRing) -> None:
     with pytest.raises(ValueError, match="not as wide"):
         read_rows(ring.memory, 0, np.zeros((4, 3)))
     assert ring.written == 0
+
+
+def test_compiled_code_can_t_push_what_isn_t_64_bits_wide_and_in_one_piece(ring: RowRing) -> None:
+    for row in (np.zeros(2, np.float32), np.zeros(4)[::2]):
+        with pytest.raises(TypingError, match="rows of float64 or int64 that lie in one piece"):
+            push_row(ring.memory, row)
 
 
 def test_rows_keep_every_bit(ring: RowRing) -> None:

@@ -23,6 +23,7 @@ from collections.abc import Callable
 from typing import Any, cast
 
 from numba import types
+from numba.core.errors import TypingError
 from numba.extending import intrinsic
 
 from servobench.channels import Array
@@ -85,23 +86,27 @@ def fence_acquire(_typing: Any) -> Lowering:
 
 
 @instruction
-def to_bits(_typing: Any, value: Any) -> Lowering:
-    """Return the 64 bits of a number as an integer. (A view of its whole array would cost five times as much as the rest.)"""
+def copy_word(_typing: Any, target: Any, i: Any, source: Any, j: Any) -> Lowering:
+    """Set number i of one array to the bits of number j of another, both counted as they lie in memory, in one piece.
+
+    Another process may be at the same place at the same time: that is defined for atomic accesses only. Their order is
+    left to the fences.
+    """
+    for array in (target, source):
+        if array.layout != "C" or array.dtype not in (types.float64, types.int64):
+            raise TypingError(f"a ring takes rows of float64 or int64 that lie in one piece, not {array}")
 
     def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], context.get_value_type(types.int64))
+        bits = context.get_value_type(types.int64)
+        places = []
+        for kind, array, index in zip(signature.args[::2], arguments[::2], arguments[1::2], strict=True):
+            data = context.make_array(kind)(context, builder, array).data
+            places.append(builder.gep(builder.bitcast(data, bits.as_pointer()), [index]))
+        word = builder.load_atomic(places[1], ordering="monotonic", align=8)
+        builder.store_atomic(word, places[0], ordering="monotonic", align=8)
+        return context.get_dummy_value()
 
-    return types.int64(value), lowered
-
-
-@instruction
-def from_bits(_typing: Any, bits: Any, like: Any) -> Lowering:
-    """Return 64 bits as a number of the type of another one."""
-
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
-        return builder.bitcast(arguments[0], context.get_value_type(signature.return_type))
-
-    return like(types.int64, like), lowered
+    return types.void(target, types.int64, source, types.int64), lowered
 
 
 @compiled
@@ -134,7 +139,7 @@ def push_row(memory: Memory, row: Array | Memory) -> None:
     slot = HEADER + (head & (memory[SLOTS] - 1)) * width
     fence_release()
     for k in range(width):
-        memory[slot + k] = to_bits(row[k])
+        copy_word(memory, slot + k, row, k)
     store_release(memory, HEAD, head + 1)
 
 
@@ -155,7 +160,7 @@ def read_rows(memory: Memory, first: int, out: Array | Memory) -> tuple[int, int
     for n in range(count):
         slot = HEADER + ((start + n) & (slots - 1)) * width
         for k in range(width):
-            out[n, k] = from_bits(memory[slot + k], out[n, k])
+            copy_word(out, n * width + k, memory, slot + k)
     fence_acquire()
     number = max(start, load_acquire(memory, HEAD) - slots + 1)
     return number, min(number - start, count), count

@@ -99,7 +99,7 @@ class RowRing(Ring):
         self.columns = self.width
         self._row = np.zeros(self.columns)
         self._row_bytes = self._row.data.cast("B")
-        self._pack_into = struct.Struct(f"={self.columns}d").pack_into
+        self._pack_into = struct.Struct(f"{self.columns}d").pack_into
         self._push = self._kernels.push_row
 
     @classmethod
@@ -218,9 +218,10 @@ def _kernels() -> ModuleType:
 
     memory = np.zeros(HEADER + 2, np.int64)
     memory[SLOTS], memory[WIDTH] = 2, 1
-    for kind in (np.float64, np.int64):
-        kernels.push_row(memory, np.zeros(1, kind))
-        kernels.read_rows(memory, 0, np.zeros((1, 1), kind))
+    kernels.push_row(memory, np.zeros(1))
+    kernels.push_row(memory, np.zeros(1, np.int64))
+    kernels.read_rows(memory, 0, np.zeros((1, 1)))
+    kernels.read_rows(memory, 0, np.zeros((1, 1), np.int64))
     kernels.set_word(memory, 0, kernels.get_word(memory, 0) + kernels.written(memory))
     return kernels
 
