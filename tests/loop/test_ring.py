@@ -296,6 +296,8 @@ def test_a_closed_ring_says_so_and_can_be_closed_again(ring: RowRing) -> None:
     for use in (lambda: ring.push([1, 2]), lambda: ring.written, reader.read, lambda: ring.get(FAULT)):
         with pytest.raises(UsageError, match=f"ring {ring.name} is closed"):
             use()
+    with pytest.raises(UsageError, match=f"there is no shared memory called '{ring.name}'"):
+        RowRing.attach(ring.name)
 
 
 def test_the_memory_lives_as_long_as_somebody_holds_it(ring: RowRing) -> None:
@@ -304,8 +306,6 @@ def test_the_memory_lives_as_long_as_somebody_holds_it(ring: RowRing) -> None:
     ring.close()
 
     assert memory[-2 * SLOTS_OF_SMALL :].view(float)[:2].tolist() == [3.0, 4.0]
-    with pytest.raises(UsageError, match="there is no shared memory"):
-        RowRing.attach(ring.name)
 
 
 def test_who_is_attached_keeps_the_ring_when_its_owner_has_removed_it(ring: RowRing) -> None:
