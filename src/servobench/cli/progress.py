@@ -74,6 +74,11 @@ class Progress:
         if self._thread.is_alive():
             self._thread.join(timeout=1.0)
 
+    @property
+    def what(self) -> str:
+        """What is being done."""
+        return self._work.what
+
     def begin(self, what: str) -> None:
         """Say from now on that this is being done; nothing for an empty text."""
         self._work = _Work(what=what, start=self._now())

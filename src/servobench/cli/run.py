@@ -170,7 +170,11 @@ def _carried_out(
     from servobench.formats.base import save
     from servobench.stopping_rule import StoppingRule, parse_wish
 
+    running = "running" if asked.duration else "running until Ctrl-C"
+
     def watch(place: Place) -> None:
+        if progress.what != running:
+            progress.begin(running)
         if place.ticks:
             progress.reached(place.tick / place.ticks)
 
@@ -179,7 +183,7 @@ def _carried_out(
         say(console, _asked_in_words(asked))
         show_findings(console, asked.findings())
         with folder.begun(asked.to_toml()):
-            progress.begin("running" if asked.duration else "running until Ctrl-C")
+            progress.begin("getting ready")
             try:
                 recording = _driven(asked, device, folder.recording, watch, look)
             except DeviceLost as error:

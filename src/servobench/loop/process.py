@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
 from pathlib import Path
+from threading import Lock
 from types import TracebackType
 from typing import IO, Any, Self
 
@@ -21,6 +22,7 @@ from servobench.loop.messages import Command, Notice, info_of, stopped_of
 from servobench.loop.opening import opening
 from servobench.loop.recording_process import RecorderProcess, RecorderSpec
 from servobench.loop.ring import (
+    LOOP_STATE,
     OPERATOR_HEARTBEAT,
     RECORDER_STATE,
     MessageReader,
@@ -28,7 +30,7 @@ from servobench.loop.ring import (
     RowReader,
     RowRing,
 )
-from servobench.loop.spec import COLUMNS, FAILED, LoopSpec, WhenFaulted
+from servobench.loop.spec import COLUMNS, FAILED, STARTING, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
@@ -41,8 +43,8 @@ LOOK_INTERVAL = 0.02  # s
 class LoopProcess:
     """A run in a process of its own; a context manager that leaves the motor at rest.
 
-    Entering starts the recorder (where `record` names a file) and the loop, which opens the device and begins. What
-    can't begin raises the error that it would raise here. Leaving ends the run, if it goes on.
+    Entering starts the recorder (where `record` names a file) and the loop, which opens the device, and waits until the run
+    begins. What can't begin raises the error that it would raise here. Leaving ends the run, if it goes on.
 
     `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
     `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where
@@ -73,10 +75,12 @@ class LoopProcess:
         }
         self._stack = ExitStack()
         self._number = 0
+        self._told_open: Notice | None = None
         self._ended: Notice | None = None
+        self._giving = Lock()  # one at a time writes to a ring, whatever threads there are
 
     def __enter__(self) -> Self:
-        """Start it, and wait until the device is open."""
+        """Start it, and wait until the run begins."""
         with ExitStack() as stack:
             self.ring = stack.enter_context(RowRing.create(COLUMNS, SLOTS))
             self._commands = stack.enter_context(MessageRing.create(COMMAND_SLOTS))
@@ -112,9 +116,10 @@ class LoopProcess:
 
     def command(self, command: Command) -> int:
         """Give a command and return its number, with which the event that acknowledges it comes."""
-        self._number += 1
-        self._commands.push(command.to_text(self._number))
-        return self._number
+        with self._giving:
+            self._number += 1
+            self._commands.push(command.to_text(self._number))
+            return self._number
 
     def stop(self, sentence: str, *, as_asked: bool = False) -> None:
         """Tell it to end with that sentence; `wait` sees the end."""
@@ -207,16 +212,14 @@ class LoopProcess:
         return process
 
     def _opened(self) -> DeviceInfo:
-        """Wait until the device is open, and return what it is; raises what kept it from being opened."""
+        """Wait until the run begins, and return what the device is; raises what kept it from beginning."""
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
-            for text in self._heard.read():
-                event = Notice.parse(text)
-                if event.kind == "opened":
-                    return info_of(event)
-                if event.kind == "failed":
-                    raise _error(event)
+            self._listen()
+            if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
+                return info_of(self._told_open)
             if self._process.poll() is not None:
+                self._listen()  # what it said last
                 raise DeviceError(self._last_words())
             self._process_waits()
         raise DeviceError(f"the loop's process wasn't there after {START_PATIENCE:g} s; nothing was moved")
@@ -224,7 +227,9 @@ class LoopProcess:
     def _listen(self) -> None:
         for text in self._heard.read():
             event = Notice.parse(text)
-            if event.kind == "ended":
+            if event.kind == "opened":
+                self._told_open = event
+            elif event.kind == "ended":
                 self._ended = event
             elif event.kind == "failed":
                 raise _error(event)

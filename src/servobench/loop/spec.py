@@ -9,9 +9,9 @@ from typing import Literal, Self
 WhenFaulted = Literal["end", "hold"]
 COLUMNS = 16  # of the ring; a row fills the first of them
 
-# What the words RECORDER_STATE and LOOP_STATE of the ring say; 0 is what they begin with.
+# What the words RECORDER_STATE and LOOP_STATE of the ring say.
 RECORDING, FAILED, DONE = 1, 2, 3
-RUNNING, ENDED = 1, 2
+STARTING, RUNNING, ENDED = 0, 1, 2
 
 
 @dataclass(frozen=True, kw_only=True)
