@@ -33,9 +33,12 @@ class RingLoop:
         event_slots: int = 256,
         ticks_a_look: int = 3,
         on_wait: Callable[[int], None] = lambda waits: None,
+        stops_where_recording_fails: bool = True,
+        sample_time: float = 0.01,
+        rings: tuple[RowRing, MessageRing] | None = None,
     ) -> None:
         self.device = Shaft()
-        self.experiment = experiment()
+        self.experiment = experiment(sample_time=sample_time)
         self.device.start(self.experiment.sample_time, None)
         self.names = [
             series.channel.name
@@ -43,12 +46,18 @@ class RingLoop:
         ]
         self.rows = RowRing.create(1 + len(self.names), slots)
         self.events = MessageRing.create(event_slots, 1024)
+        self.names = [series.channel.name for series in opening(self.experiment, self.device.info).series]
+        self.rows, self.events = rings or (
+            RowRing.create(1 + len(self.names), slots),
+            MessageRing.create(event_slots, 1024),
+        )
         self.spec = RecorderSpec(
             rows=self.rows.name, events=self.events.name, path=str(path), experiment=self.experiment.to_toml()
         )
         self.ticks, self.ticks_a_look = ticks, ticks_a_look
         self.on_wait, self.waits = on_wait, 0
         self.is_gone = self.is_alone = self.is_asked = self.stands = False
+        self.stops_where_recording_fails = stops_where_recording_fails
         self.failed_at: int | None = None
 
     def __enter__(self) -> Self:
@@ -67,7 +76,7 @@ class RingLoop:
         if self.rows.get(LOOP_STATE) == ENDED or self.stands:
             return
         k = self.rows.written
-        if self.rows.get(RECORDER_STATE) == FAILED:
+        if self.stops_where_recording_fails and self.rows.get(RECORDER_STATE) == FAILED:
             self.failed_at = k
             self.end("error", "nothing more could be recorded")
             return
@@ -116,9 +125,9 @@ class RingLoop:
         return self.is_asked
 
 
-def ticks_of(recording: Recording) -> np.ndarray:
+def ticks_of(recording: Recording, sample_time: float = 0.01) -> np.ndarray:
     """The numbers of the ticks that a recording has, by their scheduled times; each has to hold what its tick held."""
-    ticks = np.rint(recording["scheduled"].values / 0.01).astype(int)
+    ticks = np.rint(recording["scheduled"].values / sample_time).astype(int)
     # Two volts turn the shaft by two counts a tick, and act from the tick after on.
     assert np.array_equal(recording["counts"].values, 2.0 * ticks)
     assert np.array_equal(recording["scheduled"].t, recording["scheduled"].values)

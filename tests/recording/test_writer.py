@@ -1,11 +1,9 @@
 """What is written can be read: by us, equal to the bit, and by the standard reader, with all its checks."""
 
-import errno
 import os
 import subprocess
 import sys
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -18,6 +16,7 @@ from servobench.recording import mcap_file
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording, Source, Stopped
 from servobench.recording.writer import RecordingWriter, save
+from tests.recording.disks import FullDisk
 from tests.recording.samples import TOGETHER, opening, recordings, series, small
 
 ENDED = Stopped(reason="finished", sentence="done")
@@ -216,24 +215,6 @@ def test_an_error_leaves_a_part_that_can_be_read(tmp_path: Path) -> None:
     assert read(tmp_path / "a.mcap.part")[0]["counts"].values.tolist() == [1.0] * 4
 
 
-class FullDisk:
-    """A file on a disk that takes so many bytes and no more."""
-
-    def __init__(self, path: Path, mode: str, room: int) -> None:
-        self._file = open(path, mode)  # noqa: SIM115 - whoever writes closes it
-        self._room = room
-
-    def write(self, data: bytes) -> int:
-        self._file.write(data[: self._room])
-        if len(data) > self._room:
-            raise OSError(errno.ENOSPC, "No space left on device")
-        self._room -= len(data)
-        return len(data)
-
-    def __getattr__(self, name: str) -> Any:
-        return getattr(self._file, name)
-
-
 @pytest.mark.parametrize("room", [0, 20, 3000, 12_000])
 def test_a_full_disk_keeps_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
@@ -281,6 +262,7 @@ def test_a_killed_process_loses_nothing_of_what_append_was_given(tmp_path: Path)
     program = f"""
 import sys, numpy as np
 from servobench.recording.writer import RecordingWriter
+from tests.recording.disks import FullDisk
 from tests.recording.samples import TOGETHER, opening
 writer = RecordingWriter({str(tmp_path / "a.mcap")!r})
 writer.begin(opening(), TOGETHER)

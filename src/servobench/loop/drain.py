@@ -53,6 +53,7 @@ class Drain:
         self._path = path
         self._experiment = experiment
         self._ring = rows
+        self._event_ring = events
         self._rows: RowReader = rows.reader(row)
         self._events: MessageReader = events.reader(event)
         self._writer = RecordingWriter(path)
@@ -150,6 +151,34 @@ class Drain:
                 self.ended = ending(said)
             if self.begun:
                 self.add(self._event(said, text))
+        """Write the events that there are, and say where some are lost."""
+        until = self._event_ring.written
+        while self._events.next < until:
+            before = self._events.next
+            texts = self._events.read()
+            lost = self._events.next - len(texts) - before
+            if lost and not self.begun:
+                raise StorageError(
+                    f"{self._path}: the recorder came too late to hear which device was opened, as {lost} events had come since; "
+                    "nothing was recorded. Start it before the first command is sent"
+                )
+            if lost:
+                self._told_missed(EVENTS_MISSED, before, lost)
+            for text in texts:
+                self._happened(text)
+            if self._events.next == before:
+                break
+
+    def _happened(self, text: str) -> None:
+        """Write an event, and understand the first and the last."""
+        said = json.loads(text)
+        if said["kind"] == "opened" and not self.begun:
+            self._begin(opening(self._experiment, _adapter(DeviceInfo).validate_python(said["info"])))
+        if said["kind"] == "ended":
+            self._take_rows(self._ring.written)  # the last word comes after the last row
+            self.ended = ending(said)
+        if self.begun:
+            self.add(self._event(said, text))
 
     def _take_rows(self, until: int) -> None:
         """Write the rows up to that number, and say where some are lost."""

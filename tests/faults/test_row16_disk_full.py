@@ -1,0 +1,128 @@
+"""Row 16: the disk is full in a run. The motor stops first, then the file is closed; what was written can be read."""
+
+import subprocess
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import pytest
+
+from servobench.errors import StorageError
+from servobench.loop.recording_process import FAILED, RecorderProcess, record
+from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
+from servobench.recording import mcap_file
+from servobench.recording.reader import read
+from servobench.recording.recover import recover
+from tests.loop.rings import RingLoop, ticks_of
+from tests.recording.disks import FullDisk
+
+LONGEST = 60.0  # seconds; a hang would take for ever
+
+
+@pytest.mark.parametrize("room", [3000, 5000, 8000, 12_345])
+def test_the_motor_stands_before_the_file_is_closed_and_after_one_tick(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
+) -> None:
+    path = tmp_path / "a.mcap"
+    with RingLoop(path, ticks=10_000) as loop:
+
+        class Watched(FullDisk):
+            """Notes what the motor does while the file is closed, and how many rows there were when a write failed."""
+
+            failed_after = -1
+
+            def write(self, data: bytes) -> int:
+                try:
+                    return super().write(data)
+                except OSError:
+                    Watched.failed_after = loop.rows.written
+                    raise
+
+            def close(self) -> None:
+                loop.device.events.append(f"closed at {loop.device.voltage:g} V")
+                self._file.close()
+
+        monkeypatch.setattr(mcap_file, "open", lambda path, mode: Watched(path, mode, room), raising=False)
+        loop.open()
+        loop.run(1)
+        assert loop.device.voltage == 2.0
+        with pytest.raises(StorageError, match=r"No space left on device; .*\(servobench recover makes"):
+            record(loop.spec, loop.rows, loop.events, loop)
+        kept = loop.rows.get(ROWS_KEPT)
+
+    assert loop.device.events == ["start", "stop", "closed at 0 V"]
+    # Not one more row: in the first tick after the failure the loop put out zero volts in place of the next one.
+    assert loop.failed_at == Watched.failed_after
+    monkeypatch.undo()
+    (found,) = recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap")
+    ticks = ticks_of(found)
+    assert ticks.tolist() == list(range(len(ticks)))
+    # The chunk that the disk had no room for is lost, or is there and only its index isn't; no more than 30 ms in real time.
+    assert kept <= len(ticks) <= kept + loop.ticks_a_look
+    assert loop.failed_at - len(ticks) <= loop.ticks_a_look
+    assert found.findings[-1].code == "recording-cut-short"
+
+
+def test_a_loop_that_goes_on_does_not_keep_the_recorder_from_closing_the_part(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(mcap_file, "open", lambda path, mode: FullDisk(path, mode, 5000), raising=False)
+    with RingLoop(tmp_path / "a.mcap", ticks=10**6, stops_where_recording_fails=False) as loop:
+        loop.open()
+        with pytest.raises(StorageError, match="No space left"):
+            record(loop.spec, loop.rows, loop.events, loop)
+        assert loop.rows.get(RECORDER_STATE) == FAILED
+        assert loop.device.voltage == 2.0
+
+    assert len(ticks_of(read(tmp_path / "a.mcap.part")[0])) > 0
+
+
+@contextmanager
+def small_disk(folder: Path, size: int) -> Iterator[None]:
+    """A folder with little room: a file system of its own where that is permitted, or else a limit for the files of processes."""
+    mounted = subprocess.run(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True, check=False
+    )
+    if mounted.returncode == 0:
+        try:
+            yield
+        finally:
+            subprocess.run(["umount", str(folder)], check=True)
+        return
+    import resource
+
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what_it_wrote(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "small"
+    folder.mkdir()
+    path = folder / "a.mcap"
+    with small_disk(folder, 1 << 18), RingLoop(path, ticks=10**6, slots=1 << 16) as loop:
+        loop.open()
+        with RecorderProcess(loop.spec) as recorder:
+            # No faster than the recorder writes, so that the disk is filled before the ring has gone round.
+            while loop.failed_at is None and recorder.running:
+                if (
+                    loop.rows.get(RECORDER_STATE) == FAILED
+                    or loop.rows.written - loop.rows.get(ROWS_KEPT) < 1000
+                ):
+                    loop.run(100)
+            went = recorder.wait(LONGEST)
+        kept = loop.rows.get(ROWS_KEPT)
+        (found,) = read(folder / "a.mcap.part")
+
+    assert loop.device.events[-1] == "stop"
+    assert loop.device.voltage == 0.0
+    assert "can't be written any further" in went.error
+    assert "servobench recover" in went.error
+    ticks = ticks_of(found)
+    assert ticks.tolist() == list(range(len(ticks)))
+    assert len(ticks) >= kept > 1000

@@ -1,0 +1,94 @@
+"""Row 18: the whole application is killed while it records. What was recorded until shortly before can be recovered, always."""
+
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+from mcap.reader import NonSeekingReader
+
+from servobench.recording.recover import recover
+from tests.faults.killed import SAMPLE_TIME, TICKS_A_LOOK
+from tests.loop.rings import RingLoop, ticks_of
+
+KILLS = 100
+OLD = 0.25  # s
+SHARE = 0.99  # of the samples that are older
+LONGEST = 60.0  # seconds; a hang would take for ever
+
+
+class Applications:
+    """The server that forks the applications that are killed."""
+
+    def __init__(self) -> None:
+        self._process = subprocess.Popen(
+            [sys.executable, "-m", "tests.faults.killed"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            text=True,
+            cwd=Path(__file__).parents[2],
+        )
+
+    def start(self, path: Path, loop: RingLoop) -> int:
+        """Start an application that writes to the rings of a loop; return its process' number."""
+        assert self._process.stdin is not None
+        self._process.stdin.write(f"{path} {loop.rows.name} {loop.events.name}\n")
+        self._process.stdin.flush()
+        return self.status()
+
+    def status(self) -> int:
+        """Return the next number that the server says."""
+        assert self._process.stdout is not None
+        return int(self._process.stdout.readline())
+
+    @property
+    def running(self) -> bool:
+        return self._process.poll() is None
+
+    def end(self) -> None:
+        self._process.communicate(timeout=LONGEST)
+
+
+@pytest.fixture
+def applications() -> Iterator[Applications]:
+    server = Applications()
+    yield server
+    server.end()
+
+
+def test_of_100_killed_applications_all_that_is_older_than_250_ms_is_recovered(
+    tmp_path: Path, applications: Applications
+) -> None:
+    random = np.random.default_rng(18)
+    shares = []
+    for k in range(KILLS):
+        path = tmp_path / f"{k}.mcap"
+        # The rings are this process' own, so that they tell how far the killed one had come.
+        with RingLoop(path, sample_time=SAMPLE_TIME) as ours:
+            kill_at = int(random.integers(300, 3000))
+            child = applications.start(path, ours)
+            while ours.rows.written < kill_at and applications.running:
+                pass
+            os.kill(child, signal.SIGKILL)
+            assert applications.status() == -signal.SIGKILL
+            pushed = ours.rows.written
+
+        whole = tmp_path / f"{k}-recovered.mcap"
+        (found,) = recover(tmp_path / f"{k}.mcap.part", whole)
+
+        ticks = ticks_of(found, SAMPLE_TIME)
+        assert ticks.tolist() == list(range(len(ticks)))
+        older = pushed - round(OLD / SAMPLE_TIME)
+        shares.append(min(1.0, len(ticks) / older))
+        assert kill_at <= pushed
+        # What wasn't written yet is what came since the last look, as the recorder looks each 30 ms.
+        assert pushed - len(ticks) <= 2 * TICKS_A_LOOK
+        with whole.open("rb") as file:
+            assert sum(1 for _ in NonSeekingReader(file, validate_crcs=True).iter_messages()) == len(ticks)
+
+    assert len(shares) == KILLS
+    assert min(shares) >= SHARE
