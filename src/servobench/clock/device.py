@@ -1,0 +1,48 @@
+"""The time that a device keeps itself."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import ClassVar
+
+from servobench.channels import Sample, Timing
+from servobench.clock.base import Tick
+from servobench.errors import DeviceError
+
+
+class DeviceClock:
+    """The device's own time: its `read` waits for the tick, and its samples carry their number and time.
+
+    No sample is late by the clock that makes it; those whose number is left out are missed.
+    """
+
+    timing: ClassVar[Timing] = "device"
+
+    def __init__(self) -> None:
+        self._sample_time = math.nan
+        self._first: int | None = None
+
+    def start(self, sample_time: float) -> None:
+        """Begin at the device's next sample, which is tick 0."""
+        self._sample_time = sample_time
+        self._first = None
+
+    def latch(self, index: int, read: Callable[[], Sample]) -> Tick:
+        """Take the device's next sample; raises `DeviceError` where its number is no higher than the one before."""
+        sample = read()
+        if self._first is None:
+            self._first = sample.index - index
+        found = sample.index - self._first
+        if found < index:
+            raise DeviceError(
+                f"the device sent sample {sample.index} where {index + self._first} or a later one was due: "
+                f"its samples don't come in order"
+            )
+        return Tick(
+            index=found,
+            scheduled=found * self._sample_time,
+            actual=sample.time,
+            late=False,
+            sample=sample,
+        )

@@ -1,0 +1,66 @@
+"""How late this computer wakes a process that sleeps: the limit that a loop's lateness is to be held against."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from servobench.clock.waiting import waiting_by
+from servobench.errors import UsageError
+from servobench.finding import Finding, info
+
+
+@dataclass(frozen=True, kw_only=True)
+class WakeUps:
+    """The lateness of `count` wake-ups from sleeps of `period` [s]: median, 99th percentile and largest [s]."""
+
+    count: int
+    period: float
+    p50: float
+    p99: float
+    largest: float
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return one info that says how punctual a process can be here, without a spin."""
+        return (
+            info(
+                "wake-ups",
+                f"Before the run this computer woke the loop {1e6 * self.p50:.3g} µs late in the median of {self.count} sleeps "
+                f"of {1000 * self.period:.3g} ms, {1e6 * self.p99:.3g} µs late in one of a hundred, and "
+                f"{1e6 * self.largest:.3g} µs late at most.",
+            ),
+        )
+
+
+def wake_ups(
+    period: float = 1e-3,
+    count: int = 200,
+    *,
+    now: Callable[[], float] | None = None,
+    sleep: Callable[[float], object] | None = None,
+) -> WakeUps:
+    """Sleep `count` times until deadlines `period` [s] apart, and return how late the process was woken.
+
+    It takes `count` times `period`, and is what `cyclictest` measures: call it in the process that is to run the loop, after
+    `real_time`. `now` [s] and `sleep` put another time in the place of the system's. Raises `UsageError` for no wake-ups.
+    """
+    if count < 1 or period <= 0:
+        raise UsageError(
+            f"{count} sleeps of {period} s show nothing; expected at least one, of more than 0 s"
+        )
+    waiting = waiting_by(now, sleep)
+    step = round(period * 1e9)
+    deadline = waiting.now()
+    late = []
+    for _ in range(count):
+        deadline += step
+        if (behind := waiting.now() - deadline) >= 0:  # slept through it: this one can't be waited for
+            deadline += (behind // step + 1) * step
+        late.append((waiting.sleep_until(deadline) - deadline) / 1e9)
+    late.sort()
+    return WakeUps(count=count, period=period, p50=_rank(late, 0.5), p99=_rank(late, 0.99), largest=late[-1])
+
+
+def _rank(values: list[float], share: float) -> float:
+    """The smallest of sorted values that so large a share of them doesn't exceed."""
+    return values[max(0, -int(-share * len(values) // 1) - 1)]
