@@ -77,6 +77,9 @@ EXPERIMENTS = st.builds(
         {"name": st.text(min_size=1), "settings": st.dictionaries(st.text(max_size=5), TREES, max_size=3)}
     ),
     limits=st.fixed_dictionaries({"voltage": st.floats(0.1, 24)}),
+    when_late=st.fixed_dictionaries(
+        {"missed": st.sampled_from(["discard", "process"]), "phase": st.sampled_from(["keep", "lose"])}
+    ),
 )
 
 
@@ -142,6 +145,10 @@ ratio = 70
 
 [limits]
 voltage = "10 V"
+
+[when_late]
+missed = "discard"
+phase = "keep"
 '''
     assert experiment.to_toml() == expected
     assert read_experiment(expected) == experiment
@@ -163,6 +170,15 @@ def test_words_stand_for_no_end_and_for_another_seed_each_time() -> None:
     experiment = read_experiment(f'[experiment]\nduration = "endless"\nseed = "random"\n{SQUARE}')
 
     assert (experiment.duration, experiment.seed) == (None, None)
+
+
+def test_what_is_done_when_late_is_one_of_two_words_each() -> None:
+    experiment = read_experiment(f'{SQUARE}\n[when_late]\nmissed = "process"')
+
+    assert (experiment.when_late.missed, experiment.when_late.phase) == ("process", "keep")
+    assert told(f'{SQUARE}\n[when_late]\nphase = "drop"')[0].endswith(
+        "when_late.phase: 'drop' should be 'keep' or 'lose'"
+    )
 
 
 def test_all_mistakes_are_told_at_once_in_the_order_of_their_lines() -> None:
@@ -195,7 +211,8 @@ settings = 8
         "known: low, high, frequency, phase, duty, start",
         "my.toml:10: signal.frequency: '10 A' is a current; expected something in Hz (for example \"1 Hz\")",
         "my.toml:11: signal.duty: 3 should be less than or equal to 1",
-        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, signal, controller, device, limits",
+        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, signal, controller, device, limits, "
+        "when_late",
         "my.toml:15: limits.voltage: '-1 V' should be greater than 0",
         "my.toml:18: device.settings: 8 should be a table",
     ]

@@ -81,6 +81,7 @@ def odd(**changes: Any) -> Any:
         "limits",
         "seed",
         "samples",
+        "when_late",
         "to_toml",
     )
     return SimpleNamespace(**{**{name: getattr(plain, name) for name in names}, **changes})

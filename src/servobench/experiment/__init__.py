@@ -1,6 +1,6 @@
 """Experiments: what is asked for, as data, in Python and in TOML files."""
 
-from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment, Limits
+from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment, Limits, WhenLate
 from servobench.experiment.reading import explain, load_experiment, read_experiment
 
 __all__ = [
@@ -8,6 +8,7 @@ __all__ = [
     "DeviceChoice",
     "Experiment",
     "Limits",
+    "WhenLate",
     "explain",
     "load_experiment",
     "read_experiment",

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Self, TypeAlias
 import numpy as np
 from pydantic import AfterValidator, BeforeValidator, Field, model_validator
 
+from servobench.clock import Missed, Phase
 from servobench.control.base import CONTROLLERS, Controller
 from servobench.control.open_loop import OpenLoop
 from servobench.finding import Finding, info, warning
@@ -67,6 +68,15 @@ class Limits(Settings):
     """Largest voltage, in either direction; what is beyond is clipped [V]."""
 
 
+class WhenLate(Settings):
+    """What is done about ticks that have gone by, where the host keeps the time; `HostClock` has the exact rules."""
+
+    missed: Missed = "discard"
+    """Leave whole ticks that have gone by out ("discard"), or do them late ("process")."""
+    phase: Phase = "keep"
+    """Go back to the schedule after a late tick ("keep"), or begin the schedule anew with it ("lose")."""
+
+
 class Experiment(Settings):
     """What is asked for: a signal, a controller, a device, how long and how often.
 
@@ -90,6 +100,8 @@ class Experiment(Settings):
     """The device to run it on."""
     limits: Limits = Limits()
     """What the device must not be asked for."""
+    when_late: WhenLate = WhenLate()
+    """What is done about ticks that have gone by."""
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
     chain: Text = ""

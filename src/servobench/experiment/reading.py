@@ -12,7 +12,15 @@ from pydantic import ValidationError, model_validator
 from pydantic_core import ErrorDetails
 
 from servobench.errors import ExperimentError, UsageError
-from servobench.experiment.experiment import AnyController, DeviceChoice, Duration, Experiment, Limits, Seed
+from servobench.experiment.experiment import (
+    AnyController,
+    DeviceChoice,
+    Duration,
+    Experiment,
+    Limits,
+    Seed,
+    WhenLate,
+)
 from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.settings import PositiveFrequency, PositiveTime, Settings
@@ -55,6 +63,7 @@ class _File(Settings):
     controller: AnyController | None = None
     device: DeviceChoice = DeviceChoice()
     limits: Limits = Limits()
+    when_late: WhenLate = WhenLate()
 
     def fields(self) -> dict[str, Any]:
         """Return what was given, in the names of `Experiment`'s fields."""

@@ -12,7 +12,7 @@ from servobench.settings import with_units
 if TYPE_CHECKING:
     from servobench.experiment.experiment import Experiment
 
-_TABLES = ("signal", "controller", "device", "limits")
+_TABLES = ("signal", "controller", "device", "limits", "when_late")
 _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 
 

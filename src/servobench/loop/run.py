@@ -81,6 +81,9 @@ def run(
     keeper = _keeper(clock, device.info)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info)
+    keeper = _keeper(clock, device.info, experiment)
+    references = _References(experiment.signal, experiment.sample_time)
+    opening = _opening(experiment, device.info)
     try:
         device.start(experiment.sample_time, experiment.seed)
         recorder = _recorder(opened, to, keeper)
@@ -172,10 +175,10 @@ def _recorder(opened: Recording, to: str | os.PathLike[str] | None, clock: Clock
     return ToFile(opened, to, patience=PATIENCE if clock.timing == "virtual" else 0.0)
 
 
-def _keeper(clock: Clock | None, device: DeviceInfo) -> Clock:
+def _keeper(clock: Clock | None, device: DeviceInfo, experiment: Experiment) -> Clock:
     """The clock of a run; raises where it isn't the one that the device runs by."""
     if clock is None:
-        return clock_for(device.timing)
+        return clock_for(device.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
     if device.timing not in ("virtual", clock.timing):
         raise UsageError(
             f"the device {device.name!r} runs by {device.timing} time, the clock that was given keeps {clock.timing} time; "
