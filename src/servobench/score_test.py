@@ -140,9 +140,21 @@ class ScoreTest:
             moved=self._moved(columns[:, told] @ amount),
         )
 
+    def shift(self, lacking: Sequence[Array]) -> Array:
+        """By how much the parameters (P,) are off where each record's output has `lacking` (M,) that the prediction lacks."""
+        columns = [
+            _in_innovations(self.fit, record, extra[:, None])
+            for record, extra in zip(self.fit.records, lacking, strict=True)
+        ]
+        return self._shift(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
+
+    def _shift(self, lacking: Array) -> Array:
+        """The same of the innovations (of all records), and of the nuisance parameters, too."""
+        return np.asarray(np.linalg.lstsq(self.jacobian / self.scale, lacking, rcond=1e-12)[0] / self.scale)
+
     def _moved(self, lacking: Array) -> float:
         """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
-        off = np.linalg.lstsq(self.jacobian / self.scale, lacking, rcond=1e-12)[0] / self.scale
+        off = self._shift(lacking)
         sd = np.sqrt(np.diag(self.fit.covariance))
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
@@ -178,7 +190,7 @@ class _Run:
         self.times = np.union1d(data.t_input, data.t_output)
         held = np.searchsorted(data.t_input, self.times, side="right") - 1
         self.u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
-        self.plain = replace(data, t_input=self.times, u=self.u)
+        self.plain = replace(data, t_input=self.times, u=self.u, reference=None, written=None)
         self.without = fit.model.structure.predict(self.theta, self.plain).y
         self.motion = self._motion()
 

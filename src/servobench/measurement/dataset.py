@@ -28,6 +28,7 @@ class Dataset:
     `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
     `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
     `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
+    `written` (N,) is when each value of the input had been handed to the device [s], after t_input; None where nobody noted it.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
     """
@@ -48,6 +49,7 @@ class Dataset:
     delay: float = 0.0
     reference: Array | None = None
     current: Array | None = None
+    written: Array | None = None
     chain_known: bool = False
     findings: tuple[Finding, ...] = ()
 
@@ -72,6 +74,11 @@ class Dataset:
             raise UsageError(
                 f"{self.name}: the reference has shape {r.shape}, the input {self.u.shape}; expected a finite value of the "
                 "reference for each value of the input"
+            )
+        if self.written is not None and self.written.shape != self.u.shape:
+            raise UsageError(
+                f"{self.name}: the times of writing have shape {self.written.shape}, the input {self.u.shape}; expected one for "
+                "each value of the input"
             )
         i = self.current
         if i is not None and (i.shape != self.y.shape or np.isinf(i).any()):
@@ -171,6 +178,7 @@ class Dataset:
             delay=self.delay,
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
             current=None if self.current is None else self.current[keep_out],
+            written=self.written[keep_in] if self.written is not None and keep_in.any() else None,
             chain_known=self.chain_known,
         )
 

@@ -17,6 +17,7 @@ from servobench.measurement.base import Chain, Kind, Stage
 from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.grid import grid_step
+from servobench.measurement.lateness import written
 from servobench.measurement.refreshed import refreshed
 from servobench.measurement.scale import Scale
 from servobench.measurement.tachometer import Tachometer
@@ -69,6 +70,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         applied=_without_conversions(applied),
         delay=recording.info.delay if recording.info else 0.0,
         current=current,
+        written=written(recording, driven.t),
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
         reference=_reference(recording, driven.t),
         chain_known=bool(recording.chain.strip()) or bool(applied),

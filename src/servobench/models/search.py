@@ -283,7 +283,15 @@ class _Chained:
             shared.append(plain.jacobian[:, 2])
         if COULOMB in self.structure.parameters:
             sense = -self.sense
-            sensed = replace(data, t_input=data.t_output, u=sense, input_before=float(sense[0]), delay=-delay)
+            sensed = replace(
+                data,
+                t_input=data.t_output,
+                u=sense,
+                input_before=float(sense[0]),
+                delay=-delay,
+                reference=None,
+                written=None,
+            )
             shared.append(unit.predict(theta, sensed).jacobian[:, 0])
         rows = _rows(np.flatnonzero(plain.valid))
         return np.column_stack([*shared, plain.jacobian[:, 4:], data.y])[rows]

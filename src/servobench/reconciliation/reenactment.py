@@ -188,6 +188,7 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
         declared=Chain(),
         applied=like.chain,
         reference=None,
+        written=None,
         findings=(),
     )
     own = np.zeros(len(fit.model.structure.nuisance(drawn)))

@@ -270,4 +270,12 @@ class NonlinearMotor:
 
 def with_input(data: Dataset, times: Array, values: Array) -> Dataset:
     """Return a record whose input is something else that the motor did at those times, without any delay."""
-    return replace(data, t_input=times, u=values, input_before=float(values[0]), delay=0.0, reference=None)
+    return replace(
+        data,
+        t_input=times,
+        u=values,
+        input_before=float(values[0]),
+        delay=0.0,
+        reference=None,
+        written=None,
+    )
