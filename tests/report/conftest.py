@@ -73,6 +73,12 @@ def run() -> Recording:
 
 
 @pytest.fixture(scope="session")
+def timed(run: Recording) -> Recording:
+    """The same by the computer's clock rather than in virtual time."""
+    return replace(run, info=DeviceInfo(name="board", timing="host"))
+
+
+@pytest.fixture(scope="session")
 def file(run: Recording) -> Recording:
     """The same as a file of somebody else's."""
     source = Source(name="my data.csv", sha256="ab" * 32, format="csv")

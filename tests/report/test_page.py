@@ -74,10 +74,10 @@ class Page(HTMLParser):
         return " ".join(self.text("body"))
 
 
-@pytest.fixture(params=["good", "several", "refused", "run", "file"])
+@pytest.fixture(params=["good", "several", "refused", "run", "timed", "file"])
 def page(request: pytest.FixtureRequest) -> Page:
     """Each kind of page in turn."""
-    if request.param in ("run", "file"):
+    if request.param in ("run", "timed", "file"):
         recording = request.getfixturevalue(request.param)
         return Page(Report(recording, request.getfixturevalue("good")).html())
     return Page(Report(None, request.getfixturevalue(request.param)).html())

@@ -84,11 +84,24 @@ def deliver(
     finally:
         if heading:
             say(console, f"{heading}\n")
+        _say_timing(console, recordings)
         show_result(console, result)
         if as_json:
             print_json(result.to_dict())
     if report is not None:
         say(console, f"\nreport: {report}")
+
+
+def _say_timing(console: Console, recordings: Sequence[Recording]) -> None:
+    """Say how late the samples were, of each recording in which time passed."""
+    from servobench.cli.terminal import say
+    from servobench.measurement.lateness import lateness
+
+    for recording in recordings:
+        found = lateness(recording)
+        if found is not None:
+            whose = f" of {recording.name}" if len(recordings) > 1 else ""
+            say(console, f"timing{whose}: {found.sentence}\n")
 
 
 def status_of(result: Result) -> int:

@@ -26,6 +26,7 @@ from servobench.report.palette import (
     handy,
     heading,
     legend,
+    plain_ticks,
     second_scale,
     sheet,
     whole,
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
 
 Look: TypeAlias = Literal["input", "measured", "model", "residual"]
 
+SOONEST = 1e-7  # s: what is earlier is as good as on time, and a logarithm needs an end
 _GUTTER = 28.0
 
 
@@ -137,6 +139,28 @@ def distribution(edges: Array, density: Array, expected: Curve | None, unit: str
     ax.set(ylim=(0, None), xlim=(edges[0], edges[-1]))
     ax.set_yticks([])
     x_label(ax, f"residual ({unit})", palette)
+    return figure
+
+
+def later_than(runs: Sequence[Array], style: Style) -> Figure:
+    """Return which share of the samples was later than a time, for each run's lateness (N,) [s], on logarithmic scales."""
+    palette = style.palette
+    figure = sheet(style, 210)
+    ax = axes(figure, whole(style, 210), palette, "Later than that (%)")
+    most = max(float(by.max()) for by in runs)
+    fewest = max(len(by) for by in runs)
+    # The ends before the lines: they aren't sought in lines that may be upright.
+    ax.set(xscale="log", yscale="log")
+    ax.set(xlim=(1e6 * SOONEST, 1e6 * max(2 * most, 100 * SOONEST)), ylim=(50 / fewest, 150))
+    for by in runs:
+        late = np.maximum(np.sort(by), SOONEST)
+        share = 100.0 * np.arange(len(late), 0, -1) / len(late)  # at a sample: it and those after it
+        # Evenly in the logarithm of the share, so that a long run needs no more points than a short one.
+        at = np.unique(len(late) - np.geomspace(1, len(late), 400).round().astype(int))
+        ax.step(1e6 * late[at], share[at], where="pre", color=palette.model, linewidth=1.5)
+    plain_ticks(ax)
+    ax.minorticks_off()
+    x_label(ax, "lateness (µs)", palette)
     return figure
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
-from servobench.report import history, illustrations, model_illustrations, tables, words
+from servobench.report import history, illustrations, model_illustrations, tables, timing, words
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
 from servobench.report.palette import Style
@@ -56,6 +56,7 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         **_history(result, recordings),
         **_tables(result),
         **_figures(result),
+        **_timing(recordings),
     )
 
 
@@ -117,6 +118,13 @@ def _figures(result: Result) -> dict[str, Any]:
             )
         ),
     }
+
+
+def _timing(recordings: Sequence[Recording]) -> dict[str, Any]:
+    """How late the samples were, where time passed."""
+    runs = timing.timed(recordings)
+    drawn = timing.timing_figures(runs)
+    return {"timing": timing.timing_facts(runs), "timing_figures": _row(drawn) if drawn else []}
 
 
 def single(illustration: Illustration | None) -> Drawn | None:

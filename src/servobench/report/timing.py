@@ -1,0 +1,79 @@
+"""How late the samples of a run were: in a table, over the run, and as a share of all."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import partial
+
+import numpy as np
+
+from servobench.measurement.lateness import Lateness, lateness
+from servobench.recording.recording import Recording
+from servobench.report import figures
+from servobench.report.figures import Course, Curve, Panel
+from servobench.report.illustrations import MOST_RECORDS, Illustration
+from servobench.report.tables import Fact
+from servobench.rounding import counted, grouped, with_unit
+
+_MISSED = {"discard": "left out", "process": "done late"}
+_PHASE = {"keep": "back to the schedule", "lose": "a new schedule from the late one on"}
+
+
+def timed(recordings: Sequence[Recording]) -> tuple[Lateness, ...]:
+    """Return the lateness of each recording in which time passed and was noted."""
+    return tuple(found for recording in recordings if (found := lateness(recording)) is not None)
+
+
+def timing_facts(runs: Sequence[Lateness]) -> tuple[tuple[str, tuple[Fact, ...]], ...]:
+    """Return the percentiles and the counts of each run, under its name."""
+    return tuple((run.name, _facts(run)) for run in runs)
+
+
+def timing_figures(runs: Sequence[Lateness]) -> tuple[Illustration, ...]:
+    """Return lateness over time, and which share of the samples was how late; nothing where there is no run."""
+    if not runs:
+        return ()
+    shown = runs[:MOST_RECORDS]
+    more = f" {MOST_RECORDS} of {len(runs)} runs are shown." if len(runs) > MOST_RECORDS else ""
+    words = " ".join(f"{run.name}: {run.sentence}." for run in shown)
+    over_time = Illustration(
+        name="lateness",
+        title="Lateness over time",
+        caption=f"How long after its time each sample was taken; a spike is a moment when the computer was busy elsewhere.{more}",
+        description=f"Lateness of the samples over time. {words}",
+        draw=partial(figures.time_courses, tuple(_course(run, len(runs) > 1) for run in shown)),
+    )
+    share = Illustration(
+        name="later-than",
+        title="Share of samples that were later",
+        caption=(
+            "Read at 1 %: 99 of 100 samples were no later than that. Both scales are logarithmic; what came within "
+            f"{with_unit(figures.SOONEST, 's')} stands at the left end.{more}"
+        ),
+        description=f"The share of the samples that came later than a time, over that time. {words}",
+        draw=partial(figures.later_than, tuple(run.by for run in shown)),
+    )
+    return over_time, share
+
+
+def _facts(run: Lateness) -> tuple[Fact, ...]:
+    rest = f"{counted(run.samples, 'sample')}, {with_unit(run.sample_time, 's')} apart"
+    quantiles = (("median", run.p50), ("99 %", run.p99), ("99.9 %", run.p999), ("latest", run.largest))
+    return (
+        Fact(heading="Samples", text=rest),
+        *(Fact(heading=f"Lateness, {name}", text=with_unit(value, "s", 3)) for name, value in quantiles),
+        Fact(heading="Late", text=f"{grouped(run.late)} (by more than a tenth of the sample time)"),
+        Fact(heading="Missed", text=counted(run.missed, "tick")),
+        Fact(
+            heading="Ticks that had gone by",
+            text=f"{_MISSED[run.missed_rule]}; then {_PHASE[run.phase_rule]}",
+        ),
+    )
+
+
+def _course(run: Lateness, several: bool) -> Course:
+    curve = Curve(t=run.t - run.t[0], y=np.asarray(run.by), look="residual")
+    return Course(
+        panels=(Panel(title="Lateness", unit="s", curves=(curve,), height=110.0),),
+        title=run.name[:40] if several else "",
+    )
