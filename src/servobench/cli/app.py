@@ -10,6 +10,7 @@ import typer
 
 from servobench._version import __version__
 from servobench.cli.chains import chains
+from servobench.cli.controllers import controllers
 from servobench.cli.convert import convert
 from servobench.cli.design import design
 from servobench.cli.devices import devices
@@ -73,6 +74,7 @@ for command in (
     recover,
     devices,
     signals,
+    controllers,
     chains,
 ):
     app.command()(command)

@@ -44,7 +44,8 @@ class Running(NamedTuple):
 def advanced(state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
     """Return the next state and the voltage [V] of a compiled law."""
     law, p, x = state
-    x, voltage = law(x, p, reference, sample.counts, sample.time)
+    # Of one type always: another one would be compiled for, in the middle of a run.
+    x, voltage = law(x, p, float(reference), sample.counts, sample.time)
     return Running(law, p, x), voltage
 
 
@@ -129,3 +130,11 @@ def taken_over(
     if integral or fade_time > 0:
         x[INTEGRAL if integral else BIAS] = voltage - alone
     return Running(state.law, state.p, x)
+
+
+def prepare() -> None:
+    """Compile all laws, or load them compiled: after that a switch while a motor turns waits for none."""
+    from servobench.control import kernels
+
+    for law in (kernels.pid, kernels.lead, kernels.state_feedback):
+        begun(law, np.ones(kernels.GAINS + 4), np.zeros(kernels.OWN + 5))
