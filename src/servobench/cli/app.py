@@ -23,6 +23,7 @@ from servobench.cli.recover import recover
 from servobench.cli.run import run
 from servobench.cli.signals import signals
 from servobench.cli.terminal import spell_what_cannot_be_encoded
+from servobench.cli.tune import tune
 from servobench.cli.why import why
 
 _DEBUG = "--debug"
@@ -67,6 +68,7 @@ for command in (
     identify,
     why,
     design,
+    tune,
     honest,
     inspect,
     export,

@@ -62,9 +62,7 @@ def tuned(
             f"(the motor's delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); wish for {dead_time:.3g} s or more"
         )
     dead_time += lag
-    position_gain = 1.0 / (gain * (wished + dead_time))
-    speed_gain = tau * position_gain
-    integral = speed_gain / min(tau, 4 * (wished + dead_time))
+    position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)
     left = np.array(
         [
             _margins(k, t, d + sample_time + lag, speed_gain, integral)
@@ -82,6 +80,13 @@ def tuned(
         phase_margin=_with_interval(left[:, 0]),
         delay_margin=_with_interval(left[:, 1]),
     )
+
+
+def simc(gain: float, tau: float, closed_loop: float, dead_time: float) -> tuple[float, float, float]:
+    """Return the position gain k_p, the speed gain τ k_p and the integral gain of the speed by the SIMC rules; times in s."""
+    position_gain = 1.0 / (gain * (closed_loop + dead_time))
+    speed_gain = tau * position_gain
+    return position_gain, speed_gain, speed_gain / min(tau, 4 * (closed_loop + dead_time))
 
 
 def _margins(

@@ -1,0 +1,218 @@
+"""`servobench tune`: gains of a controller for an identified motor, and the margins that are left."""
+
+from __future__ import annotations
+
+import math
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servobench.cli.failures import DONE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from rich.console import Console
+
+    from servobench.control.running import Output
+    from servobench.export.answer import Answer
+    from servobench.tuning.loop import Told
+    from servobench.tuning.tune import Tuned
+
+_WORDS = {
+    "gain_margin": "gain margin (factor)",
+    "phase_margin": "phase margin",
+    "delay_margin": "delay margin",
+    "gain_crossover": "gain crossover",
+    "overshoot": "overshoot",
+    "rise_time": "rise time, 10 to 90 %",
+}
+
+
+def tune(
+    motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
+    controller: Annotated[
+        str, typer.Option("--as", metavar="CONTROLLER", help="pid, state_feedback or lead.")
+    ] = "pid",
+    output: Annotated[
+        str, typer.Option(metavar="WHAT", help="What is followed: position or speed.")
+    ] = "position",
+    method: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="pole_placement or lambda_tuning; --lambda alone means the latter."
+        ),
+    ] = None,
+    damping: Annotated[
+        float | None, typer.Option(metavar="Z", help="The damping of a pair of poles, such as 0.8.")
+    ] = None,
+    bandwidth: Annotated[
+        str | None, typer.Option(metavar="W", help="The distance of these poles from zero [rad/s].")
+    ] = None,
+    poles: Annotated[
+        str | None,
+        typer.Option(
+            metavar="P,P",
+            help="The poles themselves [rad/s], such as -20,-15+10j: three for an integral part.",
+        ),
+    ] = None,
+    closed_loop: Annotated[
+        str | None,
+        typer.Option("--lambda", metavar="S", help="The time constant wished for the closed loop [s]."),
+    ] = None,
+    sample_time: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S", help="The time between ticks of the controller; without, the data's own [s]."
+        ),
+    ] = None,
+    voltage_limit: Annotated[
+        str, typer.Option(metavar="V", help="What the controller may put out [V].")
+    ] = "10",
+    step: Annotated[
+        str | None,
+        typer.Option(
+            metavar="X", help="A step of the reference that is to stay within that limit [rad or rad/s]."
+        ),
+    ] = None,
+    cutoff: Annotated[
+        str | None, typer.Option(metavar="W", help="The cut-off of the speed's filter [rad/s].")
+    ] = None,
+    as_json: Annotated[
+        bool, typer.Option("--json", help="Print the gains as JSON, and nothing else, on standard output.")
+    ] = False,
+) -> None:
+    """Find the gains of a controller for an identified motor.
+
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. Printed are the gains, the
+    margins that are left and the step response, with 95 % intervals over what the data leave open, and a table
+    [controller] to paste into an experiment's file. A wish that delay, sample time or voltage don't allow is refused.
+    """
+    from servobench.cli.terminal import messages, print_json
+    from servobench.cli.terminal import output as standard_output
+    from servobench.tuning.base import Wish
+    from servobench.tuning.tune import tune as tuned
+
+    followed = _output(output)
+    answer = _answer(motor)
+    made = tuned(
+        answer,
+        method or ("lambda_tuning" if closed_loop is not None else "pole_placement"),
+        Wish(
+            controller=controller,
+            output=followed,
+            sample_time=_positive("--sample-time", sample_time, "s") or _own_sample_time(answer),
+            voltage_limit=_positive("--voltage-limit", voltage_limit, "V") or 0.0,
+            step=_positive("--step", step, "rad" if followed == "position" else "rad/s"),
+            damping=damping,
+            bandwidth=_positive("--bandwidth", bandwidth, "rad/s"),
+            poles=_poles(poles),
+            closed_loop=_positive("--lambda", closed_loop, "s"),
+            cutoff=_positive("--cutoff", cutoff, "rad/s"),
+        ),
+    )
+    _show(messages() if as_json else standard_output(), made)
+    if as_json:
+        print_json(made.to_dict())
+    raise typer.Exit(DONE)
+
+
+def _answer(path: Path) -> Answer:
+    """What is known of the motor: a result, or what a recording says."""
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.export.answer import Answer
+
+    if path.is_dir() or path.suffix == ".json" or not path.exists():
+        return Answer.read(path)
+    from servobench.formats.base import load
+    from servobench.identification import identify
+    from servobench.measurement.measure import measure
+
+    with Progress() as progress, told_when_compiling(progress):
+        progress.begin("identifying")
+        return Answer.of(identify([measure(each) for each in load(path)]))
+
+
+def _own_sample_time(answer: Answer) -> float:
+    """The shortest sample time of the data that the result was made from."""
+    from servobench.errors import UsageError
+
+    told = [(each.get("sample_time") or {}).get("median") for each in answer.document.get("records", [])]
+    known = [float(each) for each in told if each]
+    if not known:
+        raise UsageError(
+            "the result doesn't tell the sample time of its data; say --sample-time, such as 2ms"
+        )
+    return float(f"{min(known):.9g}")  # what rounding the times left
+
+
+def _output(text: str) -> Output:
+    from servobench.errors import UnknownName
+
+    known: dict[str, Output] = {"position": "position", "speed": "speed"}
+    if text not in known:
+        raise UnknownName("output", text, known)
+    return known[text]
+
+
+def _positive(option: str, text: str | None, si: str) -> float | None:
+    """What an option says, in its SI unit."""
+    from servobench.errors import UnitError, UsageError
+    from servobench.units import quantity
+
+    if text is None:
+        return None
+    try:
+        value = quantity(text, si)
+    except UnitError as error:
+        raise UsageError(f"{option}: {error}") from None
+    if value <= 0:
+        raise UsageError(f"{option} {text}: expected more than 0 {si}")
+    return value
+
+
+def _poles(text: str | None) -> tuple[complex, ...]:
+    from servobench.errors import UsageError
+
+    if text is None:
+        return ()
+    try:
+        return tuple(complex(each.strip().replace("i", "j")) for each in text.split(","))
+    except ValueError:
+        raise UsageError(
+            f"--poles {text}: expected numbers with commas between them [rad/s], such as -20,-30 or -20,-15+10j"
+        ) from None
+
+
+def _show(console: Console, made: Tuned) -> None:
+    """Print the gains, what is left of the margins, the step response, and the table to paste."""
+    from servobench.cli.answer import show_findings
+    from servobench.cli.layout import show_table
+    from servobench.cli.terminal import say
+    from servobench.control.base import CONTROLLERS
+
+    name = CONTROLLERS.name_of(made.controller)
+    say(
+        console,
+        f"{name} for the {made.wish.output}, every {1000 * made.wish.sample_time:.4g} ms, by {made.method}",
+    )
+    console.print()
+    rows = [*_rows(made.margins), *_rows(made.response)]
+    show_table(console, ("of the loop", "value", "95 % interval", "unit"), rows, right=("value",))
+    console.print()
+    show_findings(console, made.findings)
+    console.print()
+    for line in made.toml.splitlines():
+        say(console, line)
+
+
+def _rows(told: Mapping[str, Told]) -> list[tuple[str, str, str, str]]:
+    rows = []
+    for name, each in told.items():
+        factor, unit = {"rad": (180 / math.pi, "deg"), "1": (1.0, "")}.get(each.unit, (1.0, each.unit))
+        if name == "overshoot":
+            factor, unit = 100.0, "%"
+        value, low, high = (f"{factor * x:.3g}" for x in (each.value, *each.interval))
+        rows.append((_WORDS[name], value, f"{low} to {high}", unit))
+    return rows

@@ -1,0 +1,78 @@
+"""The kind `tuning`: a method that finds a controller for a motor and a wish."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Protocol, Self, TypeAlias, runtime_checkable
+
+from servobench.control.lead import Lead
+from servobench.control.pid import Pid
+from servobench.control.running import Output
+from servobench.control.state_feedback import StateFeedback
+from servobench.errors import UsageError
+from servobench.export.first_order import FirstOrderMotor
+from servobench.registry import Registry
+
+Tunable: TypeAlias = Pid | Lead | StateFeedback
+
+
+@dataclass(frozen=True, kw_only=True)
+class Wish:
+    """What is wished of a closed loop; None where nothing is said.
+
+    `controller` is the law's name, `output` what it follows, `sample_time` [s] the time between its ticks, `voltage_limit` [V]
+    what it may put out, `step` [rad or rad/s] a change of the reference that shall not ask for more than that. For pole
+    placement: `damping` ζ and `bandwidth` ω [rad/s] of a pair of poles, or `poles` [rad/s], each negative or one of a complex
+    pair. For λ-tuning: `closed_loop` λ [s]. `cutoff` [rad/s] of the speed's filter.
+    """
+
+    controller: str
+    output: Output
+    sample_time: float
+    voltage_limit: float = 10.0
+    step: float | None = None
+    damping: float | None = None
+    bandwidth: float | None = None
+    poles: tuple[complex, ...] = ()
+    closed_loop: float | None = None
+    cutoff: float | None = None
+
+    def slower(self, factor: float) -> Self:
+        """Return the same wish for a loop that is slower by a factor."""
+        return replace(
+            self,
+            bandwidth=None if self.bandwidth is None else self.bandwidth / factor,
+            poles=tuple(pole / factor for pole in self.poles),
+            closed_loop=None if self.closed_loop is None else self.closed_loop * factor,
+        )
+
+
+@runtime_checkable
+class Method(Protocol):
+    """A way to find gains."""
+
+    def __call__(self, motor: FirstOrderMotor, wish: Wish) -> Tunable:
+        """Return the controller of a motor, in rad, for a wish; whether it is a good one the margins say.
+
+        Raises `UsageError` where the wish lacks something, or no gains of the right sign fulfil it.
+        """
+        ...
+
+    def told(self, wish: Wish) -> str:
+        """Return the part of a wish that makes the loop fast or slow, in the words of the command line."""
+        ...
+
+
+METHODS: Registry[Method] = Registry("method", "servobench.tuning")
+
+
+def three_digits_more(value: float) -> float:
+    """Return a gain as it is printed and pasted, so that what is judged is what runs: to five digits."""
+    return float(f"{value:.5g}")
+
+
+def unsupported(wish: Wish, method: str, can: str) -> UsageError:
+    """Return the error for a law that a method doesn't tune."""
+    return UsageError(
+        f"{method} finds no gains of {wish.controller!r} for the {wish.output}; it does for {can}"
+    )

@@ -1,0 +1,97 @@
+"""The step response of a controller around a motor: the law itself, tick by tick, around the exact motor with its delay."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.channels import Array, Channel, DeviceInfo, Sample
+from servobench.export.first_order import FirstOrderMotor
+from servobench.tuning.base import Tunable
+from servobench.tuning.loop import Told
+
+_DRAWS = 40
+_RESOLUTION = 1e-9  # rad; finer than any encoder, as what is asked for is the loop's own course
+_LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
+_MOST_TICKS = 20_000
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Response:
+    """Times (N,) [s], the output at them (N,) [rad or rad/s], and the voltage that was wanted (N,), after a step at the start."""
+
+    t: Array
+    output: Array
+    voltage: Array
+
+    @property
+    def overshoot(self) -> float:
+        """By how much of the step the output goes beyond it."""
+        return max(float(self.output.max()) - 1.0, 0.0)
+
+    @property
+    def rise_time(self) -> float:
+        """The time from 10 to 90 % of the step [s]; NaN where it doesn't get there."""
+        return self._reaches(0.9) - self._reaches(0.1)
+
+    def _reaches(self, part: float) -> float:
+        """When the output first reaches a part of the step, on a straight line between two ticks [s]; NaN where it never does."""
+        reached = np.flatnonzero(self.output >= part)
+        if not len(reached) or not reached[0]:
+            return math.nan
+        k = reached[0]
+        return float(np.interp(part, self.output[k - 1 : k + 1], self.t[k - 1 : k + 1]))
+
+
+def unit_step(
+    controller: Tunable, gain: float, tau: float, delay: float, sample_time: float, ticks: int
+) -> Response:
+    """Return the response to a unit step of the reference, without friction and without a limit of the voltage."""
+    info = DeviceInfo(
+        name="motor",
+        channels=(
+            Channel(name="voltage", unit="V"),
+            Channel(name="counts", unit="counts", counts_per_rev=2 * math.pi / _RESOLUTION),
+        ),
+    )
+    # An input acts after whole ticks and a part of one, in which the one before it still does.
+    whole, part = divmod(delay, sample_time)
+    on_its_way = [0.0] * (int(whole) + 2)
+    state = controller.start(sample_time, info)
+    angle = speed = 0.0
+    course = np.empty((ticks, 2))
+    for k in range(ticks):
+        sample = Sample(index=k, time=k * sample_time, counts=math.floor(angle / _RESOLUTION))
+        state, voltage = controller.step(state, 1.0 if k else 0.0, sample)
+        course[k] = (speed if controller.output == "speed" else angle), voltage
+        on_its_way = [voltage, *on_its_way[:-1]]
+        for held, length in ((on_its_way[-1], part), (on_its_way[-2], sample_time - part)):
+            end, a = gain * held, math.exp(-length / tau)
+            angle += tau * (1 - a) * (speed - end) + length * end
+            speed = a * speed + (1 - a) * end
+    # The step comes at the second tick: what a law knows before is nothing.
+    t: Array = (np.arange(ticks, dtype=np.float64) - 1) * sample_time
+    return Response(t=t[1:], output=course[1:, 0], voltage=course[1:, 1])
+
+
+def step_response(
+    controller: Tunable, motor: FirstOrderMotor, sample_time: float, crossover: float
+) -> tuple[dict[str, Told], float]:
+    """Return overshoot [1] and rise time [s] with their 95 % intervals, and the peak voltage for a unit of the step [V].
+
+    `crossover` [rad/s] is the loop's, which says how long to look.
+    """
+    length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
+    ticks = min(math.ceil(length / sample_time), _MOST_TICKS)
+    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
+    motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
+    found = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]
+    rows = np.array([(each.overshoot, each.rise_time) for each in found])
+    low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0)
+    told = {
+        name: Told(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
+        for n, (name, unit) in enumerate({"overshoot": "1", "rise_time": "s"}.items())
+    }
+    return told, float(np.abs(found[0].voltage).max())
