@@ -44,9 +44,6 @@ class RingLoop:
             series.channel.name
             for series in opening(self.experiment, self.device.info, commanded_live=True).series
         ]
-        self.rows = RowRing.create(1 + len(self.names), slots)
-        self.events = MessageRing.create(event_slots, 1024)
-        self.names = [series.channel.name for series in opening(self.experiment, self.device.info).series]
         self.rows, self.events = rings or (
             RowRing.create(1 + len(self.names), slots),
             MessageRing.create(event_slots, 1024),

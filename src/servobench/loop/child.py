@@ -103,7 +103,8 @@ class _Loop:
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
         _warm(experiment, device)
-        clock = clock_for(device.info.timing)
+        when_late = experiment.when_late
+        clock = clock_for(device.info.timing, missed=when_late.missed, phase=when_late.phase)
         device.start(experiment.sample_time, experiment.seed)
         scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
 

@@ -130,27 +130,6 @@ class Drain:
         self.begun = True
 
     def _take_events(self) -> None:
-        """Write the events that there are, and understand the first and the last."""
-        lost = self._events.missed
-        texts = self._events.read()
-        lost = self._events.missed - lost
-        if lost and not self.begun:
-            raise StorageError(
-                f"{self._path}: the recorder came too late to hear which device was opened, as {lost} events had come since; "
-                "nothing was recorded. Start it before the first command is sent"
-            )
-        if lost:
-            self._told_missed(EVENTS_MISSED, self._events.next - len(texts) - lost, lost)
-        for text in texts:
-            said = json.loads(text)
-            if said["kind"] == "opened" and not self.begun:
-                info = _adapter(DeviceInfo).validate_python(said["info"])
-                self._begin(opening(self._experiment, info, commanded_live=True))
-            if said["kind"] == "ended":
-                self._take_rows(self._ring.written)  # the last word comes after the last row
-                self.ended = ending(said)
-            if self.begun:
-                self.add(self._event(said, text))
         """Write the events that there are, and say where some are lost."""
         until = self._event_ring.written
         while self._events.next < until:
@@ -173,7 +152,8 @@ class Drain:
         """Write an event, and understand the first and the last."""
         said = json.loads(text)
         if said["kind"] == "opened" and not self.begun:
-            self._begin(opening(self._experiment, _adapter(DeviceInfo).validate_python(said["info"])))
+            info = _adapter(DeviceInfo).validate_python(said["info"])
+            self._begin(opening(self._experiment, info, commanded_live=True))
         if said["kind"] == "ended":
             self._take_rows(self._ring.written)  # the last word comes after the last row
             self.ended = ending(said)

@@ -78,12 +78,9 @@ def run(
             f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
             "its loop up: run without `look` (--until), and longer"
         )
-    keeper = _keeper(clock, device.info)
+    keeper = _keeper(clock, device.info, experiment)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info)
-    keeper = _keeper(clock, device.info, experiment)
-    references = _References(experiment.signal, experiment.sample_time)
-    opening = _opening(experiment, device.info)
     try:
         device.start(experiment.sample_time, experiment.seed)
         recorder = _recorder(opened, to, keeper)
