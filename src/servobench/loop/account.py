@@ -1,17 +1,29 @@
-"""Account of a run's timing: which ticks were late, and which were missed. Each one is counted."""
+"""Account of a run's timing: which ticks were late, which were missed, and whether the clocks agree. Each tick is counted."""
 
 from __future__ import annotations
 
+import time
+from collections.abc import Callable
+
+from servobench.channels import Timing
 from servobench.clock import Tick
 from servobench.finding import Finding, info, warning
+from servobench.loop.pace import Spans, pace
 
 MANY_MISSED = 0.01  # of all ticks
 
 
 class Account:
-    """Counts the ticks of one run as they pass."""
+    """Counts the ticks of one run as they pass, on a device that keeps time by `timing`; `now` is the computer's own time [s]."""
 
-    def __init__(self) -> None:
+    def __init__(
+        self, sample_time: float, timing: Timing, *, now: Callable[[], float] = time.perf_counter
+    ) -> None:
+        self._sample_time = sample_time
+        self._timing = timing
+        self._now = now
+        self._first: tuple[Tick, float] | None = None
+        self._last: tuple[Tick, float] | None = None
         self._due = 0
         self.done = 0
         self.late = 0
@@ -20,6 +32,8 @@ class Account:
 
     def add(self, tick: Tick) -> None:
         """Take a tick; those between the one that was due and this one were missed."""
+        self._last = (tick, self._now())
+        self._first = self._first or self._last
         self.done += 1
         self.missed += tick.index - self._due
         self._due = tick.index + 1
@@ -48,4 +62,21 @@ class Account:
                     f"the input before each gap held through it",
                 )
             )
-        return tuple(findings)
+        return (*findings, *self._pace())
+
+    def _pace(self) -> tuple[Finding, ...]:
+        """What there is to say about the clocks; in virtual time there is one only."""
+        if self._timing == "virtual" or self._first is None or self._last is None:
+            return ()
+        (first, began), (last, ended) = self._first, self._last
+        by_device = self._timing == "device"
+        return pace(
+            Spans(
+                sample_time=self._sample_time,
+                ticks=(last.index - first.index) * self._sample_time,
+                device=last.sample.time - first.sample.time if by_device else None,
+                host=ended - began if by_device else last.actual - first.actual,
+                late=0.0 if by_device else (last.actual - last.scheduled) - (first.actual - first.scheduled),
+                handed_on=by_device,
+            )
+        )

@@ -38,11 +38,11 @@ RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
 class ToRing:
     """Hands the ticks on to whoever reads the ring, and keeps account of their timing."""
 
-    def __init__(self, rows: RowRing, row: RowMaker, width: int) -> None:
+    def __init__(self, rows: RowRing, row: RowMaker, width: int, account: Account) -> None:
         self._rows = rows
         self._row = row
         self._rest = (0.0,) * (COLUMNS - width)
-        self.account = Account()
+        self.account = account
 
     def add(self, place: Place) -> None:
         """Hand on one tick."""
@@ -98,7 +98,8 @@ class _Loop:
         opened = opening(experiment, device.info, commanded_live=True)
         references = References(experiment.signal, experiment.sample_time)
         drive = Drive(experiment, device.info, references, enabled=self._spec.enabled)
-        sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series))
+        account = Account(experiment.sample_time, device.info.timing)
+        sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series), account)
         attendants = self._attendants(experiment, drive)
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()

@@ -16,18 +16,26 @@ BLOCK_TIME = 0.5  # s; what a crash of the process may cost
 BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
 
 
+def block_of(sample_time: float) -> int:
+    """Return how many rows go to a recorder at once."""
+    return max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
+
+
 class Log:
-    """Gathers the ticks of a run in blocks for the recorder; `kept` keeps them for somebody who looks meanwhile."""
+    """Gathers the ticks of a run in blocks of `block` for the recorder, and has them counted by the account.
+
+    `kept` keeps them for somebody who looks meanwhile.
+    """
 
     def __init__(
-        self, recorder: Recorder, row: RowMaker, sample_time: float, kept: InMemory | None = None
+        self, recorder: Recorder, row: RowMaker, account: Account, block: int, kept: InMemory | None = None
     ) -> None:
         self._recorder = recorder
         self._row = row
         self._kept = kept
-        self._block = max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
+        self._block = block
         self._rows: list[tuple[float, ...]] = []
-        self._account = Account()
+        self._account = account
 
     def add(self, place: Place) -> None:
         """Take one tick that is done."""

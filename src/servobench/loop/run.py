@@ -12,7 +12,8 @@ from servobench.clock import Clock, clock_for
 from servobench.devices.base import Device
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
 from servobench.experiment import Experiment
-from servobench.loop.log import Log
+from servobench.loop.account import Account
+from servobench.loop.log import Log, block_of
 from servobench.loop.opening import opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.recorder import InMemory, Recorder, ToFile
@@ -87,7 +88,13 @@ def run(
     except BaseException:
         stop(device)
         raise
-    log = Log(recorder, row_maker(opened), experiment.sample_time, None if look is None else InMemory(opened))
+    log = Log(
+        recorder,
+        row_maker(opened),
+        Account(experiment.sample_time, device.info.timing),
+        block_of(experiment.sample_time),
+        None if look is None else InMemory(opened),
+    )
     attendants = _attendants(experiment, log, watch, look)
     try:
         stopped, error = outcome(
