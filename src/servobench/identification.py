@@ -26,6 +26,7 @@ from servobench.motor_parameters.current import has_current
 from servobench.motor_parameters.current_input import about_current_input
 from servobench.noise_choice import allowing_for_disturbance, as_it_is
 from servobench.reconciliation.asking import reconcile
+from servobench.records_apart import with_what_records_tell
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.structure_choice import chosen
 from servobench.validate import validate
@@ -107,7 +108,7 @@ def _judged(
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
     fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
-    fit = with_what_one_level_tells(fit)
+    fit = with_what_records_tell(with_what_one_level_tells(fit), method, allow)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,

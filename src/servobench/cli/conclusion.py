@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from servobench.cli.failures import DONE, REFUSED
+from servobench.cli.other_output import with_other_output
 from servobench.finding import Verdict
 
 if TYPE_CHECKING:
@@ -55,9 +56,10 @@ def concluded(
         others_data = [measure(each.recording, each.chain) for each in others]
     except NotIdentifiable as error:
         return _without_data([each.recording for each in evidence], error)
-    return identify(
+    result = identify(
         data, structure=structure, estimator=estimator, nominal=nominal, validate_on=others_data, known=known
     )
+    return with_other_output(result, [each.recording for each in evidence])
 
 
 def deliver(
