@@ -118,9 +118,9 @@ def _holding(estimates: Sequence[Estimate]) -> tuple[float, float]:
 def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
     sentence = (
         f"The records don't agree: {'; '.join(_told(name, selections) for name in apart)}. The intervals are widened to hold "
-        "what each choice of records says. The motor wasn't the same in all of them, or doesn't follow this model over all of their "
-        "levels, speeds and directions, so that somebody who fits other records, or weighs them otherwise, finds other figures. "
-        "Fit together those in which the motor does what you need it for."
+        "what each choice of records says. The motor wasn't the same in all of them, or doesn't follow this model over all of "
+        "their levels, speeds and directions, so that somebody who fits other records, or weighs them otherwise, finds other "
+        "figures. Fit together those in which the motor does what you need it for."
     )
     return warning("records-apart", sentence, parameters=tuple(apart))
 

@@ -58,3 +58,8 @@ def test_a_parameter_that_can_t_be_claimed_is_answered_with_those_that_can() -> 
 )
 def test_a_sheet_s_value_is_known_to_half_a_unit_of_its_last_digit(value: float, half: float) -> None:
     assert written_half_width(value) == pytest.approx(half)
+
+
+def test_a_claimed_friction_is_sent_to_where_its_interval_stands() -> None:
+    with pytest.raises(UsageError, match="claimed coulomb voltage.*servobench identify"):
+        Claim.parse("coulomb_voltage=0.1298V")

@@ -18,6 +18,8 @@ _SPELLINGS: dict[str, Claimed] = {
     "tau": "time_constant",
     "τ": "time_constant",
 }
+# Parameters of structures, too, but the causes tell of gain and time constant only.
+_NOT_EXPLAINED = ("coulomb_voltage", "offset_voltage", "stribeck_voltage", "delay")
 _EXPECTED: dict[Claimed, str] = {"gain": "any number but 0", "time_constant": "more than 0"}
 _NUMBER = re.compile(r"\s*[+-]?(?P<digits>\d+\.?\d*|\.\d+)(?:[eE](?P<exponent>[+-]?\d{1,3}))?")
 _PLUS_MINUS = re.compile(r"±|\+/?-")
@@ -38,11 +40,18 @@ class Claim:
         """Return the claim that a text makes: `tau=0.13`, `tau=130ms`, `gain=23.8`, `tau=0.13±0.01`.
 
         Without ± it is known to half a unit of its last digit: 0.13 means 0.125 to 0.135. A gain without a unit is in
-        `gain_unit`. Raises `UsageError` where it is no claim, `UnknownName` for a parameter that can't be claimed.
+        `gain_unit`. Raises `UsageError` where it is no claim, or of a parameter for which no causes are known;
+        `UnknownName` for what is no parameter.
         """
         name, mark, rest = text.partition("=")
         if not mark or not rest.strip():
             raise UsageError(f"claim {text!r}: expected NAME=VALUE, such as tau=0.13, tau=130ms or gain=23.8")
+        if name.strip() in _NOT_EXPLAINED:
+            raise UsageError(
+                f"claim {text!r}: causes are known for a gain and a time constant only; hold a claimed "
+                f"{name.strip().replace('_', ' ')} against its interval, and against what the findings say of it, with "
+                "`servobench identify`"
+            )
         if name.strip() not in _SPELLINGS:
             raise UnknownName("parameter to claim", name.strip(), _SPELLINGS)
         known = _SPELLINGS[name.strip()]
