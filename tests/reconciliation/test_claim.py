@@ -61,5 +61,5 @@ def test_a_sheet_s_value_is_known_to_half_a_unit_of_its_last_digit(value: float,
 
 
 def test_a_claimed_friction_is_sent_to_where_its_interval_stands() -> None:
-    with pytest.raises(UsageError, match="claimed coulomb voltage.*servobench identify"):
+    with pytest.raises(UsageError, match=r"claimed coulomb voltage.*servobench identify"):
         Claim.parse("coulomb_voltage=0.1298V")
