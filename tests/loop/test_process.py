@@ -65,7 +65,7 @@ def test_every_tick_is_recorded_or_counted_as_missed(tmp_path: Path) -> None:
     t = recording["counts"].t
     assert t is not None
     assert np.all(np.diff(t) > 0)
-    assert np.all(t - recording["scheduled"].values >= 0)
+    assert np.all(t - recording["scheduled"].values > -1e-9)  # the clock counts whole nanoseconds
     assert recording.stopped.reason == "finished"
     assert recording.stopped.sentence == "ran for 0.5 s, as asked"
     assert (recording,) == read(tmp_path / "a.mcap")
