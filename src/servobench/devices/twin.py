@@ -224,6 +224,8 @@ class Twin:
         )
         self._sample_time, self._index, self._coasted = sample_time, -1, 0.0
         self._started = self._clock()
+        if self.settings.timing == "host":
+            self._plant.advance_to(self._now())  # the first one loads what the next ones need
 
     def read(self) -> Sample:
         """Let the time since the last sample pass, then latch counts, current and speed."""

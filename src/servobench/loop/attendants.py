@@ -41,7 +41,7 @@ class CommandTaker:
     def __call__(self, place: Place) -> Stopped | None:
         while self._waiting and self._waiting[0].number <= place.command:
             self._answer(place, self._waiting.pop(0))
-        if not self._texts:
+        if not self._texts and self._commands.waiting:
             self._texts = self._commands.read()
         return self._take(self._texts.pop(0), place) if self._texts else None
 

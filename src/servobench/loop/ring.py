@@ -199,6 +199,11 @@ class MessageReader:
         self.next = start
         self.missed = 0
 
+    @property
+    def waiting(self) -> bool:
+        """Whether there is a text that wasn't read yet; costs much less than to read none."""
+        return self._ring.written != self.next
+
     def read(self, most: int = 256) -> list[str]:
         """Return up to `most` of the texts that there are, as they were pushed; where it was overtaken `missed` has risen."""
         ring = self._ring
