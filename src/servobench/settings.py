@@ -13,6 +13,7 @@ from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import (
     BaseModel,
+    BeforeValidator,
     ConfigDict,
     Field,
     GetCoreSchemaHandler,
@@ -140,6 +141,11 @@ PositiveVoltage: TypeAlias = Annotated[Voltage, Field(gt=0)]
 # A nanosecond to thirty years: wide enough for anything that turns, and its inverse and ratios are finite.
 PositiveTime: TypeAlias = Annotated[Time, Field(gt=0), Field(ge=1e-9, le=1e9)]
 PositiveFrequency: TypeAlias = Annotated[Frequency, Field(gt=0), Field(ge=1e-9, le=1e9)]
+
+
+def none_for(word: str) -> BeforeValidator:
+    """Read a word as None: a file has no other way to write that there is no value."""
+    return BeforeValidator(lambda given: None if isinstance(given, str) and given == word else given)
 
 
 class Settings(BaseModel):

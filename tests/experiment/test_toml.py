@@ -79,6 +79,21 @@ EXPERIMENTS = st.builds(
     limits=st.fixed_dictionaries({"voltage": st.floats(0.1, 24)}),
     when_late=st.fixed_dictionaries(
         {"missed": st.sampled_from(["discard", "process"]), "phase": st.sampled_from(["keep", "lose"])}
+    limits=st.fixed_dictionaries(
+        {"voltage": st.floats(0.1, 24)},
+        optional={
+            "slew": st.floats(0.1, 1e6),
+            "current": st.floats(0.01, 10),
+            "speed": st.floats(1, 1e4),
+            "travel": st.floats(0.1, 1e6),
+            "possible_speed": st.floats(1, 1e4),
+            "stall": st.just("off") | st.fixed_dictionaries({"duration": st.floats(0.01, 10)}),
+            "plausibility": st.just("off")
+            | st.fixed_dictionaries({"gain": st.floats(1, 100), "time_constant": st.floats(0.01, 1)}),
+            "watchdog": st.fixed_dictionaries(
+                {"timeout": st.floats(0.02, 0.5), "light": st.sampled_from(["off", "red"])}
+            ),
+        },
     ),
 )
 
@@ -149,6 +164,32 @@ voltage = "10 V"
 [when_late]
 missed = "discard"
 phase = "keep"
+driven_light = "green"
+fault_light = "red"
+
+[limits.stall]
+voltage = "5 V"
+motion = "1 rad/s"
+warning = "0.04 s"
+duration = "3 s"
+
+[limits.plausibility]
+motor = ""
+coulomb_voltage = "0.2 V"
+voltage = "2 V"
+
+[limits.start]
+voltage = "0 V"
+light = "blue"
+
+[limits.terminate]
+voltage = "0 V"
+light = "blue"
+
+[limits.watchdog]
+voltage = "0 V"
+light = "red"
+timeout = "0.1 s"
 '''
     assert experiment.to_toml() == expected
     assert read_experiment(expected) == experiment

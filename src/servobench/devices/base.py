@@ -76,6 +76,15 @@ class Device(Protocol):
         ...
 
 
+@runtime_checkable
+class Lit(Protocol):
+    """What a device with a light can do besides; a guard shows by it whether the motor is driven or has failed."""
+
+    def light(self, red: float, green: float, blue: float) -> None:
+        """Light the lamp in that colour, each part from 0 to 1."""
+        ...
+
+
 def finite_voltage(device: str, voltage: object) -> float:
     """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
     # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.

@@ -60,6 +60,8 @@ class Replay:
     """
 
     Settings: ClassVar[type[ReplaySettings]] = ReplaySettings
+    drives: ClassVar[bool] = False
+    """Nothing moves by what is written, so that a guard has nothing to stop."""
 
     def __init__(self, source: ReplaySettings | Recording) -> None:
         recording = source if isinstance(source, Recording) else _chosen(source)

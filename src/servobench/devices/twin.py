@@ -149,6 +149,7 @@ class Twin:
         if self.settings.delay < 0:
             raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
         self._open = False
+        self.lit = (0.0, 0.0, 0.0)  # red, green and blue of its lamp; for tests and pictures
         self._plant: Plant | None = None
         self._clock = time.perf_counter
         self._index, self._sample_time, self._started, self._coasted = -1, math.nan, 0.0, 0.0
@@ -252,6 +253,11 @@ class Twin:
         """Put zero volts on the motor, at once."""
         if self._plant is not None:
             self._plant.cut(self._now())
+
+    def light(self, red: float, green: float, blue: float) -> None:
+        """Light the lamp, each colour from 0 to 1."""
+        self._needs_open()
+        self.lit = (red, green, blue)
 
     @property
     def state(self) -> MotorState:

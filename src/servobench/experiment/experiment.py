@@ -7,23 +7,19 @@ from collections.abc import Mapping
 from typing import Annotated, Any, Self, TypeAlias
 
 import numpy as np
-from pydantic import AfterValidator, BeforeValidator, Field, model_validator
+from pydantic import AfterValidator, Field, model_validator
 
 from servobench.clock import Missed, Phase
 from servobench.control.base import CONTROLLERS, Controller
 from servobench.control.open_loop import OpenLoop
+from servobench.experiment.limits import Limits
 from servobench.finding import Finding, info, warning
-from servobench.settings import MemberOf, PositiveTime, PositiveVoltage, Settings
+from servobench.settings import MemberOf, PositiveTime, Settings, none_for
 from servobench.signals.base import AnySignal
 from servobench.signals.square import Square
 
 AnyController: TypeAlias = Annotated[Controller, MemberOf(CONTROLLERS)]
 _MOST_EVALUATED = 200_000  # ticks of a signal that `findings` looks at; 400 s at 500 Hz
-
-
-def _none_for(word: str) -> BeforeValidator:
-    """Read a word as None: a file has no other way to write that there is no value."""
-    return BeforeValidator(lambda given: None if given == word else given)
 
 
 def _writable(value: Any) -> Any:
@@ -48,8 +44,8 @@ def _writable(value: Any) -> Any:
 
 
 Text: TypeAlias = Annotated[str, AfterValidator(_writable)]
-Duration: TypeAlias = Annotated[PositiveTime | None, _none_for("endless")]
-Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, _none_for("random")]
+Duration: TypeAlias = Annotated[PositiveTime | None, none_for("endless")]
+Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, none_for("random")]
 
 
 class DeviceChoice(Settings):
@@ -102,6 +98,7 @@ class Experiment(Settings):
     """What the device must not be asked for."""
     when_late: WhenLate = WhenLate()
     """What is done about ticks that have gone by."""
+    """What the device must not be asked for, and what ends a run that goes wrong."""
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
     chain: Text = ""

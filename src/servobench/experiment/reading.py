@@ -21,6 +21,8 @@ from servobench.experiment.experiment import (
     Seed,
     WhenLate,
 )
+from servobench.experiment.experiment import AnyController, DeviceChoice, Duration, Experiment, Seed
+from servobench.experiment.limits import Limits
 from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.settings import PositiveFrequency, PositiveTime, Settings

@@ -24,6 +24,8 @@ def to_toml(experiment: Experiment) -> str:
     fields = {name: value for name, value in given.items() if name not in _TABLES and value != ""}
     fields.setdefault("duration", "endless")
     fields.setdefault("seed", "random")
+    for monitor in ("stall", "plausibility"):
+        given["limits"].setdefault(monitor, "off")
     if not given["device"]["settings"]:
         del given["device"]["settings"]
     tables = {"experiment": fields, **{name: given[name] for name in _TABLES}}
