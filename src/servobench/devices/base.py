@@ -85,13 +85,19 @@ class Lit(Protocol):
         ...
 
 
-def finite_voltage(device: str, voltage: object) -> float:
-    """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
-    # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
+def voltage_or_nan(voltage: object) -> float:
+    """Return what is given as a voltage [V] as a float, NaN where it is no number; infinities stay."""
     value = math.nan
     if isinstance(voltage, int | float | np.floating | np.integer) and not isinstance(voltage, bool):
         with suppress(OverflowError):  # an integer of hundreds of digits
             value = float(voltage)
+    return value
+
+
+def finite_voltage(device: str, voltage: object) -> float:
+    """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
+    # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
+    value = voltage_or_nan(voltage)
     if not math.isfinite(value):
         raise UsageError(f"{device}: {voltage!r} is no voltage; expected a finite number in V")
     return value

@@ -10,7 +10,7 @@ from types import TracebackType
 from typing import ClassVar, Literal, NoReturn, Self, TypeAlias
 
 from servobench.channels import DeviceInfo, Sample
-from servobench.devices.base import Device, RunEnded, finite_voltage
+from servobench.devices.base import Device, RunEnded, voltage_or_nan
 from servobench.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.devices.guard.faults import (
     Fault,
@@ -159,7 +159,7 @@ class Guarded:
 
     def write(self, voltage: float) -> float:
         """Put out a voltage [V] within the limits, and return what the device puts out; raises `RunEnded` as `read` does."""
-        commanded = voltage if type(voltage) is float else self._typed(voltage)
+        commanded = voltage if type(voltage) is float else voltage_or_nan(voltage)
         if self._fault is not None:
             return self._held(commanded)
         u = commanded
@@ -291,13 +291,6 @@ class Guarded:
         made = [kind.of(self._rig) for kind in MONITORS] if self._drives else []
         self._monitors: tuple[Monitor, ...] = tuple(monitor for monitor in made if monitor is not None)
         self._checks = tuple(monitor.check for monitor in self._monitors)
-
-    def _typed(self, voltage: object) -> float:
-        """A voltage of another type as a float, NaN where it is none."""
-        try:
-            return finite_voltage(self.info.name, voltage)
-        except UsageError:
-            return math.nan
 
     def _slewed(self, voltage: float) -> float:
         """The voltage as far as the slew limit lets it go since the last sample."""

@@ -50,7 +50,7 @@ def opening(experiment: Experiment, device: DeviceInfo, *, commanded_live: bool 
         input="applied",
         output="counts",
         reference="reference" if controlled else None,
-        input_before=0.0,
+        input_before=experiment.limits.start.voltage,
         info=device,
         experiment=experiment.to_toml(),
         versions={"servobench": __version__, "python": platform.python_version(), "numpy": np.__version__},

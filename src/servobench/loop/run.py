@@ -10,6 +10,7 @@ from typing import TypeAlias
 from servobench.channels import DeviceInfo
 from servobench.clock import Clock, clock_for
 from servobench.devices.base import Device
+from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.account import Account
@@ -80,6 +81,8 @@ def run(
             "its loop up: run without `look` (--until), and longer"
         )
     keeper = _keeper(clock, device.info, experiment)
+    device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
+    keeper = _keeper(clock, device.info)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info)
     try:
@@ -105,7 +108,7 @@ def run(
         )
         if isinstance(error, StorageError):
             raise error
-        recording = log.end(stopped)
+        recording = log.end(stopped, device.findings())
     finally:
         recorder.abandon()
     if isinstance(error, DeviceError):
@@ -117,7 +120,7 @@ def run(
 
 def _carry_out(
     experiment: Experiment,
-    device: Device,
+    device: Guarded,
     clock: Clock,
     drive: Drive,
     log: Log,
@@ -125,7 +128,7 @@ def _carry_out(
 ) -> Stopped:
     """Let the ticks pass to the end of the experiment or to a fault; the device is started."""
     clock.start(experiment.sample_time)
-    ended = let_pass(experiment.samples, experiment.limits.voltage, device, clock, drive, log, attendants)
+    ended = let_pass(experiment.samples, device, clock, drive, log, attendants)
     return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
 
 

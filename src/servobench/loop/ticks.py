@@ -13,6 +13,9 @@ from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
 from servobench.devices.base import Device, RunEnded
 from servobench.errors import DeviceError, UsageError
+from servobench.devices.base import Device, RunEnded, voltage_or_nan
+from servobench.devices.guarded import Guarded
+from servobench.errors import DeviceError
 from servobench.experiment import Experiment
 from servobench.loop.place import Place
 from servobench.loop.references import References
@@ -131,12 +134,16 @@ class _Travel:
             half = self._range // 2
             self._travel += (counts - self._travel + half) % self._range - half
         return self._travel
+        reference = self.references[tick.index]
+        if not self.enabled or not math.isfinite(reference):
+            return reference, 0.0
+        self.state, voltage = self.controller.step(self.state, reference, tick.sample)
+        return reference, voltage_or_nan(voltage)
 
 
 def let_pass(
     ticks: int | None,
-    limit: float,
-    device: Device,
+    device: Guarded,
     clock: Clock,
     drive: Drive,
     sink: Sink,
@@ -154,13 +161,13 @@ def let_pass(
             break
         reference, commanded = drive.voltage(tick)
         finite = math.isfinite(reference) and math.isfinite(commanded)
-        applied = float(device.write(min(max(commanded, -limit), limit) if finite else 0.0))
+        applied = device.write(commanded if finite else 0.0)
         place = Place(
             tick=tick,
             reference=reference,
             commanded=commanded if math.isfinite(reference) else reference,
             applied=applied,
-            saturated=applied != commanded,
+            saturated=device.saturated or not finite,
             command=drive.command,
         )
         sink.add(place)
