@@ -39,9 +39,7 @@ class Stuck(Bench):
         if self.shown is None:
             self.shown = sample.counts
         # With A stuck the states of B are one count apart, forth and back.
-        return dataclasses.replace(
-            sample, counts=self.shown + (sample.counts & 1 if self.toggling else 0)
-        )
+        return dataclasses.replace(sample, counts=self.shown + (sample.counts & 1 if self.toggling else 0))
 
 
 class Jammed(Bench):

@@ -45,7 +45,9 @@ def test_a_shaft_that_is_jammed_at_speed_is_warned_of_within_100_ms(current_sens
         assert 1.0 < warned <= 1.1
 
 
-def test_a_shaft_that_is_jammed_at_speed_is_cut_off_after_3_s_where_the_current_shows_that_it_stands() -> None:
+def test_a_shaft_that_is_jammed_at_speed_is_cut_off_after_3_s_where_the_current_shows_that_it_stands() -> (
+    None
+):
     with Jammed(1.0) as motor:
         guarded = drive(motor, lambda t: 10.0, duration=5.0)
         assert guarded.fault is not None
