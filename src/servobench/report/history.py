@@ -34,6 +34,9 @@ def asked(recording: Recording) -> tuple[Fact, ...]:
     """Return what an experiment asked for, from its TOML text; nothing where there is none or it can't be read."""
     table = experiment_table(recording)
     own = table.pop("experiment", {})
+    if isinstance(limits := table.get("limits"), Mapping):
+        # What else is in that table is told by what the motor was guarded by.
+        table["limits"] = {"voltage": limits.get("voltage", "")}
     facts = {**own, **table} if isinstance(own, Mapping) else table
     return tuple(
         Fact(heading=capital(_words(key)), text=told(value))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
 from servobench.report import history, illustrations, model_illustrations, tables, timing, words
+from servobench.report import history, illustrations, model_illustrations, safety, tables, words
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
 from servobench.report.palette import Style
@@ -81,6 +82,9 @@ def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
         "asked": [(recording, history.asked(recording)) for recording in _by_experiment(recordings)],
         "happened": runs,
         "side_by_side": history.side_by_side(runs),
+        "guarded_by": [
+            (recording.name, rows) for recording in recordings if (rows := safety.guarded_by(recording))
+        ],
         "made_on": history.made_on(recordings),
     }
 

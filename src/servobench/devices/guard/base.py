@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple, Protocol, Self, runtime_checkable
+from typing import ClassVar, NamedTuple, Protocol, Self, runtime_checkable
 
 from servobench.channels import DeviceInfo, Sample
 from servobench.experiment.limits import Limits
@@ -123,6 +123,16 @@ class Motion:
 @runtime_checkable
 class Monitor(Protocol):
     """Looks at each sample of one run; its state is of that run alone."""
+
+    heading: ClassVar[str]
+    """What it watches, as the heading of a row."""
+    codes: ClassVar[tuple[str, ...]]
+    """The codes of its alarms and findings."""
+
+    @property
+    def limit(self) -> str:
+        """The limit that it holds the motor to, with its numbers, in a few words."""
+        ...
 
     @classmethod
     def of(cls, rig: Rig) -> Self | None:

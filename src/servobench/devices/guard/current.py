@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.errors import UsageError
@@ -12,6 +12,9 @@ from servobench.finding import Finding
 @MONITORS.member("current")
 class CurrentMonitor:
     """A fault where |i| > `limits.current`, or where a sample doesn't say."""
+
+    heading: ClassVar[str] = "Current"
+    codes: ClassVar[tuple[str, ...]] = ("current-above-limit",)
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
@@ -27,6 +30,11 @@ class CurrentMonitor:
                 "leave that limit out"
             )
         return cls(rig.limits.current)
+
+    @property
+    def limit(self) -> str:
+        """The largest current."""
+        return f"at most {self._limit:g} A"
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the current isn't within the limit."""

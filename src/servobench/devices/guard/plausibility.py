@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, SMOOTHING, Alarm, Motion, Nominal, Rig
 from servobench.finding import Finding
@@ -34,6 +34,9 @@ class PlausibilityMonitor:
     shaft does that isn't hit; one that was dead from the start is not noticed then.
     """
 
+    heading: ClassVar[str] = "Standstill of the encoder"
+    codes: ClassVar[tuple[str, ...]] = ("encoder-stands-still",)
+
     def __init__(
         self, nominal: Nominal, voltage: float, angle: float, smoothing: float, delay: float
     ) -> None:
@@ -60,6 +63,11 @@ class PlausibilityMonitor:
     def patience(self) -> float:
         """T, how long the encoder may stand while the voltage pushes [s]."""
         return self._patience
+
+    @property
+    def limit(self) -> str:
+        """How long the encoder may stand."""
+        return f"at most {1000 * self._patience:.2g} ms while the voltage turns the motor, from {self._voltage:g} V on"
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the encoder has stood for too long."""

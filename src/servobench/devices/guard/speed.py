@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.errors import UsageError
@@ -12,6 +12,9 @@ from servobench.finding import Finding
 @MONITORS.member("speed")
 class SpeedMonitor:
     """A fault where the encoder's speed, smoothed over 10 ms, or the tachometer's is above `limits.speed`."""
+
+    heading: ClassVar[str] = "Speed"
+    codes: ClassVar[tuple[str, ...]] = ("speed-above-limit",)
 
     def __init__(self, limit: float) -> None:
         self._limit = limit
@@ -27,6 +30,11 @@ class SpeedMonitor:
                 "make a turn (counts_per_rev); leave that limit out"
             )
         return cls(rig.limits.speed)
+
+    @property
+    def limit(self) -> str:
+        """The largest speed."""
+        return f"at most {self._limit:g} rad/s"
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the speed isn't within the limit."""

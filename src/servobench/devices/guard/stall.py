@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.experiment.limits import StallLimits
@@ -16,6 +16,9 @@ class StallMonitor:
     Stalled is a shaft while |u| is above the control threshold and |ω| below the motion threshold. Where the counts of a turn
     aren't known, motion is any count in the last 50 ms. `time_stalled` [s] is how long it has been so; 0 where it isn't.
     """
+
+    heading: ClassVar[str] = "Stall"
+    codes: ClassVar[tuple[str, ...]] = ("stalled",)
 
     def __init__(self, limits: StallLimits, motion_threshold: float) -> None:
         self._limits = limits
@@ -32,6 +35,14 @@ class StallMonitor:
         if limits is None or not rig.in_volts:
             return None
         return cls(limits, limits.motion if rig.angle else 1.0)
+
+    @property
+    def limit(self) -> str:
+        """Both thresholds and both times."""
+        return (
+            f"slower than {self._limits.motion:g} rad/s above {self._control:g} V: a warning after "
+            f"{1000 * self._limits.warning:g} ms, cut off after {self._limits.duration:g} s"
+        )
 
     def check(self, motion: Motion) -> Alarm | None:
         """Add to the time stalled, and return an alarm where that is too long."""

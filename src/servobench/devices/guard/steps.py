@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.finding import Finding
@@ -21,6 +21,9 @@ class StepMonitor:
     and that is a fault as well. Without any ω_max a step of exactly half of the range is one.
     """
 
+    heading: ClassVar[str] = "Step of the encoder"
+    codes: ClassVar[tuple[str, ...]] = ("encoder-step-impossible", "wraps-unknown")
+
     def __init__(self, fastest: float | None, half: int, sample_time: float) -> None:
         self._fastest, self._half, self._sample_time = fastest, half, sample_time
 
@@ -34,6 +37,15 @@ class StepMonitor:
         half = 1 << (channel.counter_bits - 1) if channel and channel.counter_bits else 0
         in_counts = fastest / rig.angle if fastest is not None and rig.angle else None
         return cls(in_counts, half, rig.sample_time) if in_counts is not None or half else None
+
+    @property
+    def limit(self) -> str:
+        """The largest step."""
+        return (
+            f"less than {self._half} counts"
+            if self._fastest is None
+            else f"at most {self._fastest * self._sample_time:.0f} counts in a sample time, that again, and {_ROUNDING}"
+        )
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where a step, or the time that it took, is too long."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from typing import Self
+from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.errors import UsageError
@@ -13,6 +13,9 @@ from servobench.finding import Finding
 @MONITORS.member("travel")
 class TravelMonitor:
     """A fault where the shaft is further than `limits.travel` from where the first sample found it."""
+
+    heading: ClassVar[str] = "Travel"
+    codes: ClassVar[tuple[str, ...]] = ("travel-above-limit",)
 
     def __init__(self, limit: float, angle: float) -> None:
         self._limit, self._angle = limit, angle
@@ -29,6 +32,11 @@ class TravelMonitor:
                 "make a turn (counts_per_rev); leave that limit out"
             )
         return cls(rig.limits.travel, rig.angle)
+
+    @property
+    def limit(self) -> str:
+        """The largest angle."""
+        return f"at most {self._limit:g} rad from the start"
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the shaft is beyond the limit."""
