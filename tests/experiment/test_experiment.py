@@ -7,6 +7,7 @@ from pydantic import ValidationError
 
 from servobench.control.open_loop import OpenLoop
 from servobench.experiment import PAPER, Experiment, Limits
+from servobench.experiment.limits import Outputs
 from servobench.signals.constant import Constant
 from servobench.signals.prbs import PRBS
 from servobench.signals.ramp import Ramp
@@ -124,6 +125,17 @@ def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment)
             "signal-above-limit",
             "asks for 20 V, at 10 s",
         ),
+        (
+            Experiment(signal=Square(low=-2, high=2), limits=Limits(slew=1500)),
+            "signal-above-slew",
+            "by up to 2000 V/s from one sample to the next; the limit is 1500 V/s",
+        ),
+        (
+            Experiment(limits=Limits(terminate=Outputs(voltage=0.5))),
+            "voltage-after-fault",
+            "After a fault 0.5 V stay on the motor (limits.terminate.voltage)",
+        ),
+        (Experiment(limits=Limits(stall="off")), "stall-not-watched", "Nobody watches"),
         (Experiment(signal=Constant(value=0)), "signal-is-zero", "0 V from the start to 9.998 s"),
         (
             Experiment(signal=PRBS(order=10)),

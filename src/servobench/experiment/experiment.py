@@ -133,7 +133,11 @@ class Experiment(Settings):
 
     def findings(self) -> tuple[Finding, ...]:
         """Return what is worth knowing before the experiment is run; it can be run all the same."""
-        return tuple(finding for finding in (*self._pace_findings(), *self._level_findings()) if finding)
+        return tuple(
+            finding
+            for finding in (*self._pace_findings(), *self._level_findings(), *self.limits.findings())
+            if finding
+        )
 
     def to_toml(self) -> str:
         """Return the experiment as the text of a TOML file, which reads back as an equal experiment."""
@@ -166,7 +170,7 @@ class Experiment(Settings):
         t = ticks * self.sample_time
         u = self.signal(t)
         largest = int(np.argmax(np.abs(u)))
-        clipped = still = None
+        clipped = still = slewed = None
         if abs(u[largest]) > self.limits.voltage:
             clipped = warning(
                 "signal-above-limit",
@@ -177,7 +181,15 @@ class Experiment(Settings):
             still = warning(
                 "signal-is-zero", f"The signal is 0 V from the start to {t[-1]:g} s: nothing will move."
             )
-        return clipped, still
+        slew = self.limits.slew
+        steepest = float(np.abs(np.diff(u, prepend=self.limits.start.voltage)).max()) / self.sample_time
+        if slew is not None and steepest > slew * (1 + 1e-9):
+            slewed = warning(
+                "signal-above-slew",
+                f"The signal changes by up to {steepest:g} V/s from one sample to the next; the limit is {slew:g} V/s, and "
+                "what is faster is clipped.",
+            )
+        return clipped, still, slewed
 
 
 PAPER = Experiment(

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+from servobench.finding import Finding, info, warning
 from servobench.settings import (
     Angle,
     Current,
@@ -128,6 +129,27 @@ class Limits(Settings):
     """Light while voltages are written."""
     fault_light: Light = "red"
     """Light while a fault is latched."""
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what is worth knowing of limits that let a motor be driven while nobody drives it, or nobody watch a stall."""
+        found = []
+        for name in ("terminate", "watchdog"):
+            value = getattr(self, name).voltage
+            if value:
+                found.append(
+                    warning(
+                        "voltage-after-fault",
+                        f"After a fault {value:g} V stay on the motor (limits.{name}.voltage): it may turn on by itself. Take "
+                        "0 V, unless it has to hold a load.",
+                    )
+                )
+        if self.stall is None:
+            found.append(
+                info(
+                    "stall-not-watched", "Nobody watches for a shaft that is held: the winding may overheat."
+                )
+            )
+        return tuple(found)
 
     @model_validator(mode="after")
     def _outputs_within(self) -> Self:
