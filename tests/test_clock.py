@@ -72,7 +72,7 @@ def test_virtual_time_is_the_number_of_the_tick_times_the_sample_time_to_the_bit
     clock = VirtualClock()
     clock.start(0.002)
 
-    found = [clock.latch(k, Counter()) for k in (0, 1, 2, 4999)]
+    found = [clock.latch(k, lambda k=k: Sample(index=k, time=k * 0.002, counts=0)) for k in (0, 1, 2, 4999)]
 
     assert [(tick.index, tick.scheduled, tick.actual, tick.late) for tick in found] == [
         (k, k * 0.002, k * 0.002, False) for k in (0, 1, 2, 4999)

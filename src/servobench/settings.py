@@ -163,7 +163,8 @@ class Settings(BaseModel):
             problems = error.errors(include_url=False)
             if not any(problem["type"] == "extra_forbidden" for problem in problems):
                 raise
-            retold = [_retold(problem, cls.model_fields) for problem in problems]
+            known = {field.alias or name: field for name, field in cls.model_fields.items()}
+            retold = [_retold(problem, known) for problem in problems]
         raise ValidationError.from_exception_data(cls.__name__, retold)
 
 

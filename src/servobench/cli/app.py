@@ -16,6 +16,7 @@ from servobench.cli.design import design
 from servobench.cli.devices import devices
 from servobench.cli.export import export
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
+from servobench.cli.faults import faults
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
@@ -75,6 +76,7 @@ for command in (
     convert,
     recover,
     devices,
+    faults,
     signals,
     controllers,
     chains,

@@ -33,7 +33,7 @@ def show_members(
         show_wrapped(console, Text(f"{each}  ", style="bold"), _sentence(members[each]), hanging=0)
         fields = settings[each].model_fields.items()
         if fields:
-            rows = [(key, default_text(field), meaning(field)) for key, field in fields]
+            rows = [(field.alias or key, default_text(field), meaning(field)) for key, field in fields]
             show_table(console, ("setting", "default", "meaning"), rows)
         console.print()
 

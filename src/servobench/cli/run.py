@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import replace
 from datetime import datetime
@@ -75,6 +75,13 @@ def run(
             help="End once an interval is as narrow as that: time_constant=0.5% (half of it, over the value).",
         ),
     ] = None,
+    fault: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="FAULT",
+            help='A fault to inject, as "stuck_channel from=2s for=100ms"; repeatable; see `servobench faults`.',
+        ),
+    ] = None,
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
     ] = False,
@@ -92,7 +99,7 @@ def run(
     from servobench.cli.terminal import messages, output
     from servobench.rounding import counted
 
-    asked = experiment_asked_for(experiment, device, seed, until)
+    asked = experiment_asked_for(experiment, device, seed, until, fault or ())
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
@@ -122,9 +129,10 @@ def run(
 
 
 def experiment_asked_for(
-    file: Path | None, device: str | None, seed: int | None, until: str | None
+    file: Path | None, device: str | None, seed: int | None, until: str | None, faults: Sequence[str] = ()
 ) -> Experiment:
-    """What is asked for, with what the command line says in place of what the file says."""
+    """What is asked for, with what the command line says in place of what the file says; faults come on top of the file's."""
+    from servobench.devices.faults.base import table_of
     from servobench.experiment import PAPER, DeviceChoice, load_experiment
     from servobench.measurement.base import Chain
     from servobench.stopping_rule import parse_wish
@@ -132,7 +140,10 @@ def experiment_asked_for(
     asked = PAPER if file is None else load_experiment(file)
     if device is not None and device != asked.device.name:
         # The settings in the file are another device's.
-        asked = asked.model_copy(update={"device": DeviceChoice(name=device)})
+        asked = asked.model_copy(update={"device": DeviceChoice(name=device, faults=asked.device.faults)})
+    if faults:
+        tables = (*asked.device.faults, *map(table_of, faults))
+        asked = asked.model_copy(update={"device": asked.device.model_copy(update={"faults": tables})})
     if seed is not None:
         asked = asked.model_copy(update={"seed": seed})
     if until is not None:
@@ -149,15 +160,23 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     from pydantic import ValidationError
 
     from servobench.devices.base import DEVICES
+    from servobench.devices.faults.base import fault_from
+    from servobench.devices.faulty import Faulty
     from servobench.errors import UsageError
     from servobench.experiment import explain
 
     kind = DEVICES[asked.device.name]
+    part: tuple[str | int, ...] = ("device", "settings")
     try:
-        return kind(kind.Settings(**asked.device.settings))
+        device = kind(kind.Settings(**asked.device.settings))
+        faults = []
+        for place, table in enumerate(asked.device.faults):
+            part = ("device", "faults", place)
+            faults.append(fault_from(table))
     except (ValidationError, UsageError) as error:
         text = file.read_text(encoding="utf-8-sig") if file else ""
-        raise explain(error, text, str(file or asked.device.name), ("device", "settings")) from None
+        raise explain(error, text, str(file or asked.device.name), part) from None
+    return Faulty(device, faults) if faults else device
 
 
 def _carried_out(

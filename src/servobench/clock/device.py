@@ -22,14 +22,16 @@ class DeviceClock:
     def __init__(self) -> None:
         self._sample_time = math.nan
         self._first: int | None = None
+        self._before = -math.inf
 
     def start(self, sample_time: float) -> None:
         """Begin at the device's next sample, which is tick 0."""
         self._sample_time = sample_time
         self._first = None
+        self._before = -math.inf
 
     def latch(self, index: int, read: Callable[[], Sample]) -> Tick:
-        """Take the device's next sample; raises `DeviceError` where its number is no higher than the one before."""
+        """Take the device's next sample; raises `DeviceError` where its number or its time is no higher than the one before."""
         sample = read()
         if self._first is None:
             self._first = sample.index - index
@@ -39,6 +41,13 @@ class DeviceClock:
                 f"the device sent sample {sample.index} where {index + self._first} or a later one was due: "
                 f"its samples don't come in order"
             )
+        # Not "<=", which lets NaN through.
+        if not self._before < sample.time < math.inf:
+            raise DeviceError(
+                f"the device sent sample {sample.index} with the time {sample.time:.9g} s after one with {self._before:.9g} s: "
+                f"its clock stands or went back, so that nobody can say when the samples were taken"
+            )
+        self._before = sample.time
         return Tick(
             index=found,
             scheduled=found * self._sample_time,

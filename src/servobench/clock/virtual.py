@@ -4,25 +4,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import ClassVar
 
 from servobench.channels import Sample, Timing
 from servobench.clock.base import Tick
+from servobench.clock.device import DeviceClock
 
 
 class VirtualClock:
-    """Time that passes as fast as it is computed, and is the same to the bit every time: tick k is at k times the sample time."""
+    """Time that passes as fast as it is computed, and is the same to the bit every time: tick k is at k times the sample time.
+
+    The samples say which tick it is and what time: a simulated device may leave some out, or latch them late.
+    """
 
     timing: ClassVar[Timing] = "virtual"
 
+    ALLOWED_LATENESS: ClassVar[float] = 0.1  # of the sample time
+
     def __init__(self) -> None:
         self._sample_time = math.nan
+        self._device = DeviceClock()
 
     def start(self, sample_time: float) -> None:
         """Begin at tick 0."""
         self._sample_time = sample_time
+        self._device.start(sample_time)
 
     def latch(self, index: int, read: Callable[[], Sample]) -> Tick:
-        """Latch at once."""
-        now = index * self._sample_time
-        return Tick(index=index, scheduled=now, actual=now, late=False, sample=read())
+        """Latch at once; raises `DeviceError` as the device's own clock does."""
+        tick = self._device.latch(index, read)
+        lateness = tick.actual - tick.scheduled
+        return replace(tick, late=True) if lateness > self.ALLOWED_LATENESS * self._sample_time else tick

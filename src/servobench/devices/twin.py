@@ -230,9 +230,20 @@ class Twin:
 
     def read(self) -> Sample:
         """Let the time since the last sample pass, then latch counts, current and speed."""
+        return self.read_after(0.0)
+
+    def read_after(self, delay: float) -> Sample:
+        """Latch the next sample a time [s] after its tick; what is written then acts from that time on.
+
+        Raises `UsageError` beside the wall clock, where each sample is latched when it is asked for.
+        """
         plant = self._running()
+        if delay and self.settings.timing == "host":
+            raise UsageError(
+                "twin: beside the wall clock a sample can't be latched later than it is asked for"
+            )
         self._index += 1
-        now = self._now()
+        now = self._now() + delay
         i, w, theta = plant.advance_to(now)
         return Sample(
             index=self._index,
@@ -258,6 +269,9 @@ class Twin:
         """Light the lamp, each colour from 0 to 1."""
         self._needs_open()
         self.lit = (red, green, blue)
+    def block(self, blocked: bool) -> None:
+        """Hold the shaft where it is, from the last sample on, or let it go."""
+        self._running().blocked = blocked
 
     @property
     def state(self) -> MotorState:

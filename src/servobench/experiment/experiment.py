@@ -43,6 +43,13 @@ def _writable(value: Any) -> Any:
     )
 
 
+def _named(table: Mapping[str, Any]) -> Any:
+    """Return a fault's table as a file can hold it; raises ValueError for one without a name."""
+    if not (isinstance(table.get("name"), str) and table["name"]):
+        raise ValueError('has no name; expected name = "..." (see `servobench faults`)')
+    return _writable(table)
+
+
 Text: TypeAlias = Annotated[str, AfterValidator(_writable)]
 Duration: TypeAlias = Annotated[PositiveTime | None, none_for("endless")]
 Seed: TypeAlias = Annotated[Annotated[int, Field(ge=0, strict=True)] | None, none_for("random")]
@@ -55,6 +62,8 @@ class DeviceChoice(Settings):
     """Name of the device."""
     settings: Annotated[Mapping[str, Any], AfterValidator(_writable)] = Field(default_factory=dict)
     """Settings of that device."""
+    faults: tuple[Annotated[Mapping[str, Any], AfterValidator(_named)], ...] = ()
+    """Faults to inject, each with its name and its settings; the faults' own models check them."""
 
 
 class Limits(Settings):

@@ -28,6 +28,9 @@ def to_toml(experiment: Experiment) -> str:
         given["limits"].setdefault(monitor, "off")
     if not given["device"]["settings"]:
         del given["device"]["settings"]
+    for name in ("settings", "faults"):
+        if not given["device"][name]:
+            del given["device"][name]
     tables = {"experiment": fields, **{name: given[name] for name in _TABLES}}
     lines = ["# An experiment for servobench. A number without a unit is in SI units."]
     for name, table in tables.items():

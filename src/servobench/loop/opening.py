@@ -11,6 +11,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.channels import Channel, DeviceInfo
 from servobench.control.open_loop import OpenLoop
+from servobench.devices.faulty import injected
 from servobench.experiment import Experiment
 from servobench.loop.place import Place
 from servobench.recording.recording import Recording, Series, Source
@@ -53,6 +54,7 @@ def opening(experiment: Experiment, device: DeviceInfo, *, commanded_live: bool 
         input_before=experiment.limits.start.voltage,
         info=device,
         experiment=experiment.to_toml(),
+        findings=injected(device),  # from the start, so that a recording that is cut short is marked, too
         versions={"servobench": __version__, "python": platform.python_version(), "numpy": np.__version__},
     )
 

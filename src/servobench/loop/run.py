@@ -109,6 +109,7 @@ def run(
         if isinstance(error, StorageError):
             raise error
         recording = log.end(stopped, device.findings())
+        recording = log.end(stopped, opened.findings)
     finally:
         recorder.abandon()
     if isinstance(error, DeviceError):

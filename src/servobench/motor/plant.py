@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 
 from servobench.motor.physics import MotorState, Physics, disturbance_factor
@@ -15,7 +17,7 @@ class Plant:
     """A motor that starts at rest at time 0 and is carried forward to any later time.
 
     A voltage acts from the time it is given for until the next one. Durations longer than a tick are cut into ticks, as the
-    solver and the disturbance are prepared for one.
+    solver and the disturbance are prepared for one. While it is `blocked` its shaft is held where it is.
     """
 
     def __init__(
@@ -32,6 +34,7 @@ class Plant:
         self._noise, self._random = torque_noise, random
         self._of_a_tick = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
         self._now, self._voltage = 0.0, 0.0
+        self.blocked = False
         self._coming: list[tuple[float, float]] = []
 
     def act(self, voltage: float, at: float) -> None:
@@ -55,9 +58,20 @@ class Plant:
         while (left := time - self._now) > _SAME * self._tick:
             whole = left > (1 - _SAME) * self._tick
             step = self._tick if whole else left
-            self.state = self._solver.advance(self.state, self._voltage, step)
-            self._disturb(step)
+            if self.blocked:
+                self.state = self._held(step)
+            else:
+                self.state = self._solver.advance(self.state, self._voltage, step)
+                self._disturb(step)
             self._now = time if left <= (1 + _SAME) * self._tick else self._now + step
+
+    def _held(self, step: float) -> MotorState:
+        """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""
+        stall = self._voltage / self._physics.resistance
+        if self._physics.inductance == 0.0:
+            return MotorState(stall, 0.0, self.state.angle)
+        left = math.exp(-step * self._physics.resistance / self._physics.inductance)
+        return MotorState(stall + (self.state.current - stall) * left, 0.0, self.state.angle)
 
     def _disturb(self, step: float) -> None:
         """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""

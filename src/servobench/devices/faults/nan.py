@@ -1,0 +1,46 @@
+"""Values that are no numbers."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import Literal
+
+from servobench.channels import Sample
+from servobench.devices.base import Device
+from servobench.devices.faults.base import FAULTS, Injected, Injection, Latch, Occasional, Put
+
+
+@FAULTS.member("nan")
+class Nan(Occasional):
+    """A measured value, or the device's answer to a voltage, is not a number (NaN)."""
+
+    channel: Literal["applied", "current", "tachometer"] = "applied"
+    """Which one: applied (the answer to a voltage), current or tachometer."""
+
+    def unsupported(self, device: Device) -> str | None:
+        """It takes the channel."""
+        if self.channel == "applied" or device.info.channel(self.channel) is not None:
+            return None
+        return f"it has no channel {self.channel!r}"
+
+    def begin(self, run: Injected) -> Injection:
+        """Put NaN in the place of the value, or of the answer."""
+        happens = self.occasions(run)
+        struck = False
+
+        def read(latch: Latch) -> Sample:
+            nonlocal struck
+            sample = latch()
+            struck = happens(self.holds(run))
+            if struck and self.channel == "current":
+                return replace(sample, current=math.nan)
+            if struck and self.channel == "tachometer":
+                return replace(sample, tachometer=math.nan)
+            return sample
+
+        def write(voltage: float, put: Put) -> float:
+            applied = put(voltage)
+            return math.nan if struck and self.channel == "applied" else applied
+
+        return Injection(read=read, write=write)
