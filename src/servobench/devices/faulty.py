@@ -62,6 +62,8 @@ class Faulty:
 
     def __getattr__(self, name: str) -> Any:
         """What a device can do beside being one, such as to light its lamp, it does as before."""
+        if name == "device":  # a copy that has none yet would ask itself for ever
+            raise AttributeError(name)
         return getattr(self.device, name)
 
     def __enter__(self) -> Self:

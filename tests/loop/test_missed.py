@@ -1,0 +1,62 @@
+"""The rule that ends a run which misses more than a tenth of the ticks of half a second."""
+
+import numpy as np
+import pytest
+
+from servobench.channels import Sample
+from servobench.clock import Tick
+from servobench.loop.missed import MissedRule
+from servobench.loop.place import Place
+
+
+def place(index: int) -> Place:
+    tick = Tick(
+        index=index,
+        scheduled=index * 0.002,
+        actual=0.0,
+        late=False,
+        sample=Sample(index=index, time=0.0, counts=0),
+    )
+    return Place(tick=tick, reference=0.0, commanded=0.0, applied=0.0, saturated=False)
+
+
+def test_it_counts_the_missed_ticks_of_the_window_whatever_came() -> None:
+    """Truth: all ticks of the window, looked at one by one."""
+    random = np.random.default_rng(3)
+    for _ in range(50):
+        rule = MissedRule(0.01, share=1.0, window=0.3)  # 30 ticks
+        done: list[int] = []
+        index = -1
+        for _ in range(200):
+            index += 1 + int(random.integers(0, 40) * (random.random() < 0.2))
+            done.append(index)
+
+            expected = sum(k not in set(done) for k in range(max(0, index - 29), index + 1))
+            assert rule.missed(index) == expected
+
+
+@pytest.mark.parametrize(("missed", "ends"), [(25, False), (26, True)])
+def test_more_than_a_tenth_in_half_a_second_ends_the_run(missed: int, ends: bool) -> None:
+    rule = MissedRule(0.002)  # 250 ticks
+    said = [rule(place(k)) for k in range(1000)]
+    after = rule(place(1000 + missed))
+
+    assert said == [None] * 1000
+    assert (after is not None) == ends
+    if after is not None:
+        assert after.reason == "fault"
+        assert after.sentence.startswith("26 of the last 250 ticks (0.5 s) were missed at 2.052 s")
+
+
+def test_single_missed_ticks_add_up_within_the_window_and_are_forgotten_after_it() -> None:
+    every_tenth, every_ninth = MissedRule(0.002), MissedRule(0.002)
+
+    assert all(every_tenth(place(k)) is None for k in range(100_000) if k % 10)
+    assert not all(every_ninth(place(k)) is None for k in range(1000) if k % 9)
+
+
+def test_with_long_ticks_one_missed_tick_does_not_end_a_run_and_two_do() -> None:
+    rule = MissedRule(0.2)  # half a second is two ticks and a half
+
+    assert [rule(place(k)) for k in (0, 1, 3, 4)] == [None] * 4
+    assert rule(place(6)) is not None
