@@ -41,6 +41,12 @@ class Account:
             self.late += 1
             self.worst = max(self.worst, tick.actual - tick.scheduled)
 
+    def complete(self, ticks: int | None) -> None:
+        """Take note that all ticks of the run (None: no number) have gone by; what wasn't done of them at its end was missed."""
+        if ticks is not None and ticks > self._due:
+            self.missed += ticks - self._due
+            self._due = ticks
+
     def findings(self) -> tuple[Finding, ...]:
         """Return what there is to say about it; nothing, where every tick came in time."""
         findings = []

@@ -44,6 +44,10 @@ class Log:
         if len(self._rows) >= self._block:
             self._flush()
 
+    def complete(self, ticks: int | None) -> None:
+        """Take note that all ticks of the run have gone by: those after the last one that was done were missed."""
+        self._account.complete(ticks)
+
     def so_far(self) -> Recording:
         """Hand on what is left, and return the recording so far; only where the log keeps it."""
         if self._kept is None:

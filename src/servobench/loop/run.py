@@ -15,6 +15,9 @@ from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.account import Account
 from servobench.loop.log import Log, block_of
+from servobench.loop.clock_steps import ClockSteps
+from servobench.loop.log import Log
+from servobench.loop.missed import MissedRule
 from servobench.loop.opening import opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.recorder import InMemory, Recorder, ToFile
@@ -99,6 +102,13 @@ def run(
         None if look is None else InMemory(opened),
     )
     attendants = _attendants(experiment, log, watch, look)
+    log = Log(recorder, row_maker(opened), experiment.sample_time, None if look is None else InMemory(opened))
+    steps = ClockSteps(experiment.sample_time)
+    attendants = (
+        *((steps,) if keeper.timing != "host" else ()),
+        MissedRule(experiment.sample_time),
+        *_attendants(experiment, log, watch, look),
+    )
     try:
         stopped, error = outcome(
             lambda: _carry_out(
@@ -110,6 +120,7 @@ def run(
             raise error
         recording = log.end(stopped, device.findings())
         recording = log.end(stopped, opened.findings)
+        recording = log.end(stopped, (*opened.findings, *steps.findings()))
     finally:
         recorder.abandon()
     if isinstance(error, DeviceError):
@@ -130,6 +141,9 @@ def _carry_out(
     """Let the ticks pass to the end of the experiment or to a fault; the device is started."""
     clock.start(experiment.sample_time)
     ended = let_pass(experiment.samples, device, clock, drive, log, attendants)
+    ended = let_pass(experiment.samples, experiment.limits.voltage, device, clock, drive, log, attendants)
+    if ended is None:
+        log.complete(experiment.samples)
     return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
 
 
