@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from types import TracebackType
@@ -14,7 +14,16 @@ import numpy as np
 
 from servobench.channels import DeviceInfo, Sample
 from servobench.devices.base import Device
-from servobench.devices.faults.base import FAULTS, Fault, Injection, Latch, Put, Simulated, text_of
+from servobench.devices.faults.base import (
+    FAULTS,
+    Fault,
+    Injection,
+    Latch,
+    Put,
+    Simulated,
+    fault_from,
+    text_of,
+)
 from servobench.errors import UsageError
 from servobench.finding import Finding, warning
 
@@ -104,6 +113,14 @@ class Faulty:
     def stop(self) -> None:
         """Stop the device, whatever is wrong with it."""
         self.device.stop()
+
+
+def with_faults(device: Device, tables: Sequence[Mapping[str, Any]]) -> Device:
+    """Return a device with the faults that an experiment asks for, or the device itself where it asks for none.
+
+    Raises `UnknownName`, pydantic's `ValidationError` and `UsageError` where one of them can't be had.
+    """
+    return Faulty(device, [fault_from(table) for table in tables]) if tables else device
 
 
 def injected(info: DeviceInfo | None) -> tuple[Finding, ...]:

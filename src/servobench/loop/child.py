@@ -17,12 +17,15 @@ from types import FrameType
 from servobench.channels import Sample
 from servobench.clock import clock_for
 from servobench.devices.base import Device, connect
+from servobench.devices.faulty import with_faults
 from servobench.errors import DeviceError, ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
 from servobench.finding import Finding
 from servobench.loop.account import Account
 from servobench.loop.attendants import LOOK_EVERY, CommandTaker, OperatorWatch, ProgramWatch, RecorderWatch
+from servobench.loop.clock_steps import ClockSteps
 from servobench.loop.messages import Notice, ending_to_json, info_to_json
+from servobench.loop.missed import MissedRule
 from servobench.loop.opening import RowMaker, opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.references import References
@@ -90,7 +93,8 @@ class _Loop:
         _ended_like_ctrl_c()
         threading.Thread(target=self._await_the_end_of_input, daemon=True).start()
         experiment = read_experiment(self._spec.experiment, "the experiment")
-        with connect(experiment.device.name, **experiment.device.settings) as device:
+        chosen = experiment.device
+        with with_faults(connect(chosen.name, **chosen.settings), chosen.faults) as device:
             stopped, findings = self._driven(experiment, device)
         self.tell("ended", **ending_to_json(stopped, findings))
 
@@ -101,6 +105,13 @@ class _Loop:
         account = Account(experiment.sample_time, device.info.timing)
         sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series), account)
         attendants = self._attendants(experiment, drive)
+        sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series))
+        steps = ClockSteps(experiment.sample_time)
+        attendants = [
+            *((steps,) if device.info.timing != "host" else ()),
+            MissedRule(experiment.sample_time),
+            *self._attendants(experiment, drive),
+        ]
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
         _warm(experiment, device)
@@ -115,6 +126,8 @@ class _Loop:
             ended = let_pass(
                 experiment.samples, experiment.limits.voltage, device, clock, drive, sink, attendants
             )
+            if ended is None:
+                sink.account.complete(experiment.samples)
             return ended or Stopped(
                 reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
             )
@@ -122,7 +135,8 @@ class _Loop:
         stopped, error = outcome(carry_out, device)
         if error is not None and not isinstance(error, DeviceError):
             raise error
-        return stopped, (*sink.account.findings(), *(scheduling.findings() if scheduling else ()))
+        found = (*opened.findings, *steps.findings(), *sink.account.findings())
+        return stopped, (*found, *(scheduling.findings() if scheduling else ()))
 
     def _attendants(self, experiment: Experiment, drive: Drive) -> list[Attendant]:
         slow: list[Attendant] = [ProgramWatch(self._gone.is_set)]
