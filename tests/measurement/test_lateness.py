@@ -12,7 +12,7 @@ from servobench.channels import Timing
 from servobench.clock import HostClock, Missed, Phase
 from servobench.experiment import Experiment, WhenLate
 from servobench.loop.run import run
-from servobench.measurement.lateness import lateness
+from servobench.measurement.lateness import lateness, written
 from servobench.recording.recording import Recording
 from tests.loop.shaft import Shaft, experiment
 from tests.test_clock import FakeTime
@@ -127,6 +127,31 @@ def test_a_device_that_keeps_the_time_is_held_against_its_own_even_pace() -> Non
     assert (found.late, found.missed) == (0, 0)
 
 
-@pytest.mark.parametrize("timing", ["virtual"])
-def test_in_virtual_time_nothing_is_late_and_nothing_is_said(timing: Timing) -> None:
-    assert lateness(run(experiment(), Shaft(timing))) is None
+def test_in_virtual_time_nothing_is_late_and_nothing_is_said() -> None:
+    recording = run(experiment(), Shaft())
+
+    assert lateness(recording) is None
+    assert "written" not in recording
+
+
+@pytest.mark.parametrize("timing", ["virtual", "host"])
+def test_a_run_by_the_host_s_clock_tells_lateness_and_writes_of_a_simulation_too(timing: Timing) -> None:
+    """Each write takes 300 µs."""
+    time = FakeTime()
+
+    def busy(index: int) -> None:
+        time.seconds += 3e-4
+
+    recording = run(
+        experiment(), Shaft(timing, on_write=busy), clock=HostClock(now=time.now, sleep=time.sleep)
+    )
+
+    found = lateness(recording)
+    assert found is not None
+    assert (found.late, found.missed) == (0, 0)
+    t = recording["applied"].t
+    assert t is not None
+    moments = written(recording, t)
+    assert moments is not None
+    # One look at the clock more, of a microsecond.
+    assert moments - t == pytest.approx(3e-4, abs=3e-6)

@@ -45,3 +45,7 @@ class Clock(Protocol):
         Where whole ticks have gone by already, they may be missed, and the tick that comes back is a later one.
         """
         ...
+
+    def elapsed(self) -> float:
+        """Return the time now [s], in the count in which ticks are latched; NaN where only samples tell it."""
+        ...

@@ -87,6 +87,10 @@ class HostClock:
             self._lost += now - due
         return tick
 
+    def elapsed(self) -> float:
+        """Return the time now [s], from the time at which tick 0 was due."""
+        return (self._waiting.now() - self._origin) / 1e9
+
     def _due(self, index: int) -> int:
         """When a tick is due, in the time of the system [ns], to the nearest."""
         span = (2 * index * self._nanoseconds + self._ticks) // (2 * self._ticks)

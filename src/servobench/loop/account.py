@@ -24,6 +24,13 @@ class Account:
         self._now = now
         self._first: tuple[Tick, float] | None = None
         self._last: tuple[Tick, float] | None = None
+    """Counts the ticks of one run as they pass, `sample_time` [s] apart by their schedule; `timing` is the clock's."""
+
+    def __init__(self, sample_time: float, timing: Timing) -> None:
+        self._sample_time = sample_time
+        self._timing = timing
+        self._first: Tick | None = None
+        self._last: Tick | None = None
         self._due = 0
         self.done = 0
         self.late = 0
@@ -34,6 +41,8 @@ class Account:
         """Take a tick; those between the one that was due and this one were missed."""
         self._last = (tick, self._now())
         self._first = self._first or self._last
+        self._first = self._first or tick
+        self._last = tick
         self.done += 1
         self.missed += tick.index - self._due
         self._due = tick.index + 1
@@ -84,5 +93,16 @@ class Account:
                 host=ended - began if by_device else last.actual - first.actual,
                 late=0.0 if by_device else (last.actual - last.scheduled) - (first.actual - first.scheduled),
                 handed_on=by_device,
+        """What there is to say of the clocks: the schedule's, the one by which samples were latched, and the samples' own."""
+        first, last = self._first, self._last
+        if first is None or last is None:
+            return ()
+        return pace(
+            Spans(
+                sample_time=self._sample_time,
+                ticks=last.scheduled - first.scheduled,
+                device=last.sample.time - first.sample.time,
+                host=last.actual - first.actual if self._timing == "host" else None,
+                late=(last.actual - last.scheduled) - (first.actual - first.scheduled),
             )
         )

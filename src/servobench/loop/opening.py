@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from servobench._version import __version__
-from servobench.channels import Channel, DeviceInfo
+from servobench.channels import Channel, DeviceInfo, Timing
 from servobench.control.open_loop import OpenLoop
 from servobench.devices.faulty import injected
 from servobench.experiment import Experiment
@@ -22,11 +22,14 @@ def sensors(device: DeviceInfo) -> tuple[str, ...]:
     return tuple(name for name in ("tachometer", "current") if device.channel(name))
 
 
-def opening(experiment: Experiment, device: DeviceInfo, *, commanded_live: bool = False) -> Recording:
+def opening(
+    experiment: Experiment, device: DeviceInfo, *, commanded_live: bool = False, timing: Timing = "virtual"
+) -> Recording:
     """Return the recording of a run without its samples: a series for each column of its rows, after the time.
 
     A run with a controller, and one that takes commands meanwhile (`commanded_live`), has the reference [V, rad or rad/s] too;
-    the latter also the number of the last command in force.
+    the latter also the number of the last command in force. One by the host's clock (`timing`) notes when the device had taken
+    each voltage [s].
     """
     voltage = device.channel("voltage") or Channel(name="voltage", unit="V")
     controlled = not isinstance(experiment.controller, OpenLoop)
@@ -39,6 +42,8 @@ def opening(experiment: Experiment, device: DeviceInfo, *, commanded_live: bool 
         _flag("late"),
         _flag("saturated"),
     ]
+    if timing == "host":
+        channels.append(Channel(name="written", unit="s"))
     if controlled or commanded_live:
         channels.append(Channel(name="reference", unit=experiment.controller.reference_unit))
     if commanded_live:
@@ -73,6 +78,7 @@ class RowMaker:
 
     def __init__(self, channels: tuple[str, ...]) -> None:
         self._sensors = tuple(name for name in ("tachometer", "current") if name in channels)
+        self._written = "written" in channels
         self._reference = "reference" in channels
         self._command = "command" in channels
 
@@ -84,6 +90,8 @@ class RowMaker:
             value = getattr(sample, name)
             row += (math.nan if value is None else value,)
         row += (tick.scheduled, tick.late, place.saturated)
+        if self._written:
+            row += (place.written,)
         if self._reference:
             row += (place.reference,)
         if self._command:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from servobench.clock import Tick
@@ -11,7 +12,8 @@ from servobench.clock import Tick
 class Place:
     """A tick that is done: what the controller followed, what it commanded and what the device put out then.
 
-    `saturated` says that the two differ, as a limit stood in between. `command` is the number of the last command in force.
+    `saturated` says that the two differ, as a limit stood in between. `written` is when the device had taken the voltage, in the
+    clock's own count [s], or NaN. `command` is the number of the last command in force.
     """
 
     tick: Tick
@@ -19,4 +21,5 @@ class Place:
     commanded: float
     applied: float
     saturated: bool
+    written: float = math.nan
     command: int = 0

@@ -62,8 +62,9 @@ def run(
 
     Each tick latches sample k at t_k, asks the controller, and writes u[k], which holds to t_k+1. The reference is the signal at
     the scheduled time. The recording has `commanded` (the controller's word), `applied` (what the device says it put out),
-    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between) and
-    with a controller its `reference`, all at the samples' actual times.
+    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), by
+    the host's clock `written` (when the device had taken the voltage) and with a controller its `reference`, all at the samples'
+    actual times.
 
     With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
     it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
@@ -87,7 +88,7 @@ def run(
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
     keeper = _keeper(clock, device.info)
     references = References(experiment.signal, experiment.sample_time)
-    opened = opening(experiment, device.info)
+    opened = opening(experiment, device.info, timing=keeper.timing)
     try:
         device.start(experiment.sample_time, experiment.seed)
         recorder = _recorder(opened, to, keeper)
@@ -101,6 +102,8 @@ def run(
         block_of(experiment.sample_time),
         None if look is None else InMemory(opened),
     )
+    kept = None if look is None else InMemory(opened)
+    log = Log(recorder, row_maker(opened), experiment.sample_time, keeper.timing, kept)
     attendants = _attendants(experiment, log, watch, look)
     log = Log(recorder, row_maker(opened), experiment.sample_time, None if look is None else InMemory(opened))
     steps = ClockSteps(experiment.sample_time)

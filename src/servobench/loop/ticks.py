@@ -168,6 +168,8 @@ def let_pass(
             commanded=commanded if math.isfinite(reference) else reference,
             applied=applied,
             saturated=device.saturated or not finite,
+            saturated=applied != commanded,
+            written=clock.elapsed(),
             command=drive.command,
         )
         sink.add(place)

@@ -48,20 +48,23 @@ class Lateness:
 def lateness(recording: Recording) -> Lateness | None:
     """Return how late the samples of a run were.
 
-    Where the host kept the time it is the time of each sample less its schedule. Where the device did, whose count began at any
-    time and runs at its own pace, it is what is left over a straight line through the samples' times, and no less than 0.
+    Where the host kept the time, of a simulation too, it is the time of each sample less its schedule. Where the device did,
+    whose count began at any time and runs at its own pace, it is what is left over a straight line through the samples' times,
+    and no less than 0.
     None where no time passed (a run in virtual time), and where nothing tells: in a file of others without `scheduled`, and in
     a run whose experiment can't be read.
     """
     kept_by = recording.info.timing if recording.info else "virtual"
-    if kept_by == "virtual" or "scheduled" not in recording or "late" not in recording:
+    if "scheduled" not in recording or "late" not in recording:
         return None
     experiment = _experiment(recording)
     series = recording["scheduled"]
     late = recording["late"].values
     if experiment is None or series.t is None or len(series.t) < 2 or len(late) != len(series.t):
         return None
-    by = series.t - series.values if kept_by == "host" else _off_the_line(series.t, series.values)
+    by = _off_the_line(series.t, series.values) if kept_by == "device" else series.t - series.values
+    if kept_by == "virtual" and not by.any():
+        return None
     p50, p99, p999, largest = np.quantile(by, (0.5, 0.99, 0.999, 1.0), method="inverted_cdf")
     return Lateness(
         name=recording.name,
