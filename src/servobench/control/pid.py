@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
 
 from servobench.channels import DeviceInfo, Sample
@@ -50,7 +48,7 @@ class Pid(Settings):
     cutoff: Cutoff = 100.0
     """Cut-off of the low-pass filter of speed and derivative [rad/s]."""
     tracking_time: PositiveTime | None = None
-    """T_t of the anti-windup; without it √(kd/ki), or kp/ki where there is no derivative part [s]."""
+    """T_t of the anti-windup; without it kp/ki [s]."""
     fade_time: FadeTime = 0.5
     """Without an integral part: time constant with which a switch from another law fades; at 0 the voltage jumps [s]."""
 
@@ -92,6 +90,4 @@ class Pid(Settings):
             return self.tracking_time
         if self.ki == 0 or self.kp == 0:
             return sample_time
-        if self.kd / self.ki > 0:
-            return math.sqrt(self.kd / self.ki)
         return abs(self.kp / self.ki)

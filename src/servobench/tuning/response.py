@@ -36,6 +36,11 @@ class Response:
         """The time from 10 to 90 % of the step [s]; NaN where it doesn't get there."""
         return self._reaches(0.9) - self._reaches(0.1)
 
+    @property
+    def peak(self) -> float:
+        """The largest voltage that was wanted, either way [V]."""
+        return float(np.abs(self.voltage).max())
+
     def _reaches(self, part: float) -> float:
         """When the output first reaches a part of the step, on a straight line between two ticks [s]; NaN where it never does."""
         reached = np.flatnonzero(self.output >= part)
@@ -76,6 +81,12 @@ def unit_step(
     return Response(t=t[1:], output=course[1:, 0], voltage=course[1:, 1])
 
 
+def ticks_of(motor: FirstOrderMotor, sample_time: float, crossover: float) -> int:
+    """Return how many ticks of a step response tell all of it, for a loop with a gain crossover [rad/s]."""
+    length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
+    return min(math.ceil(length / sample_time), _MOST_TICKS)
+
+
 def step_response(
     controller: Tunable, motor: FirstOrderMotor, sample_time: float, crossover: float
 ) -> tuple[dict[str, Told], float]:
@@ -83,8 +94,7 @@ def step_response(
 
     `crossover` [rad/s] is the loop's, which says how long to look.
     """
-    length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
-    ticks = min(math.ceil(length / sample_time), _MOST_TICKS)
+    ticks = ticks_of(motor, sample_time, crossover)
     centre = (motor.gain.value, motor.time_constant.value, motor.delay)
     motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
     found = [unit_step(controller, k, tau, d, sample_time, ticks) for k, tau, d in motors]
@@ -94,4 +104,4 @@ def step_response(
         name: Told(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate({"overshoot": "1", "rise_time": "s"}.items())
     }
-    return told, float(np.abs(found[0].voltage).max())
+    return told, found[0].peak

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,7 +17,7 @@ from servobench.export.first_order import FirstOrderMotor
 from servobench.finding import Finding, info, warning
 from servobench.tuning.base import METHODS, Method, Tunable, Wish
 from servobench.tuning.loop import Told, loop_margins, nominal_margins
-from servobench.tuning.response import step_response
+from servobench.tuning.response import step_response, ticks_of, unit_step
 
 SCHEMA = "servobench.tuning/1"
 LEAST_PHASE, GOOD_PHASE = math.radians(30), math.radians(45)
@@ -87,11 +87,13 @@ def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
     motor = FirstOrderMotor.of(answer, "tune", "rad")
     finder = METHODS[method]
     controller = finder(motor, wish)
-    problem = _problem(controller, motor, wish, loop_margins)
+    margins = loop_margins(controller, motor, wish.sample_time)
+    problem = _too_fast(controller, motor, wish, margins)
+    if not problem:
+        response, peak = step_response(controller, motor, wish.sample_time, margins["gain_crossover"].value)
+        problem = _too_high(controller, wish, peak)
     if problem:
         raise UsageError(f"{finder.told(wish)}: {problem}{_fastest(finder, motor, wish)}")
-    margins = loop_margins(controller, motor, wish.sample_time)
-    response, peak = step_response(controller, motor, wish.sample_time, margins["gain_crossover"].value)
     return Tuned(
         controller=controller,
         method=method,
@@ -103,16 +105,12 @@ def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
     )
 
 
-def _problem(
-    controller: Tunable,
-    motor: FirstOrderMotor,
-    wish: Wish,
-    judged: Callable[[Tunable, FirstOrderMotor, float], Mapping[str, Any]],
+def _too_fast(
+    controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapping[str, Told] | Mapping[str, float]
 ) -> str:
-    """Why a controller can't be taken, in a clause; empty where it can. The worse end of an interval counts."""
-    found = judged(controller, motor, wish.sample_time)
-    low = {name: each.interval[0] if isinstance(each, Told) else each for name, each in found.items()}
-    high = {name: each.interval[1] if isinstance(each, Told) else each for name, each in found.items()}
+    """Why a controller is too fast for delay and sample time, in a clause, or nothing. The worse end of an interval counts."""
+    low = {name: each.interval[0] if isinstance(each, Told) else each for name, each in margins.items()}
+    high = {name: each.interval[1] if isinstance(each, Told) else each for name, each in margins.items()}
     crossover = high["gain_crossover"]
     if not math.isfinite(crossover):
         return "the loop's gain is below 1 everywhere: it would do nothing"
@@ -128,14 +126,15 @@ def _problem(
             f"{1 / controller.cutoff:.3g} s: {left:.0f}° of the phase would be left, and a factor of {low['gain_margin']:.2g} "
             f"of the gain; {math.degrees(LEAST_PHASE):.0f}° and {LEAST_FACTOR:g} are the least to have"
         )
-    if wish.step is None:
-        return ""
-    _, peak = step_response(controller, motor, wish.sample_time, crossover)
-    needed = peak * abs(wish.step)
-    if needed <= wish.voltage_limit:
+    return ""
+
+
+def _too_high(controller: Tunable, wish: Wish, peak: float) -> str:
+    """Why a step asks for more voltage than there is, in a clause, or nothing. `peak` [V] is what a unit of it takes."""
+    if wish.step is None or peak * abs(wish.step) <= wish.voltage_limit:
         return ""
     return (
-        f"a step of {wish.step:g} {controller.reference_unit} would ask for {needed:.3g} V, and the limit is "
+        f"a step of {wish.step:g} {controller.reference_unit} would ask for {peak * abs(wish.step):.3g} V, and the limit is "
         f"{wish.voltage_limit:g} V"
     )
 
@@ -149,13 +148,23 @@ def _fastest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
             found = finder(motor, slower)
         except UsageError:
             continue
+        nominal = nominal_margins(found, motor, wish.sample_time)
+        if _too_fast(found, motor, wish, nominal):
+            continue
+        if wish.step is not None and _too_high(found, wish, _peak(found, motor, wish, nominal)):
+            continue
         # The intervals cost hundreds of times more: only of what can be had without them.
-        if not _problem(found, motor, wish, nominal_margins) and not _problem(
-            found, motor, wish, loop_margins
-        ):
+        if not _too_fast(found, motor, wish, loop_margins(found, motor, wish.sample_time)):
             # Slower by more than the rounding of what is printed.
             return f"; about {finder.told(slower.slower(_SLACK))} is the fastest that can be had"
     return ""
+
+
+def _peak(controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapping[str, float]) -> float:
+    """The largest voltage [V] after a unit step of the reference, of the motor as it is estimated."""
+    ticks = ticks_of(motor, wish.sample_time, margins["gain_crossover"])
+    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
+    return unit_step(controller, *centre, wish.sample_time, ticks).peak
 
 
 def _findings(

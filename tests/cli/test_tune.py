@@ -1,0 +1,75 @@
+"""`servobench tune`: gains from a run, a result or a recording; its figures as JSON; and what it refuses."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import pytest
+
+from servobench.experiment import read_experiment
+from tests.cli.conftest import Command
+
+WISH = ("--damping", "0.8", "--bandwidth", "20 rad/s")
+
+
+def test_the_gains_can_be_pasted_and_are_what_the_json_says(servobench: Command, finished_run: Path) -> None:
+    made = servobench("tune", finished_run, *WISH, "--json")
+
+    assert made.status == 0
+    told = json.loads(made.out)
+    schema = json.loads(files("servobench").joinpath("schemas/tuning-1.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.Draft202012Validator(schema).validate(told)
+    assert told["sample_time"] == 0.002  # the data's own
+    assert told["controller"]["type"] == "pid"
+    assert told["toml"] in made.err
+    read = read_experiment(f'[signal]\ntype = "square"\n{told["toml"]}').controller
+    assert read.model_dump(exclude_none=True) == {  # type: ignore[attr-defined]
+        key: value for key, value in told["controller"].items() if key != "type"
+    }
+
+
+def test_a_run_its_result_and_its_recording_give_the_same_gains(
+    servobench: Command, finished_run: Path
+) -> None:
+    said = [
+        servobench("tune", path, "--output", "speed", "--lambda", "50ms")
+        for path in (finished_run, finished_run / "result.json", finished_run / "recording.mcap")
+    ]
+
+    assert [each.status for each in said] == [0, 0, 0]
+    assert len({each.out for each in said}) == 1
+    assert "pid for the speed, every 2 ms, by lambda_tuning" in said[0].out
+    assert "phase margin" in said[0].out
+
+
+@pytest.mark.parametrize(
+    ("words", "because"),
+    [
+        (("--damping", "0.8", "--bandwidth", "300"), "is the fastest that can be had"),
+        (("--lambda", "1 ms"), "a loop can't be faster than"),
+        (("--lambda", "1 m"), "--lambda"),
+        (("--poles", "a,b"), "expected numbers with commas between them"),
+        (("--output", "torque", *WISH), "no output called 'torque'"),
+        (("--as", "pdi", *WISH), "did you mean 'pid'"),
+        (("--bandwidth", "-3", "--damping", "1"), "expected more than 0 rad/s"),
+        (("--method", "ziegler"), "no method called 'ziegler'; known: lambda_tuning, pole_placement"),
+        ((), "needs --damping and --bandwidth"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_had_is_told_without_a_traceback(
+    servobench: Command, finished_run: Path, words: tuple[str, ...], because: str
+) -> None:
+    ended = servobench("tune", finished_run, *words)
+
+    assert ended.status == 2
+    assert because in ended.err
+    assert "Traceback" not in ended.err
+
+
+def test_a_result_that_is_not_there_is_told(servobench: Command, tmp_path: Path) -> None:
+    ended = servobench("tune", tmp_path / "nothing.json", *WISH)
+
+    assert ended.status == 2
+    assert "there is no result" in ended.err

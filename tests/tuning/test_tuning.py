@@ -1,0 +1,397 @@
+"""Gains against the poles that were wished, margins against python-control's sampled loop, predictions against the twin."""
+
+import math
+import re
+from functools import cache
+from typing import Any
+
+import control as ct
+import numpy as np
+import pytest
+from scipy.optimize import brentq
+
+import servobench as sb
+from servobench.channels import Array
+from servobench.control.lead import Lead
+from servobench.control.pid import Pid
+from servobench.control.state_feedback import StateFeedback
+from servobench.errors import NotIdentifiable, UsageError
+from servobench.experiment import Experiment, read_experiment
+from servobench.export.answer import Answer
+from servobench.export.first_order import FirstOrderMotor
+from servobench.signals.square import Square
+from servobench.tuning.base import METHODS, Wish
+from servobench.tuning.loop import nominal_margins
+from servobench.tuning.response import unit_step
+from servobench.tuning.tune import LEAST_FACTOR, LEAST_PHASE, Tuned, tune
+from tests.export.conftest import COULOMB, DELAY, GAIN, TAU, document
+
+H = 0.002
+
+
+def wish(**changed: Any) -> Wish:
+    return Wish(**{"controller": "pid", "output": "position", "sample_time": H, **changed})
+
+
+def answered(**changed: Any) -> Answer:
+    return Answer.from_document(document(**changed), "the result")
+
+
+@cache
+def tuned(method: str = "pole_placement", **changed: Any) -> Tuned:
+    return tune(answered(), method, wish(**changed))
+
+
+# ---- poles
+
+
+def polynomial(controller: Any) -> Array:
+    """The denominator of the closed loop without delay, filter and sampling, by the textbook."""
+    s, one = np.array([1.0, 0.0]), np.ones(1)
+    if isinstance(controller, Lead):
+        above = controller.gain * np.array([1 / controller.zero, 1.0])
+        below = np.array([1 / controller.pole, 1.0])
+        return np.polyadd(GAIN * above, np.convolve(below, [TAU, 1, 0]))
+    if isinstance(controller, StateFeedback):
+        p, d, i = controller.position_gain, controller.speed_gain, controller.integral_gain
+        if controller.output == "speed":
+            p, d = d, 0.0
+    else:
+        p, i, d = controller.kp, controller.ki, controller.kd
+    motor = np.array([TAU, 1.0]) if controller.output == "speed" else np.array([TAU, 1.0, 0.0])
+    feedback = np.array([d, p, i]) if i else np.array([d, p])
+    return np.polyadd(GAIN * feedback, np.convolve(motor, s if i else one))
+
+
+PAIR = [complex(-16, 12), complex(-16, -12)]  # damping 0.8, 20 rad/s
+
+
+@pytest.mark.parametrize(
+    ("asked", "poles"),
+    [
+        ({"damping": 0.8, "bandwidth": 20.0}, PAIR),
+        ({"poles": (-20, -30)}, [-20, -30]),
+        ({"poles": (-20, -15 + 10j)}, [-20, -15 + 10j, -15 - 10j]),
+        ({"controller": "state_feedback", "poles": (-20, -15 + 10j)}, [-20, -15 + 10j, -15 - 10j]),
+        ({"controller": "state_feedback", "damping": 0.8, "bandwidth": 20.0}, PAIR),
+        ({"output": "speed", "damping": 0.8, "bandwidth": 20.0}, PAIR),
+        ({"output": "speed", "controller": "state_feedback", "poles": (-20, -30)}, [-20, -30]),
+    ],
+    ids=str,
+)
+def test_the_poles_are_where_they_were_wished(asked: dict[str, Any], poles: list[complex]) -> None:
+    made = tuned(**asked)
+
+    found = np.roots(np.trim_zeros(polynomial(made.controller), "f"))
+    # Gains are printed to five digits; poles this far apart move by a few times that.
+    np.testing.assert_allclose(np.sort_complex(found), np.sort_complex(np.array(poles)), rtol=5e-4)
+
+
+def test_a_lead_compensator_leaves_the_wished_pair_beside_the_cancelled_pole() -> None:
+    made = tuned(controller="lead", damping=0.8, bandwidth=20.0)
+
+    found = np.roots(polynomial(made.controller))
+    np.testing.assert_allclose(
+        np.sort_complex(found), np.sort_complex(np.array([*PAIR, -1 / TAU])), rtol=5e-4
+    )
+
+
+@pytest.mark.parametrize("output", ["position", "speed"])
+def test_lambda_tuning_rises_with_the_wished_time_constant(output: Any) -> None:
+    wished = 0.08
+    made = tuned("lambda_tuning", output=output, closed_loop=wished)
+
+    # 1/(λs + 1) rises from 10 to 90 % in ln 9 · λ. Dead time and filter, θ = 18 ms in all, stand as θ/λ in what SIMC neglects:
+    # its loop e^(-θs)/((λ + θ)s) is of second order in them, (θ/λ)² = 5 % here, and half again for the lag of the filter.
+    assert made.response["rise_time"].value == pytest.approx(math.log(9) * wished, rel=0.15)
+    assert made.response["overshoot"].value < 0.01
+
+
+# ---- margins
+
+
+def sampled_loop(controller: Any) -> Any:
+    """The loop as it is computed, tick by tick, by python-control: hold, whole ticks of delay, difference, trapezoid filter."""
+    whole, part = divmod(DELAY, H)
+    assert whole == 0
+    # An input that acts after a part of a tick: the rest of the tick of this one, and that part of the one before.
+    motor = ct.ss(ct.tf([GAIN], [TAU, 1, 0]))
+    a, b, c = np.asarray(motor.A), np.asarray(motor.B), np.asarray(motor.C)
+
+    def held(length: float) -> tuple[Array, Array]:
+        both = ct.sample_system(ct.ss(a, b, c, 0), length, method="zoh")
+        return np.asarray(both.A), np.asarray(both.B)
+
+    # u[k-1] acts for `part`, then u[k] for the rest.
+    (rest_a, late), (part_a, early) = held(H - part), held(part)
+    whole_a, held_before = rest_a @ part_a, rest_a @ early
+    plant = ct.ss(
+        np.block([[whole_a, held_before], [np.zeros((1, 3))]]),
+        np.vstack([late, [[1.0]]]),
+        np.hstack([c, [[0.0]]]),
+        0,
+        H,
+    )
+    filtered = ct.ss(
+        ct.sample_system(ct.tf([controller.cutoff], [1, controller.cutoff]), H, method="bilinear")
+    )
+    speed = ct.ss(ct.tf([1, -1], [H, 0], H)) * filtered
+    total = ct.ss(ct.tf([H, 0], [1, -1], H))
+    if isinstance(controller, Lead):
+        law = ct.tf([controller.gain / controller.zero, controller.gain], [1 / controller.pole, 1])
+        return plant * ct.ss(ct.sample_system(law, H, method="bilinear"))
+    if controller.output == "speed":
+        return plant * speed * (controller.kp + controller.ki * total)
+    return plant * (controller.kp + controller.ki * total + controller.kd * speed)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"damping": 0.8, "bandwidth": 20.0},
+        {"damping": 0.8, "bandwidth": 60.0},
+        {"poles": (-20, -15 + 10j)},
+        {"output": "speed", "damping": 0.8, "bandwidth": 20.0},
+        {"controller": "lead", "damping": 0.8, "bandwidth": 20.0},
+    ],
+    ids=str,
+)
+def test_margins_are_those_of_the_sampled_loop(asked: dict[str, Any]) -> None:
+    made = tuned(**asked)
+    omega = made.margins["gain_crossover"].value
+    loop = sampled_loop(made.controller)
+
+    def at(frequency: float) -> complex:
+        return complex(loop(np.exp(1j * frequency * H)))
+
+    crossover = brentq(lambda w: abs(at(w)) - 1, 0.5 * omega, 2 * omega)
+    phase = 180 + math.degrees(np.angle(at(crossover)))
+
+    # A lag for the filter and for the difference, a delay for the hold: of second order in ω h, and the integral as a sum is half
+    # a sample time early, ki h/2 of kp.
+    error = (omega * H) ** 2 + omega * H * getattr(made.controller, "ki", 0.0) * H
+    assert omega == pytest.approx(crossover, rel=0.01 + error)
+    assert made.margins["phase_margin"].value == pytest.approx(math.radians(phase), abs=0.01 + error)
+
+
+def test_margins_have_intervals_that_grow_with_what_is_not_known_of_the_motor() -> None:
+    vague = document()
+    vague["covariance"]["matrix"] = (100 * np.array(vague["covariance"]["matrix"])).tolist()
+
+    known = tuned(damping=0.8, bandwidth=40.0).margins
+    unsure = tune(
+        Answer.from_document(vague, "the result"), "pole_placement", wish(damping=0.8, bandwidth=40.0)
+    ).margins
+
+    for name in ("phase_margin", "delay_margin", "gain_crossover"):
+        low, high = known[name].interval
+        assert low < known[name].value < high
+        # Ten times the standard deviation; the delay can't become negative, so not quite ten times the width.
+        assert np.ptp(unsure[name].interval) > 4 * (high - low)
+
+
+# ---- the twin
+
+
+SHEET = {"resistance": 8.4, "inductance": 1.16e-3, "k": 0.042, "inertia": 2.0952e-5, "damping": 1e-6}
+
+
+def of_the_twin(sd: float) -> Answer:
+    """Return a result whose gain and time constant are the twin's own, by its equations, with a relative deviation."""
+    r, k, j, b = SHEET["resistance"], SHEET["k"], SHEET["inertia"], SHEET["damping"]
+    gain, tau = k / (r * b + k * k), r * j / (r * b + k * k)
+    told = document()
+    delay = SHEET["inductance"] / r
+    for name, value in (("gain", gain), ("time_constant", tau), ("delay", delay)):
+        told["parameters"][name]["value"] = value
+    names = told["covariance"]["parameters"]
+    spread = {"gain": sd * gain, "time_constant": sd * tau, "coulomb_voltage": 0.0, "delay": 0.0}
+    told["covariance"]["matrix"] = np.diag([spread[name] ** 2 for name in names]).tolist()
+    told["transfer_function"] |= {"numerator": [gain], "denominator": [tau, 1.0], "delay": delay}
+    return Answer.from_document(told, "the result")
+
+
+def twin_step(controller: Any, size: float, **changed: str) -> Array:
+    """Return the angle [rad] of a twin without friction after a step of the reference."""
+    asked = Experiment(
+        signal=Square(low=0.0, high=size, frequency=0.1, start=0.1),
+        duration=1.5,
+        sample_time=H,
+        controller=controller,
+    )
+    with sb.connect("twin", coulomb_torque="0 N·m", **changed) as motor:
+        recording = sb.run(asked, motor)
+    counts = next(series.values for series in recording.series if series.channel.name == "counts")
+    return np.asarray(counts * 2 * math.pi / 2048, dtype=np.float64)
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.7, 1.0])
+def test_the_predicted_overshoot_is_that_of_the_damping_where_nothing_delays(damping: float) -> None:
+    fast = 1e-4
+    made = tuned(damping=damping, bandwidth=15.0, sample_time=fast, cutoff=5000.0)
+
+    predicted = unit_step(made.controller, GAIN, TAU, 0.0, fast, 10_000).overshoot
+
+    # What is left of delay: a sample time and a half and the filter, 0.35 ms; ω times that is 0.5 % of the damping, and the
+    # overshoot falls by no more than half of a change of the damping.
+    designed = math.exp(-math.pi * damping / math.sqrt(1 - damping**2)) if damping < 1 else 0.0
+    assert predicted == pytest.approx(designed, abs=0.5 * 15.0 * (1.5 * fast + 1 / 5000))
+
+
+@pytest.mark.parametrize("damping", [0.5, 0.7, 1.0])
+def test_the_twin_settles_as_predicted(damping: float) -> None:
+    made = tune(of_the_twin(0.001), "pole_placement", wish(damping=damping, bandwidth=15.0))
+    size, count = 4.0, 2 * math.pi / 2048
+
+    theta = twin_step(made.controller, size)
+
+    # Rounding of a few counts, and a motor of first order with a delay in the place of the winding's lag.
+    predicted = made.response["overshoot"].value
+    assert (theta.max() - size) / size == pytest.approx(predicted, abs=3 * count / size + 0.002)
+    assert abs(theta[-1] - size) <= 3 * count
+
+
+def test_over_the_interval_of_the_motor_the_twin_overshoots_by_what_is_predicted() -> None:
+    sd = 0.05
+    made = tune(of_the_twin(sd), "pole_placement", wish(damping=0.6, bandwidth=20.0))
+    low, high = made.response["overshoot"].interval
+    size, count = 4.0, 2 * math.pi / 2048
+
+    found = []
+    for time_constant in (1 - 1.5 * sd, 1.0, 1 + 1.5 * sd):
+        inertia = SHEET["inertia"] * time_constant  # the time constant alone, in proportion
+        disc = inertia - SHEET["inertia"] + 0.5 * 0.053 * 0.0248**2
+        theta = twin_step(made.controller, size, disc_inertia=f"{disc} kg·m²")
+        found.append((theta.max() - size) / size)
+
+    slack = 3 * count / size + 0.002
+    assert low - slack <= min(found)
+    assert max(found) <= high + slack
+    assert np.ptp(found) > 0.2 * (
+        high - low
+    )  # the motors do differ, and the interval is no wider than it has to be
+    assert high - low > 0.01
+
+
+# ---- what can't be had
+
+
+@pytest.mark.parametrize(
+    ("asked", "because"),
+    [
+        ({"damping": 0.8, "bandwidth": 300.0}, "faster than a controller that runs every 0.002 s"),
+        ({"damping": 0.3, "bandwidth": 100.0}, "too fast for the 0.0024 s that pass before anything is seen"),
+        (
+            {"damping": 0.8, "bandwidth": 20.0, "step": 10.0},
+            "a step of 10 rad would ask for 16.7 V, and the limit is 10 V",
+        ),
+        ({"poles": (-200, -100 + 100j)}, "faster than a controller"),
+    ],
+    ids=str,
+)
+def test_a_wish_that_is_too_fast_is_refused_and_the_fastest_that_is_told_can_be_had(
+    asked: dict[str, Any], because: str
+) -> None:
+    with pytest.raises(UsageError, match=because) as caught:
+        tuned(**asked)
+
+    told = re.search(r"about (.*) is the fastest", str(caught.value))
+    assert told is not None
+    words = told[1].split()
+    given = dict(zip(words[::2], words[1::2], strict=True))
+    slower: dict[str, Any] = {}
+    if "--poles" in given:
+        slower = {"poles": tuple(complex(each) for each in given["--poles"].split(","))}
+    else:
+        slower = {"damping": float(given["--damping"]), "bandwidth": float(given["--bandwidth"])}
+    made = tuned(**(asked | slower))
+    assert made.margins["phase_margin"].interval[0] >= LEAST_PHASE
+    assert made.margins["gain_margin"].interval[0] >= LEAST_FACTOR
+
+
+def test_lambda_below_the_dead_time_is_refused() -> None:
+    with pytest.raises(UsageError, match=r"--lambda 0.001: a loop can't be faster than the 0.0024 s"):
+        tuned("lambda_tuning", closed_loop=0.001)
+
+
+@pytest.mark.parametrize(
+    ("method", "asked", "because"),
+    [
+        ("pole_placement", {"damping": 0.8, "bandwidth": 2.0}, "more than 1/time constant = 10.1 rad/s"),
+        ("pole_placement", {"damping": 0.8}, "needs --damping and --bandwidth"),
+        ("pole_placement", {"closed_loop": 0.1}, "is a wish for lambda_tuning"),
+        ("pole_placement", {"poles": (-1, 2)}, "left of zero"),
+        ("pole_placement", {"poles": (-10, -20, -30, -40)}, "4 poles; expected two, or three"),
+        ("pole_placement", {"output": "speed", "poles": (-10, -20, -30)}, "a speed loop has two poles"),
+        ("pole_placement", {"output": "speed", "controller": "lead", "damping": 1, "bandwidth": 20}, "finds no gains of 'lead'"),
+        ("pole_placement", {"poles": (-20, -30), "damping": 0.8}, "give the one or the others"),
+        ("lambda_tuning", {}, "needs --lambda"),
+        ("lambda_tuning", {"closed_loop": 0.1, "damping": 0.8}, "wishes for pole_placement"),
+        ("lambda_tuning", {"closed_loop": 0.1, "controller": "lead"}, "finds no gains of 'lead'"),
+        ("lambda_tuning", {"closed_loop": 0.1, "controller": "open_loop"}, "no controller that can be tuned"),
+        ("lamda_tuning", {"closed_loop": 0.1}, "did you mean 'lambda_tuning'"),
+    ],
+)  # fmt: skip
+def test_a_wish_that_says_too_little_too_much_or_nonsense_is_told(
+    method: str, asked: dict[str, Any], because: str
+) -> None:
+    with pytest.raises(UsageError, match=because):
+        tuned(method, **asked)
+
+
+def test_a_refused_result_tunes_nothing_and_a_doubtful_one_says_so() -> None:
+    with pytest.raises(NotIdentifiable, match="refused"):
+        answered(verdict="refused")
+    made = tune(answered(verdict="doubtful"), "pole_placement", wish(damping=0.8, bandwidth=20.0))
+    assert "motor-doubtful" in {finding.code for finding in made.findings}
+
+
+def test_without_an_integral_part_friction_is_said_to_leave_an_error() -> None:
+    codes = {finding.code: finding.sentence for finding in tuned(damping=0.8, bandwidth=20.0).findings}
+    kp = tuned(damping=0.8, bandwidth=20.0).controller.kp  # type: ignore[union-attr]
+
+    assert f"{COULOMB / kp:.2g} rad" in codes["friction-leaves-error"]
+    third = tuned(poles=(-20, -15 + 10j)).findings
+    assert "friction-leaves-error" not in {finding.code for finding in third}
+
+
+def test_a_small_margin_is_a_warning() -> None:
+    codes = {finding.code for finding in tuned(damping=0.4, bandwidth=60.0).findings}
+    assert "margin-small" in codes
+
+
+# ---- what comes out
+
+
+@pytest.mark.parametrize("controller", ["pid", "state_feedback", "lead"])
+def test_the_table_can_be_pasted_into_an_experiment(controller: str) -> None:
+    made = tuned(controller=controller, damping=0.8, bandwidth=20.0)
+
+    read = read_experiment(f'[signal]\ntype = "square"\n{made.toml}')
+
+    assert read.controller == made.controller
+
+
+def test_wires_the_other_way_round_turn_the_gains_round() -> None:
+    told = document()
+    told["parameters"]["gain"] |= {"value": -GAIN, "interval": [-GAIN - 0.04, -GAIN + 0.04]}
+    told["transfer_function"] |= {"numerator": [-GAIN]}
+
+    made = tune(Answer.from_document(told, "the result"), "pole_placement", wish(damping=0.8, bandwidth=20.0))
+
+    right = tuned(damping=0.8, bandwidth=20.0)
+    assert isinstance(made.controller, Pid)
+    assert isinstance(right.controller, Pid)
+    assert (made.controller.kp, made.controller.kd) == (-right.controller.kp, -right.controller.kd)
+    assert made.margins["phase_margin"].value == pytest.approx(right.margins["phase_margin"].value)
+    assert made.response["overshoot"].value == pytest.approx(right.response["overshoot"].value)
+
+
+def test_margins_without_intervals_are_the_same() -> None:
+    made = tuned(damping=0.8, bandwidth=20.0)
+    motor = FirstOrderMotor.of(answered(), "tune", "rad")
+
+    plain = nominal_margins(made.controller, motor, H)
+
+    assert plain == {name: each.value for name, each in made.margins.items()}
+    assert METHODS["pole_placement"](motor, wish(damping=0.8, bandwidth=20.0)) == made.controller
