@@ -1,13 +1,15 @@
-"""`servobench signals` and `servobench devices` list what there is, as the registries know it."""
+"""`servobench signals`, `servobench controllers` and `servobench devices` list what there is, as the registries know it."""
 
 import re
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 import pytest
 from pydantic import Field
 
 from servobench.cli.catalogue import default_text, meaning
+from servobench.control.base import CONTROLLERS
 from servobench.devices.base import DEVICES
+from servobench.registry import Registry
 from servobench.settings import In, Settings, Time, Voltage
 from servobench.signals.base import SIGNALS
 from tests.cli.conftest import Command
@@ -55,13 +57,16 @@ def test_a_setting_has_its_default_with_its_unit_and_its_meaning(name: str, defa
     assert (default_text(field), meaning(field)) == (default, said)
 
 
-def test_all_signals_and_all_their_settings_are_listed(servobench: Command) -> None:
-    said = servobench("signals").out
+@pytest.mark.parametrize(("command", "kind"), [("signals", SIGNALS), ("controllers", CONTROLLERS)])
+def test_all_of_a_kind_and_all_their_settings_are_listed(
+    servobench: Command, command: str, kind: Registry[Any]
+) -> None:
+    said = servobench(command).out
 
-    for name in SIGNALS.names():
+    for name in kind.names():
         block = re.search(rf"^{name}  .*?^$", said, re.MULTILINE | re.DOTALL)
         assert block is not None, name
-        for setting in SIGNALS[name].model_fields:  # type: ignore[attr-defined]
+        for setting in kind[name].model_fields:
             assert re.search(rf"^  {setting} ", block[0], re.MULTILINE), (name, setting)
 
 
