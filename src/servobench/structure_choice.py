@@ -20,10 +20,10 @@ import numpy as np
 from servobench.channels import Array
 from servobench.doubts.base import about_data
 from servobench.errors import NotIdentifiable, UsageError
-from servobench.estimators.base import Estimator, Fit
+from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.least_squares import Minimum
-from servobench.estimators.output_error import best_minimum
+from servobench.estimators.output_error import best_minimum, fitted_roughly
 from servobench.explanations.base import is_damaged, names_a_cause
 from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
@@ -245,18 +245,29 @@ def _tried(
         nearest = best_minimum(structure, data, starts)
         if not _worth_it(nearest, data, plain):
             return _Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
+        if method is ESTIMATORS["output_error"]:
+            # Most rungs end here; the intervals near bounds, which nobody would see, take longer than all the rest.
+            doubt = _early_doubt(term, asked, fitted_roughly(structure, data, nearest), plain, fit)
+            if doubt:
+                return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         richer = method.fit(structure, data, (nearest.theta,))
-        doubt = _doubt(term, asked, richer, richer, fit)
-        if not doubt and _at_the_edge(richer, plain):
-            doubt = "it drives a parameter to the edge of what is possible"
-        if not doubt and not explains_the_colour(richer):
-            doubt = _doubt(term, asked, richer, _as_uncertain(richer, plain, fit), fit)
+        doubt = _early_doubt(term, asked, richer, plain, fit)
         if doubt:
             return _Rung(term=term, plain=plain, fit=fit, doubt=doubt)
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
     return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, asked, richer, allowed, fit))
+
+
+def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
+    """Why a rung can't be kept, as far as that is seen before allowing for what disturbs the motor; empty where it isn't."""
+    doubt = _doubt(term, asked, richer, richer, fit)
+    if not doubt and _at_the_edge(richer, plain):
+        doubt = "it drives a parameter to the edge of what is possible"
+    if not doubt and not explains_the_colour(richer):
+        doubt = _doubt(term, asked, richer, _as_uncertain(richer, plain, fit), fit)
+    return doubt
 
 
 def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:

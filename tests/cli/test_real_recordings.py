@@ -86,6 +86,25 @@ def test_a_table_without_times_is_asked_for_its_sample_time(
     assert "--sample-time" in ended.err
 
 
+@pytest.mark.parametrize("name", ["gk_pid", "gk_pid_step", "gk_repetitive"])
+def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
+    name: str,
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    """Fitted by least squares with friction, gk_pid_step has 1.49 (deg/s)/% and 0.087 s; the folder's README has it."""
+    columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
+
+    result = servobench("identify", real_data(f"gkeiel_pot_servo/{name}.csv"), *columns, "--json").result
+
+    assert result["verdict"] == "doubtful"
+    assert {"lag-not-split", "resolution-coarse", "residual-coloured"} <= codes(result)
+    gain, tau = result["parameters"]["gain"], result["parameters"]["time_constant"]
+    assert gain["interval"][0] < math.radians(1.49) < gain["interval"][1]
+    if name == "gk_pid_step":
+        assert tau["interval"][0] < 0.087 < tau["interval"][1]
+
+
 def test_a_limit_cycle_with_a_high_fit_is_distrusted(servobench: Command, real_data: RealData) -> None:
     columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from servobench.doubts import lag_not_split
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, warning
@@ -14,7 +15,8 @@ def _time_scale(fit: Fit) -> list[Finding]:
     tau = fit["time_constant"].value
     step = max(record.data.sample_time for record in fit.records)
     longest = max(record.data.duration for record in fit.records)
-    if tau < 2 * step:
+    split_unknown = any(finding.code == lag_not_split.CODE for finding in fit.findings)
+    if tau < 2 * step and not split_unknown:
         sentence = (
             f"The time constant, {tau:.3g} s, is less than two sample times of {step:.3g} s: sample faster."
         )

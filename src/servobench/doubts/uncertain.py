@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from servobench.doubts import lag_not_split
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, refusal, warning
@@ -17,9 +18,10 @@ _SAID = (
 def _uncertain(fit: Fit) -> list[Finding]:
     """Whether gain and time constant are known at all, and how well."""
     found = []
-    told = any(finding.code in _SAID for finding in fit.findings)
+    codes = {finding.code for finding in fit.findings}
+    told = not codes.isdisjoint(_SAID)
     for name in ("gain", "time_constant"):
-        if name not in fit.model.names:
+        if name not in fit.model.names or (name == "time_constant" and lag_not_split.CODE in codes):
             continue
         estimate = fit[name]
         if told and not np.isfinite(estimate.sd):

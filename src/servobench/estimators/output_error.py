@@ -65,6 +65,12 @@ ESTIMATORS.member("output_error")(OutputError())
 
 def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
     """Return the fit that a minimum of the squared residuals stands for."""
+    fit = fitted_roughly(structure, data, minimum)
+    return replace(fit, intervals=intervals_near_bounds(structure, data, minimum, fit.covariance))
+
+
+def fitted_roughly(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
+    """Return the same fit without the intervals of parameters near a bound, each of which takes a dozen searches."""
     variance, covariance = uncertainty(structure, data, minimum)
     sd = float(np.sqrt(variance))
     records = simulations(structure, data, minimum.theta, minimum.predictions)
@@ -77,7 +83,6 @@ def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> F
         status=minimum.status,
         residual_sd=sd,
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
-        intervals=intervals_near_bounds(structure, data, minimum, covariance),
         findings=tuple(remarks(structure, data, minimum)),
     )
 

@@ -79,6 +79,7 @@ Explain: TypeAlias = Callable[[Case], Explained | None]
 _SYMPTOMS = frozenset(
     {
         "fit-poor",
+        "lag-not-split",
         "parameter-at-bound",
         "parameter-uncertain",
         "parameter-unknown",
