@@ -67,7 +67,7 @@ def test_the_sum_keeps_its_variance_and_each_part_may_be_all_of_it() -> None:
     "sizes",
     [
         {"gain": 0.01, "tau": 0.4, "delay": 0.4, "correlation": -0.99},  # the time constant is known
-        {"gain": 0.01, "tau": 0.7, "delay": 0.7, "correlation": 0.0},  # so isn't the sum
+        {"gain": 0.01, "tau": 0.7, "delay": 0.7, "correlation": 0.0},  # nor is the sum
         {"gain": 0.60, "tau": 0.7, "delay": 0.7, "correlation": -0.99},  # nor is the gain
     ],
 )
@@ -75,3 +75,12 @@ def test_what_is_known_stays_and_what_is_not_is_refused(sizes: dict[str, float])
     before = fit_with(**sizes)
 
     assert with_what_the_lag_tells(before) is before
+
+
+def test_a_lag_of_which_nothing_is_known_is_refused() -> None:
+    before = fit_with(gain=0.01, tau=0.7, delay=0.7, correlation=-0.99)
+    at = [before.model.names.index(name) for name in ("time_constant", "delay")]
+    before.covariance[at, at] = np.inf
+
+    assert with_what_the_lag_tells(before) is before
+    assert "parameter-unknown" in told(before)

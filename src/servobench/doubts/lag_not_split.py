@@ -33,6 +33,8 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
     if not {"gain", "time_constant", "delay"} <= set(names) or not fit.converged:
         return fit
     at, late = names.index("time_constant"), names.index("delay")
+    if not np.isfinite(fit.covariance[np.ix_([at, late], [at, late])]).all():
+        return fit
     theta, covariance = fit.model.theta, fit.covariance
     lag = float(theta[at] + theta[late])
     variance = float(covariance[at, at] + covariance[late, late] + 2 * covariance[at, late])
