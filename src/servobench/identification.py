@@ -110,7 +110,7 @@ def _judged(
     choice = chosen(method, records, structure, estimator, allow)
     fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
     fit = with_what_records_tell(with_what_one_level_tells(fit), method, allow)
-    fit = with_what_the_lag_tells(with_what_one_level_tells(fit))
+    fit = with_what_the_lag_tells(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,

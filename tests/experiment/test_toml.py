@@ -76,9 +76,9 @@ EXPERIMENTS = st.builds(
     device=st.fixed_dictionaries(
         {"name": st.text(min_size=1), "settings": st.dictionaries(st.text(max_size=5), TREES, max_size=3)}
     ),
-    limits=st.fixed_dictionaries({"voltage": st.floats(0.1, 24)}),
     when_late=st.fixed_dictionaries(
         {"missed": st.sampled_from(["discard", "process"]), "phase": st.sampled_from(["keep", "lose"])}
+    ),
     limits=st.fixed_dictionaries(
         {"voltage": st.floats(0.1, 24)},
         optional={

@@ -23,7 +23,6 @@ class VirtualClock:
     ALLOWED_LATENESS: ClassVar[float] = 0.1  # of the sample time
 
     def __init__(self) -> None:
-        self._sample_time = math.nan
         self._device = DeviceClock()
         self._sample_time = self._now = math.nan
 
@@ -35,11 +34,9 @@ class VirtualClock:
     def latch(self, index: int, read: Callable[[], Sample]) -> Tick:
         """Latch at once; raises `DeviceError` as the device's own clock does."""
         tick = self._device.latch(index, read)
+        self._now = tick.actual
         lateness = tick.actual - tick.scheduled
         return replace(tick, late=True) if lateness > self.ALLOWED_LATENESS * self._sample_time else tick
-        """Latch at once."""
-        now = self._now = index * self._sample_time
-        return Tick(index=index, scheduled=now, actual=now, late=False, sample=read())
 
     def elapsed(self) -> float:
         """Return the time of the last tick: nothing takes time."""

@@ -269,6 +269,7 @@ class Twin:
         """Light the lamp, each colour from 0 to 1."""
         self._needs_open()
         self.lit = (red, green, blue)
+
     def block(self, blocked: bool) -> None:
         """Hold the shaft where it is, from the last sample on, or let it go."""
         self._running().blocked = blocked

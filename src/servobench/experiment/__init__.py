@@ -1,7 +1,6 @@
 """Experiments: what is asked for, as data, in Python and in TOML files."""
 
-from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment, Limits, WhenLate
-from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment
+from servobench.experiment.experiment import PAPER, DeviceChoice, Experiment, WhenLate
 from servobench.experiment.limits import Limits
 from servobench.experiment.reading import explain, load_experiment, read_experiment
 

@@ -66,13 +66,6 @@ class DeviceChoice(Settings):
     """Faults to inject, each with its name and its settings; the faults' own models check them."""
 
 
-class Limits(Settings):
-    """What the device must not be asked for."""
-
-    voltage: PositiveVoltage = 10.0
-    """Largest voltage, in either direction; what is beyond is clipped [V]."""
-
-
 class WhenLate(Settings):
     """What is done about ticks that have gone by, where the host keeps the time; `HostClock` has the exact rules."""
 

@@ -17,11 +17,9 @@ from servobench.experiment.experiment import (
     DeviceChoice,
     Duration,
     Experiment,
-    Limits,
     Seed,
     WhenLate,
 )
-from servobench.experiment.experiment import AnyController, DeviceChoice, Duration, Experiment, Seed
 from servobench.experiment.limits import Limits
 from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys

@@ -26,8 +26,6 @@ def to_toml(experiment: Experiment) -> str:
     fields.setdefault("seed", "random")
     for monitor in ("stall", "plausibility"):
         given["limits"].setdefault(monitor, "off")
-    if not given["device"]["settings"]:
-        del given["device"]["settings"]
     for name in ("settings", "faults"):
         if not given["device"][name]:
             del given["device"][name]

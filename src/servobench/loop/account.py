@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Callable
 
 from servobench.channels import Timing
@@ -14,23 +13,17 @@ MANY_MISSED = 0.01  # of all ticks
 
 
 class Account:
-    """Counts the ticks of one run as they pass, on a device that keeps time by `timing`; `now` is the computer's own time [s]."""
+    """Counts the ticks of one run as they pass, `sample_time` [s] apart by their schedule; `timing` is the clock's.
 
-    def __init__(
-        self, sample_time: float, timing: Timing, *, now: Callable[[], float] = time.perf_counter
-    ) -> None:
+    `now` is the computer's own time [s], where a device keeps the time and the two are to be compared.
+    """
+
+    def __init__(self, sample_time: float, timing: Timing, *, now: Callable[[], float] | None = None) -> None:
         self._sample_time = sample_time
         self._timing = timing
-        self._now = now
+        self._now = now if timing == "device" else None
         self._first: tuple[Tick, float] | None = None
         self._last: tuple[Tick, float] | None = None
-    """Counts the ticks of one run as they pass, `sample_time` [s] apart by their schedule; `timing` is the clock's."""
-
-    def __init__(self, sample_time: float, timing: Timing) -> None:
-        self._sample_time = sample_time
-        self._timing = timing
-        self._first: Tick | None = None
-        self._last: Tick | None = None
         self._due = 0
         self.done = 0
         self.late = 0
@@ -39,10 +32,8 @@ class Account:
 
     def add(self, tick: Tick) -> None:
         """Take a tick; those between the one that was due and this one were missed."""
-        self._last = (tick, self._now())
+        self._last = (tick, self._now() if self._now else tick.actual)
         self._first = self._first or self._last
-        self._first = self._first or tick
-        self._last = tick
         self.done += 1
         self.missed += tick.index - self._due
         self._due = tick.index + 1
@@ -80,29 +71,17 @@ class Account:
         return (*findings, *self._pace())
 
     def _pace(self) -> tuple[Finding, ...]:
-        """What there is to say about the clocks; in virtual time there is one only."""
-        if self._timing == "virtual" or self._first is None or self._last is None:
+        """What there is to say of the clocks: the schedule's, the one by which samples were latched, and the samples' own."""
+        if self._first is None or self._last is None:
             return ()
         (first, began), (last, ended) = self._first, self._last
-        by_device = self._timing == "device"
-        return pace(
-            Spans(
-                sample_time=self._sample_time,
-                ticks=(last.index - first.index) * self._sample_time,
-                device=last.sample.time - first.sample.time if by_device else None,
-                host=ended - began if by_device else last.actual - first.actual,
-                late=0.0 if by_device else (last.actual - last.scheduled) - (first.actual - first.scheduled),
-                handed_on=by_device,
-        """What there is to say of the clocks: the schedule's, the one by which samples were latched, and the samples' own."""
-        first, last = self._first, self._last
-        if first is None or last is None:
-            return ()
         return pace(
             Spans(
                 sample_time=self._sample_time,
                 ticks=last.scheduled - first.scheduled,
                 device=last.sample.time - first.sample.time,
-                host=last.actual - first.actual if self._timing == "host" else None,
+                host=ended - began if self._now or self._timing == "host" else None,
                 late=(last.actual - last.scheduled) - (first.actual - first.scheduled),
+                handed_on=self._now is not None,
             )
         )

@@ -5,11 +5,15 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from typing import Literal
 
+from servobench.devices.guard.faults import Fault
+from servobench.devices.guarded import Guarded
 from servobench.errors import UsageError
 from servobench.loop.messages import Notice, Order
 from servobench.loop.place import Place
 from servobench.loop.ring import (
+    FAULT,
     OPERATOR_HEARTBEAT,
     RECORDER_HEARTBEAT,
     RECORDER_STATE,
@@ -71,6 +75,41 @@ class CommandTaker:
     def _tell(self, place: Place, about: Mapping[str, object]) -> None:
         event = Notice(kind="command", tick=place.tick.index, time=place.tick.actual, about=about)
         self._events.push(event.to_text())
+
+
+class GuardTeller:
+    """Tells of a fault that the guard has latched, and of its acknowledgement."""
+
+    def __init__(self, device: Guarded, rows: RowRing, events: MessageRing) -> None:
+        self._device = device
+        self._rows = rows
+        self._events = events
+        self._told: Fault | None = None
+        self._place: Place | None = None
+
+    def __call__(self, place: Place) -> Stopped | None:
+        self._place = place
+        fault = self._device.fault
+        if fault is not self._told:
+            self._told = fault
+            self._rows.set(FAULT, fault is not None)
+            if fault is not None:
+                self._tell("fault", {"code": fault.code, "sentence": fault.sentence})
+        return None
+
+    def acknowledge(self) -> None:
+        """Acknowledge the fault, if there is one."""
+        fault = self._device.fault
+        if fault is not None:
+            self._device.acknowledge()
+            self._told = None
+            self._rows.set(FAULT, 0)
+            self._tell("acknowledged", {"code": fault.code})
+
+    def _tell(self, kind: Literal["fault", "acknowledged"], about: Mapping[str, object]) -> None:
+        if self._place is not None:
+            tick = self._place.tick
+            self._events.push(Notice(kind=kind, tick=tick.index, time=tick.actual, about=about).to_text())
 
 
 @dataclass

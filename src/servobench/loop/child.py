@@ -14,15 +14,23 @@ import time
 from contextlib import ExitStack
 from types import FrameType
 
-from servobench.channels import Sample
-from servobench.clock import clock_for
-from servobench.devices.base import Device, connect
+from servobench.channels import DeviceInfo
+from servobench.clock import Clock, clock_for
+from servobench.devices.base import connect
 from servobench.devices.faulty import with_faults
+from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
 from servobench.finding import Finding
 from servobench.loop.account import Account
-from servobench.loop.attendants import LOOK_EVERY, CommandTaker, OperatorWatch, ProgramWatch, RecorderWatch
+from servobench.loop.attendants import (
+    LOOK_EVERY,
+    CommandTaker,
+    GuardTeller,
+    OperatorWatch,
+    ProgramWatch,
+    RecorderWatch,
+)
 from servobench.loop.clock_steps import ClockSteps
 from servobench.loop.messages import Notice, ending_to_json, info_to_json
 from servobench.loop.missed import MissedRule
@@ -55,9 +63,8 @@ class ToRing:
 
 def main() -> int:
     """Carry out the run that standard input asks for; return the exit status."""
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # Ctrl-C in a terminal reaches all; the program says what it means
+    # Ctrl-C in a terminal reaches all its processes; the program that asked says what it means.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     spec = LoopSpec.from_line(sys.stdin.readline())
     with ExitStack() as stack:
         rows = stack.enter_context(RowRing.attach(spec.rows))
@@ -93,41 +100,36 @@ class _Loop:
         _ended_like_ctrl_c()
         threading.Thread(target=self._await_the_end_of_input, daemon=True).start()
         experiment = read_experiment(self._spec.experiment, "the experiment")
-        chosen = experiment.device
-        with with_faults(connect(chosen.name, **chosen.settings), chosen.faults) as device:
+        with Guarded(
+            with_faults(
+                connect(experiment.device.name, **experiment.device.settings), experiment.device.faults
+            ),
+            experiment.limits,
+            when_faulted=self._spec.when_faulted,
+        ) as device:
             stopped, findings = self._driven(experiment, device)
         self.tell("ended", **ending_to_json(stopped, findings))
 
-    def _driven(self, experiment: Experiment, device: Device) -> tuple[Stopped, tuple[Finding, ...]]:
-        opened = opening(experiment, device.info, commanded_live=True)
+    def _driven(self, experiment: Experiment, device: Guarded) -> tuple[Stopped, tuple[Finding, ...]]:
+        clock = _clock(experiment, device.info)
+        opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)
         drive = Drive(experiment, device.info, references, enabled=self._spec.enabled)
-        account = Account(experiment.sample_time, device.info.timing)
+        account = Account(experiment.sample_time, clock.timing, now=time.perf_counter)
         sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series), account)
-        attendants = self._attendants(experiment, drive)
-        sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series))
         steps = ClockSteps(experiment.sample_time)
-        attendants = [
-            *((steps,) if device.info.timing != "host" else ()),
-            MissedRule(experiment.sample_time),
-            *self._attendants(experiment, drive),
-        ]
+        attendants = self._attendants(experiment, device, drive, steps)
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
-        _warm(experiment, device)
-        when_late = experiment.when_late
-        clock = clock_for(device.info.timing, missed=when_late.missed, phase=when_late.phase)
         device.start(experiment.sample_time, experiment.seed)
         scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)
             clock.start(experiment.sample_time)
-            ended = let_pass(
-                experiment.samples, experiment.limits.voltage, device, clock, drive, sink, attendants
-            )
+            ended = let_pass(experiment.samples, device, clock, drive, sink, attendants)
             if ended is None:
-                sink.account.complete(experiment.samples)
+                account.complete(experiment.samples)
             return ended or Stopped(
                 reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
             )
@@ -135,17 +137,26 @@ class _Loop:
         stopped, error = outcome(carry_out, device)
         if error is not None and not isinstance(error, DeviceError):
             raise error
-        found = (*opened.findings, *steps.findings(), *sink.account.findings())
+        found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
         return stopped, (*found, *(scheduling.findings() if scheduling else ()))
 
-    def _attendants(self, experiment: Experiment, drive: Drive) -> list[Attendant]:
+    def _attendants(
+        self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps
+    ) -> list[Attendant]:
+        every_tick: list[Attendant] = [MissedRule(experiment.sample_time)]
+        if device.info.timing == "device":
+            every_tick.append(steps)
+        guard = GuardTeller(device, self._rows, self._events)
+        every_tick += [
+            guard,
+            CommandTaker(self._commands.reader(0), self._events, drive, guard.acknowledge),
+        ]
         slow: list[Attendant] = [ProgramWatch(self._gone.is_set)]
         if self._spec.recorded and not self._spec.unrecorded_goes_on:
             slow.append(RecorderWatch(self._rows))
         if self._spec.operator_timeout is not None:
             slow.append(OperatorWatch(self._rows, self._spec.operator_timeout))
-        taker = CommandTaker(self._commands.reader(0), self._events, drive, _nothing_to_acknowledge)
-        return [taker, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
+        return [*every_tick, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
 
     def _await_the_recorder(self) -> None:
         """Wait until the recorder is at work: nothing moves before."""
@@ -165,15 +176,14 @@ class _Loop:
         self._gone.set()
 
 
-def _nothing_to_acknowledge() -> None:
-    """Take the word: a device without a guard has no fault."""
-
-
-def _warm(experiment: Experiment, device: Device) -> None:
-    """Ask the controller once, for nothing: what is compiled or loaded the first time takes longer than many a tick."""
-    still = Sample(index=0, time=0.0, counts=0, tachometer=0.0, current=0.0)
-    state = experiment.controller.start(experiment.sample_time, device.info)
-    experiment.controller.step(state, 0.0, still)
+def _clock(experiment: Experiment, info: DeviceInfo) -> Clock:
+    """The clock of a run in real time."""
+    if info.timing == "virtual":
+        raise UsageError(
+            f"the device {info.name!r} runs in virtual time, which passes as fast as it's computed; a loop in real time needs "
+            'timing = "host"'
+        )
+    return clock_for(info.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
 
 
 def _ended_like_ctrl_c() -> None:

@@ -153,7 +153,7 @@ class Drain:
         said = json.loads(text)
         if said["kind"] == "opened" and not self.begun:
             info = _adapter(DeviceInfo).validate_python(said["info"])
-            self._begin(opening(self._experiment, info, commanded_live=True))
+            self._begin(opening(self._experiment, info, commanded_live=True, timing=info.timing))
         if said["kind"] == "ended":
             self._take_rows(self._ring.written)  # the last word comes after the last row
             self.ended = ending(said)

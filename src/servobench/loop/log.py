@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from servobench.channels import Timing
 from servobench.errors import UsageError
 from servobench.finding import Finding
 from servobench.loop.account import Account
@@ -30,12 +29,6 @@ class Log:
 
     def __init__(
         self, recorder: Recorder, row: RowMaker, account: Account, block: int, kept: InMemory | None = None
-        self,
-        recorder: Recorder,
-        row: RowMaker,
-        sample_time: float,
-        timing: Timing,
-        kept: InMemory | None = None,
     ) -> None:
         self._recorder = recorder
         self._row = row
@@ -43,7 +36,6 @@ class Log:
         self._block = block
         self._rows: list[tuple[float, ...]] = []
         self._account = account
-        self._account = Account(sample_time, timing)
 
     def add(self, place: Place) -> None:
         """Take one tick that is done."""

@@ -91,7 +91,7 @@ class LoopProcess:
             self._recording = self._started_recorder(stack)
             stack.callback(self._end)  # before the recorder's own end, which waits for this
             self.info = self._opened()
-            self.recording = opening(self.experiment, self.info, commanded_live=True)
+            self.recording = opening(self.experiment, self.info, commanded_live=True, timing=self.info.timing)
             self._stack = stack.pop_all()
         return self
 

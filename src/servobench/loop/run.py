@@ -14,9 +14,8 @@ from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.account import Account
-from servobench.loop.log import Log, block_of
 from servobench.loop.clock_steps import ClockSteps
-from servobench.loop.log import Log
+from servobench.loop.log import Log, block_of
 from servobench.loop.missed import MissedRule
 from servobench.loop.opening import opening, row_maker
 from servobench.loop.place import Place
@@ -84,9 +83,8 @@ def run(
             f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
             "its loop up: run without `look` (--until), and longer"
         )
-    keeper = _keeper(clock, device.info, experiment)
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
-    keeper = _keeper(clock, device.info)
+    keeper = _keeper(clock, device.info, experiment)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info, timing=keeper.timing)
     try:
@@ -98,14 +96,10 @@ def run(
     log = Log(
         recorder,
         row_maker(opened),
-        Account(experiment.sample_time, device.info.timing),
+        Account(experiment.sample_time, keeper.timing),
         block_of(experiment.sample_time),
         None if look is None else InMemory(opened),
     )
-    kept = None if look is None else InMemory(opened)
-    log = Log(recorder, row_maker(opened), experiment.sample_time, keeper.timing, kept)
-    attendants = _attendants(experiment, log, watch, look)
-    log = Log(recorder, row_maker(opened), experiment.sample_time, None if look is None else InMemory(opened))
     steps = ClockSteps(experiment.sample_time)
     attendants = (
         *((steps,) if keeper.timing != "host" else ()),
@@ -121,9 +115,7 @@ def run(
         )
         if isinstance(error, StorageError):
             raise error
-        recording = log.end(stopped, device.findings())
-        recording = log.end(stopped, opened.findings)
-        recording = log.end(stopped, (*opened.findings, *steps.findings()))
+        recording = log.end(stopped, (*opened.findings, *device.findings(), *steps.findings()))
     finally:
         recorder.abandon()
     if isinstance(error, DeviceError):
@@ -144,7 +136,6 @@ def _carry_out(
     """Let the ticks pass to the end of the experiment or to a fault; the device is started."""
     clock.start(experiment.sample_time)
     ended = let_pass(experiment.samples, device, clock, drive, log, attendants)
-    ended = let_pass(experiment.samples, experiment.limits.voltage, device, clock, drive, log, attendants)
     if ended is None:
         log.complete(experiment.samples)
     return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")

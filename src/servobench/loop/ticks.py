@@ -11,11 +11,9 @@ from typing import Protocol, TypeAlias
 from servobench.channels import DeviceInfo, Sample
 from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
-from servobench.devices.base import Device, RunEnded
-from servobench.errors import DeviceError, UsageError
 from servobench.devices.base import Device, RunEnded, voltage_or_nan
 from servobench.devices.guarded import Guarded
-from servobench.errors import DeviceError
+from servobench.errors import DeviceError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.place import Place
 from servobench.loop.references import References
@@ -94,7 +92,7 @@ class Drive:
         commanded = 0.0
         if self._enabled and math.isfinite(reference):
             self._state, voltage = self._controller.step(self._state, reference, tick.sample)
-            commanded = float(voltage)
+            commanded = voltage_or_nan(voltage)
         self._last = commanded
         return reference, commanded
 
@@ -134,11 +132,6 @@ class _Travel:
             half = self._range // 2
             self._travel += (counts - self._travel + half) % self._range - half
         return self._travel
-        reference = self.references[tick.index]
-        if not self.enabled or not math.isfinite(reference):
-            return reference, 0.0
-        self.state, voltage = self.controller.step(self.state, reference, tick.sample)
-        return reference, voltage_or_nan(voltage)
 
 
 def let_pass(
@@ -168,7 +161,6 @@ def let_pass(
             commanded=commanded if math.isfinite(reference) else reference,
             applied=applied,
             saturated=device.saturated or not finite,
-            saturated=applied != commanded,
             written=clock.elapsed(),
             command=drive.command,
         )

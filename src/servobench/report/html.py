@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
-from servobench.report import history, illustrations, model_illustrations, tables, timing, words
-from servobench.report import history, illustrations, model_illustrations, safety, tables, words
+from servobench.report import history, illustrations, model_illustrations, safety, tables, timing, words
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
 from servobench.report.palette import Style
