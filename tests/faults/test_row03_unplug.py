@@ -14,7 +14,8 @@ from servobench.devices.faults.base import fault_from, table_of
 from servobench.devices.faulty import Faulty
 from servobench.devices.twin import Twin, TwinSettings
 from servobench.errors import DeviceError, DeviceLost
-from servobench.experiment import Experiment
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.live import run_live
 from servobench.loop.run import run
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording
@@ -120,3 +121,17 @@ def test_an_unplugged_encoder_is_told_as_injected_and_the_recording_goes_on() ->
 
     assert set(recording["counts"].values[500:]) == {recording["counts"].values[500]}
     assert "faults-injected" in [finding.code for finding in recording.findings]
+
+
+def test_in_a_process_of_its_own_the_loop_ends_the_same_and_keeps_what_there_was(tmp_path: Path) -> None:
+    """In host time: how many samples there are depends on the machine, that all of them are from before doesn't."""
+    chosen = DeviceChoice(settings={"timing": "host"}, faults=(table_of("device_unplugged from=0.2s"),))
+    with pytest.raises(DeviceLost, match="unplugged on purpose") as caught:
+        run_live(Experiment(duration=30.0, sample_time=H, device=chosen), to=tmp_path / "run.mcap")
+
+    recording = caught.value.recording
+    assert recording.stopped.reason == "device_lost"
+    assert len(recording["counts"].values) <= 100
+    assert [finding.code for finding in recording.findings].count("faults-injected") == 1
+    (found,) = read(tmp_path / "run.mcap")
+    assert found.series == recording.series

@@ -2,7 +2,7 @@
 
 A device whose time goes back, or stands, is refused as a device that fails, as one whose samples come out of order is: nobody can
 say any more when its samples were taken, and what was recorded before stays right. A jump ahead keeps the order; it is recorded
-as it came, and told.
+as it came, and told. (Where it is longer than the watchdog's time, nobody can tell it from a motor that was left alone for so long.)
 """
 
 import time
@@ -74,18 +74,18 @@ def test_a_time_that_repeats_or_goes_back_ends_the_run_before_it_is_recorded(tim
 
 @pytest.mark.parametrize("timing", devices())
 def test_a_jump_ahead_is_recorded_as_it_came_and_told_with_its_time_and_size(timing: str) -> None:
-    recording = outcome(Faulty(devices()[timing](), [fault_from(table_of("clock_step from=1s by=1h"))]))
+    recording = outcome(Faulty(devices()[timing](), [fault_from(table_of("clock_step from=1s by=50ms"))]))
 
     assert recording.stopped.reason == "finished"
     shift = times(recording) - recording["scheduled"].values
-    assert shift == pytest.approx(np.where(np.arange(1000) < 500, 0.0, 3600.0), abs=1e-9)
+    assert shift == pytest.approx(np.where(np.arange(1000) < 500, 0.0, 0.05), abs=1e-9)
     (finding,) = [finding for finding in recording.findings if finding.code == "clock-stepped"]
-    assert "jumped by 3.6e+06 ms at 1 s" in finding.sentence
+    assert "jumped by 50 ms at 1 s" in finding.sentence
 
 
 @pytest.mark.parametrize(
     "text",
-    ["jitter largest=1.9ms", "slow_read every=60 takes=7ms", "lost every=60", "dropouts probability=0.1"],
+    ["jitter largest=1.9ms", "slow_read every=60 takes=7ms", "lost every=60"],
 )
 def test_lateness_and_loss_are_no_steps_of_the_clock(text: str) -> None:
     recording = outcome(Faulty(Twin(), [fault_from(table_of(text))]))

@@ -162,7 +162,7 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     from servobench.devices.base import DEVICES
     from servobench.devices.faults.base import fault_from
     from servobench.devices.faulty import Faulty
-    from servobench.errors import UsageError
+    from servobench.errors import UnknownName, UsageError
     from servobench.experiment import explain
 
     kind = DEVICES[asked.device.name]
@@ -175,6 +175,7 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
             faults.append(fault_from(table))
     except (ValidationError, UsageError) as error:
         text = file.read_text(encoding="utf-8-sig") if file else ""
+        part = (*part, "name") if isinstance(error, UnknownName) and "faults" in part else part
         raise explain(error, text, str(file or asked.device.name), part) from None
     return Faulty(device, faults) if faults else device
 
