@@ -2,7 +2,7 @@
 
 A device whose time goes back, or stands, is refused as a device that fails, as one whose samples come out of order is: nobody can
 say any more when its samples were taken, and what was recorded before stays right. A jump ahead keeps the order; it is recorded
-as it came, and told. (Where it is longer than the watchdog's time, nobody can tell it from a motor that was left alone for so long.)
+as it came, and told. (Where it is longer than the watchdog waits, nobody can tell it from a motor that was left alone.)
 """
 
 import time
