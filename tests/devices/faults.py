@@ -40,14 +40,27 @@ def undisturbed(ticks: int, voltage: Callable[[int], float] = lambda k: 4.0) -> 
 class Numbered(Shaft):
     """A device with its own time, a width of its counter, and counts by a function of the sample's number."""
 
-    def __init__(self, count: Callable[[int], int], bits: int | None = None, timing: str = "device") -> None:
+    def __init__(
+        self,
+        count: Callable[[int], int],
+        bits: int | None = None,
+        timing: str = "device",
+        counts_per_rev: float | None = None,
+    ) -> None:
         super().__init__(timing=timing)  # type: ignore[arg-type]
         self.count = count
         self.bits = bits
+        self.counts_per_rev = counts_per_rev
 
     @property
     def info(self) -> DeviceInfo:
-        counts = Channel(name="counts", unit="counts", counter_bits=self.bits, resolution=1.0)
+        counts = Channel(
+            name="counts",
+            unit="counts",
+            counter_bits=self.bits,
+            counts_per_rev=self.counts_per_rev,
+            resolution=1.0,
+        )
         return DeviceInfo(
             name="numbered", channels=(Channel(name="voltage", unit="V"), counts), timing=self.timing
         )

@@ -1,18 +1,21 @@
 """Row 7: an encoder counter of 16, 24 or 32 bits wraps, either way. Unwrapped it is exact; a step too long is told."""
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
 
 from servobench.devices.faults.base import fault_from, table_of
 from servobench.devices.faulty import Faulty
-from servobench.experiment import Experiment
+from servobench.experiment import Experiment, Limits
 from servobench.loop.run import run
 from servobench.measurement.measure import measure
 from servobench.measurement.unwrap import Unwrap
 from servobench.recording.recording import Recording
 from servobench.signals.constant import Constant
-from tests.devices.faults import Numbered
+from tests.devices.faults import Numbered, wrapped
 
 H = 0.002
 BITS = [16, 24, 32]
@@ -38,11 +41,18 @@ def walk(bits: int, seed: int) -> NDArray[np.int64]:
     return np.concatenate([[0], np.cumsum(np.concatenate([*legs, jumps]))])
 
 
-def recorded(counts: NDArray[np.int64], bits: int, start: int, shown: int | None = None) -> Recording:
+def recorded(
+    counts: NDArray[np.int64],
+    bits: int,
+    start: int,
+    shown: int | None = None,
+    counts_per_rev: float | None = None,
+    **changes: Any,
+) -> Recording:
     """A run of a device whose counter has `shown` bits, looked at through a narrower one that begins at `start`."""
-    inner = Numbered(lambda k: int(counts[k]), shown)
+    inner = Numbered(lambda k: int(counts[k]), shown, counts_per_rev=counts_per_rev)
     device = Faulty(inner, [fault_from(table_of(f"counter_wrap bits={bits} start={start}"))])
-    experiment = Experiment(signal=Constant(value=1.0), duration=len(counts) * H, sample_time=H)
+    experiment = Experiment(signal=Constant(value=1.0), duration=len(counts) * H, sample_time=H, **changes)
     return run(experiment, device)
 
 
@@ -106,15 +116,53 @@ def test_a_wide_counter_seen_through_a_narrow_one_wraps_at_both() -> None:
     assert np.array_equal(found.astype(np.int64), counts)
 
 
+def leaping(step: int) -> NDArray[np.int64]:
+    """Counts at 100 a tick, with a step between two samples in the middle."""
+    return np.arange(400) * 100 + np.where(np.arange(400) >= 200, step, 0)
+
+
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("direction", [1, -1])
-def test_a_step_of_half_the_range_is_told_and_not_believed(bits: int, direction: int) -> None:
+def test_in_a_file_a_step_of_half_the_range_is_told_and_not_believed(bits: int, direction: int) -> None:
     """It may as well have been the other way; a little more looks like the other way, which shows after a steady speed."""
     half = 1 << (bits - 1)
+    plain = recorded(leaping(0), bits, 0)
     for step in (half - 100, half):  # beside the 100 counts of each tick
-        counts = direction * (np.arange(400) * 100 + np.where(np.arange(400) >= 200, step, 0))
-        dataset = measure(recorded(counts, bits, 0))
+        shown = [float(wrapped(int(count), bits)) for count in direction * leaping(step)]
+        series = [
+            replace(each, values=np.array(shown)) if each.channel.name == "counts" else each
+            for each in plain.series
+        ]
+        dataset = measure(replace(plain, series=tuple(series)))
 
         (finding,) = [finding for finding in dataset.findings if finding.code == "unwrap-ambiguous"]
         assert finding.rows is not None
         assert finding.rows[0] == 201
+
+
+@pytest.mark.parametrize("bits", BITS)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_in_a_run_a_step_of_half_the_range_is_a_fault(bits: int, direction: int) -> None:
+    half = 1 << (bits - 1)
+    recording = recorded(direction * leaping(half - 100), bits, 0)
+
+    assert recording.stopped.reason == "fault"
+    assert "the encoder stepped" in recording.stopped.sentence
+    assert len(recording["counts"].values) == 200
+
+
+@pytest.mark.parametrize("bits", BITS)
+@pytest.mark.parametrize("direction", [1, -1])
+def test_in_a_run_a_step_beyond_half_the_range_is_a_fault_where_the_motors_speed_is_known(
+    bits: int, direction: int
+) -> None:
+    """100 counts a tick are 153 rad/s at 2048 counts a turn; beyond half the range a step looks like one the other way."""
+    half = 1 << (bits - 1)
+    for step in (half, half + half // 4, 2 * half - 2000):
+        recording = recorded(
+            direction * leaping(step), bits, 0, counts_per_rev=2048.0, limits=Limits(possible_speed=300.0)
+        )
+
+        assert recording.stopped.reason == "fault"
+        assert "the encoder stepped" in recording.stopped.sentence
+        assert len(recording["counts"].values) == 200
