@@ -21,6 +21,15 @@ from tests.report.test_page import Page
 STYLE = Style(width=720.0, palette=LIGHT)
 
 
+def punctual(recording: Recording) -> Recording:
+    """The same with each sample at its time, as all are in virtual time."""
+    series = {each.channel.name: each for each in recording.series}
+    scheduled = replace(series["scheduled"], values=np.asarray(series["scheduled"].t))
+    late = replace(series["late"], values=0 * series["late"].values)
+    others = tuple(each for name, each in series.items() if name not in ("scheduled", "late"))
+    return replace(recording, series=(*others, scheduled, late))
+
+
 def test_the_report_of_a_run_by_the_computer_s_clock_tells_lateness_and_counts(
     good: Result, timed: Recording
 ) -> None:
@@ -41,10 +50,10 @@ def test_the_report_of_a_run_by_the_computer_s_clock_tells_lateness_and_counts(
 
 
 def test_a_run_in_virtual_time_has_no_such_section(good: Result, run: Recording) -> None:
-    assert "How punctual it was" not in Page(Report(run, good).html()).words
+    assert "How punctual it was" not in Page(Report(punctual(run), good).html()).words
 
 
-@pytest.mark.parametrize("name", ["timed", "run"])
+@pytest.mark.parametrize("name", ["timed", "file"])
 def test_the_terminal_says_it_where_time_passed_and_nothing_elsewhere(
     name: str, good: Result, request: pytest.FixtureRequest
 ) -> None:
@@ -77,10 +86,5 @@ def test_the_share_of_later_samples_is_read_off_at_the_right_places() -> None:
 
 
 def test_a_run_that_was_never_late_is_drawn_all_the_same(timed: Recording) -> None:
-    series = {each.channel.name: each for each in timed.series}
-    scheduled = replace(series["scheduled"], values=np.asarray(series["scheduled"].t))
-    late = replace(series["late"], values=0 * series["late"].values)
-    others = tuple(each for name, each in series.items() if name not in ("scheduled", "late"))
-
-    for figure in timing_figures(lateness_of([replace(timed, series=(*others, scheduled, late))])):
+    for figure in timing_figures(lateness_of([punctual(timed)])):
         figure.draw(STYLE).canvas.draw()

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from servobench.clock.waiting import waiting_by
 from servobench.errors import UsageError
 from servobench.finding import Finding, info
+from servobench.rounding import plain
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -22,14 +23,12 @@ class WakeUps:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return one info that says how punctual a process can be here, without a spin."""
-        return (
-            info(
-                "wake-ups",
-                f"Before the run this computer woke the loop {1e6 * self.p50:.3g} µs late in the median of {self.count} sleeps "
-                f"of {1000 * self.period:.3g} ms, {1e6 * self.p99:.3g} µs late in one of a hundred, and "
-                f"{1e6 * self.largest:.3g} µs late at most.",
-            ),
+        p50, p99, largest = (plain(1e6 * late, 3) for late in (self.p50, self.p99, self.largest))
+        sentence = (
+            f"Before the run this computer woke the loop {p50} µs late in the median of {self.count} sleeps of "
+            f"{plain(1000 * self.period, 3)} ms, {p99} µs late in one of a hundred, and {largest} µs late at most."
         )
+        return (info("wake-ups", sentence),)
 
 
 def wake_ups(

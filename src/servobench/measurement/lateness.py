@@ -10,6 +10,7 @@ from servobench.channels import Array
 from servobench.errors import ExperimentError
 from servobench.experiment import Experiment, read_experiment
 from servobench.recording.recording import Recording
+from servobench.rounding import plain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -38,7 +39,7 @@ class Lateness:
     @property
     def sentence(self) -> str:
         """All of it in one sentence, in µs."""
-        p50, p99, p999, largest = (f"{1e6 * x:.3g}" for x in (self.p50, self.p99, self.p999, self.largest))
+        p50, p99, p999, largest = (plain(1e6 * x, 3) for x in (self.p50, self.p99, self.p999, self.largest))
         return (
             f"samples came {p50} µs after their time in the median, {p99} µs in one of a hundred, {p999} µs in one of a "
             f"thousand, {largest} µs at most; {self.late} of {self.samples} were late, and {self.missed} ticks missed"
