@@ -160,10 +160,6 @@ ratio = 70
 
 [limits]
 voltage = "10 V"
-
-[when_late]
-missed = "discard"
-phase = "keep"
 driven_light = "green"
 fault_light = "red"
 
@@ -190,6 +186,10 @@ light = "blue"
 voltage = "0 V"
 light = "red"
 timeout = "0.1 s"
+
+[when_late]
+missed = "discard"
+phase = "keep"
 '''
     assert experiment.to_toml() == expected
     assert read_experiment(expected) == experiment
