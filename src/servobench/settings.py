@@ -30,7 +30,7 @@ from servobench.registry import Registry
 from servobench.units import quantity
 
 _WITH_UNITS = {"quantities": "with units"}
-"""The context in which a quantity is written as a text; those in its unit `bare`, if there is one, stay numbers."""
+"""The context in which a quantity is written as a text. A context may also have another unit for a mark's, as {"V": "rad"}."""
 
 
 @dataclass(frozen=True)
@@ -42,21 +42,21 @@ class In:
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         writer = core_schema.plain_serializer_function_ser_schema(self._write, info_arg=True)
         number = core_schema.float_schema(allow_inf_nan=False)
-        return core_schema.no_info_before_validator_function(self._read, number, serialization=writer)
+        return core_schema.with_info_before_validator_function(self._read, number, serialization=writer)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
     ) -> dict[str, Any]:
         return {"anyOf": [{"type": "number"}, {"type": "string"}], "unit": self.si}
 
-    def _read(self, given: object) -> float:
-        return quantity(given, self.si)
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(given, (info.context or {}).get(self.si, self.si))
 
     def _write(self, value: float, info: core_schema.SerializationInfo) -> float | str:
         context = info.context or {}
-        if not context or self.si == context.get("bare"):
+        if "quantities" not in context:
             return value
-        return f"{value!r} {self.si}".replace(".0 ", " ")
+        return f"{value!r} {context.get(self.si, self.si)}".replace(".0 ", " ")
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class MemberOf:
 
     def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
         writer = core_schema.plain_serializer_function_ser_schema(self._table, info_arg=True)
-        return core_schema.no_info_plain_validator_function(self._read, serialization=writer)
+        return core_schema.with_info_plain_validator_function(self._read, serialization=writer)
 
     def __get_pydantic_json_schema__(
         self, schema: CoreSchema, handler: GetJsonSchemaHandler
@@ -82,11 +82,11 @@ class MemberOf:
             "required": ["type"],
         }
 
-    def _read(self, given: object) -> object:
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> object:
         if not isinstance(given, Mapping):
             return self._known(given)
         settings = {key: value for key, value in given.items() if key != "type"}
-        return TypeAdapter(self._called(given.get("type"))).validate_python(settings)
+        return TypeAdapter(self._called(given.get("type"))).validate_python(settings, context=info.context)
 
     def _known(self, given: object) -> object:
         try:
@@ -168,12 +168,12 @@ class Settings(BaseModel):
         raise ValidationError.from_exception_data(cls.__name__, retold)
 
 
-def with_units(settings: Settings, bare: str = "") -> dict[str, Any]:
+def with_units(settings: Settings, units: Mapping[str, str] | None = None) -> dict[str, Any]:
     """Return settings as plain data that reads back the same: each quantity a text with its unit, no key where there is none.
 
-    Quantities in the unit `bare` stay numbers: the levels of a signal, which are volts only where it is the voltage.
+    `units` has other units for those of the fields: {"V": "rad"} for the levels of a signal that a position follows.
     """
-    return settings.model_dump(context={**_WITH_UNITS, "bare": bare}, exclude_none=True)
+    return settings.model_dump(context={**_WITH_UNITS, **(units or {})}, exclude_none=True)
 
 
 def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDetails:

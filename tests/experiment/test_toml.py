@@ -1,5 +1,6 @@
 """An experiment in a file: what is read, what is written, and what is told of mistakes."""
 
+import math
 import tomllib
 from pathlib import Path
 
@@ -254,6 +255,7 @@ settings = 8
         "my.toml:11: signal.duty: 3 should be less than or equal to 1",
         "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, signal, controller, device, limits, "
         "when_late",
+        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, controller, signal, device, limits",
         "my.toml:15: limits.voltage: '-1 V' should be greater than 0",
         "my.toml:18: device.settings: 8 should be a table",
     ]
@@ -422,3 +424,29 @@ def test_the_examples_are_the_papers_experiment_and_a_prbs() -> None:
     assert prbs.signal == PRBS(low=-3, high=3, order=8, bit_time=0.04)
     assert prbs.duration == pytest.approx(prbs.signal.period, rel=1e-12)
     assert "notes" in tomllib.loads((EXAMPLES / "paper.toml").read_text(encoding="utf-8"))["experiment"]
+
+
+FOLLOWED = """
+[signal]
+type = "sum"
+parts = [{{ type = "square", low = {low}, high = "180 deg" }}, {{ type = "constant", value = 1 }}]
+
+[controller]
+type = "pid"
+"""
+
+
+def test_what_is_followed_has_the_unit_of_the_controller_and_is_written_in_it() -> None:
+    asked = read_experiment(FOLLOWED.format(low="'-0.5 rev'"))
+
+    square = asked.signal.parts[0]  # type: ignore[attr-defined]
+    assert (square.low, square.high) == (pytest.approx(-math.pi), pytest.approx(math.pi))
+    assert f'"{math.pi!r} rad"' in asked.to_toml()
+    assert read_experiment(asked.to_toml()) == asked
+
+
+def test_volts_are_refused_where_a_position_is_followed() -> None:
+    with pytest.raises(
+        ExperimentError, match=r"my.toml:4: signal.parts\[0\].low: .*expected something in rad"
+    ):
+        read_experiment(FOLLOWED.format(low="'-1 V'"), "my.toml")

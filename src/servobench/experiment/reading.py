@@ -8,7 +8,7 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Self
 
-from pydantic import ValidationError, model_validator
+from pydantic import TypeAdapter, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
 from servobench.errors import ExperimentError, UsageError
@@ -59,11 +59,21 @@ class _File(Settings):
     """The tables of an experiment's file."""
 
     experiment: _ExperimentTable = _ExperimentTable()
-    signal: AnySignal
     controller: AnyController | None = None
+    signal: AnySignal
     device: DeviceChoice = DeviceChoice()
     limits: Limits = Limits()
     when_late: WhenLate = WhenLate()
+
+    @field_validator("signal", mode="plain")
+    @classmethod
+    def _in_the_controllers_unit(cls, given: Any, info: ValidationInfo) -> Any:
+        """Read the levels in the unit that the controller follows: volts only where the signal is the voltage."""
+        if "controller" not in info.data:
+            return given  # a controller with a mistake, which is told; what its signal is in nobody knows before it is mended
+        controller = info.data["controller"]
+        unit = "V" if controller is None else controller.reference_unit
+        return TypeAdapter(AnySignal).validate_python(given, context={"V": unit})
 
     def fields(self) -> dict[str, Any]:
         """Return what was given, in the names of `Experiment`'s fields."""

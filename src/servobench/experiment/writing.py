@@ -19,8 +19,8 @@ _BARE_KEY = re.compile(r"[A-Za-z0-9_-]+")
 def to_toml(experiment: Experiment) -> str:
     """Return an experiment as the text of a TOML file: everything spelled out, each quantity with its unit."""
     given = with_units(experiment)
-    if experiment.controller.reference_unit != "V":
-        given["signal"] = with_units(experiment, bare="V")["signal"]
+    # A signal's levels are volts where it is the voltage; otherwise they are what the controller follows.
+    given["signal"] = with_units(experiment, {"V": experiment.controller.reference_unit})["signal"]
     fields = {name: value for name, value in given.items() if name not in _TABLES and value != ""}
     fields.setdefault("duration", "endless")
     fields.setdefault("seed", "random")
