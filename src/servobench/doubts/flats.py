@@ -20,6 +20,7 @@ _FINE = 200.0  # quanta in the range: of a coarser sensor nobody can say at what
 _SHORTEST = 5  # samples in a stretch
 _ABRUPT = 0.3  # of the usual pace at which a stretch is entered: a motor slows down first
 _PILE = 0.005  # of the samples are exactly alike where a sensor without steps is at its end
+_ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before friction holds it
 _PART = 0.05  # of the record, for a blocked shaft
 
 
@@ -86,11 +87,19 @@ def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]
     if np.ptp(data.y) < _FINE * quantum:
         return []
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
-        at_end = [flat for flat in flats if data.y[flat.first] == end]
+        at_end = [flat for flat in flats if data.y[flat.first] == end and not _told_to(data, flat)]
         abrupt = [flat for flat in at_end if flat.pace > _ABRUPT * usual]
         if abrupt and len(abrupt) >= 0.5 * len(at_end) and _leaves(data, abrupt, usual):
             return [_at_the_end(data, which, end, np.flatnonzero(data.y == end))]
     return []
+
+
+def _told_to(data: Dataset, flat: _Flat) -> bool:
+    """Whether a feedback loop was told to be there where the output stands: it brakes, and friction holds the shaft at once."""
+    if data.reference is None:
+        return False
+    held = max(int(np.searchsorted(data.t_input, data.t_output[flat.first], side="right")) - 1, 0)
+    return bool(abs(data.reference[held] - data.y[flat.first]) <= _ARRIVED * np.ptp(data.y))
 
 
 def _piled_up(data: Dataset, quantum: float) -> list[Finding]:
