@@ -66,7 +66,7 @@ class Method(Protocol):
 METHODS: Registry[Method] = Registry("method", "servobench.tuning")
 
 
-def three_digits_more(value: float) -> float:
+def as_printed(value: float) -> float:
     """Return a gain as it is printed and pasted, so that what is judged is what runs: to five digits."""
     return float(f"{value:.5g}")
 

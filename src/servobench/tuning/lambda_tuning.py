@@ -14,7 +14,7 @@ from servobench.control.state_feedback import StateFeedback
 from servobench.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
 from servobench.export.tuning import simc
-from servobench.tuning.base import METHODS, Tunable, Wish, three_digits_more, unsupported
+from servobench.tuning.base import METHODS, Tunable, Wish, as_printed, unsupported
 
 _FILTER = 5.0  # the filter's cut-off times λ
 
@@ -28,9 +28,9 @@ class _LambdaTuning:
                 f"{self.told(wish)}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
                 f"(the motor's delay {motor.delay:.3g} s and a sample time of {wish.sample_time:g} s); wish for more than that"
             )
-        cutoff = three_digits_more(wish.cutoff or min(_FILTER / wished, 1 / wish.sample_time))
+        cutoff = as_printed(wish.cutoff or min(_FILTER / wished, 1 / wish.sample_time))
         position, speed, integral = map(
-            three_digits_more,
+            as_printed,
             simc(motor.gain.value, motor.time_constant.value, wished, dead_time + 1 / cutoff),
         )
         if wish.output == "speed" and wish.controller == "pid":

@@ -23,7 +23,7 @@ from servobench.control.pid import Pid
 from servobench.control.state_feedback import StateFeedback
 from servobench.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
-from servobench.tuning.base import METHODS, Tunable, Wish, three_digits_more, unsupported
+from servobench.tuning.base import METHODS, Tunable, Wish, as_printed, unsupported
 
 _FILTER = 10.0  # times the fastest pole: costs 6° of phase there, and lets a tenth of the noise of a bare difference pass
 
@@ -33,7 +33,7 @@ class _PolePlacement:
         wanted = _denominator(wish)
         # Faster than the ticks a filter has nothing to do.
         fastest = float(np.abs(np.roots(wanted)).max())
-        cutoff = three_digits_more(wish.cutoff or min(_FILTER * fastest, 1 / wish.sample_time))
+        cutoff = as_printed(wish.cutoff or min(_FILTER * fastest, 1 / wish.sample_time))
         gain, tau = motor.gain.value, motor.time_constant.value
         if wish.controller == "lead":
             return _lead(wish, gain, tau, wanted)
@@ -45,7 +45,7 @@ class _PolePlacement:
                 f"than 1/time constant = {1 / tau:.3g} rad/s"
             )
         lowest = [tau * c / gain for c in wanted[2:]]
-        k = [three_digits_more(x) for x in (damping, *lowest)]
+        k = [as_printed(x) for x in (damping, *lowest)]
         if wish.output == "speed":
             return _for_speed(wish, k, gain, cutoff)
         return _for_position(wish, k, cutoff)
@@ -143,9 +143,9 @@ def _lead(wish: Wish, gain: float, tau: float, wanted: list[float]) -> Lead:
             "that nothing has to lead"
         )
     return Lead(
-        gain=three_digits_more(wanted[2] / (gain * pole)),
-        zero=three_digits_more(zero),
-        pole=three_digits_more(pole),
+        gain=as_printed(wanted[2] / (gain * pole)),
+        zero=as_printed(zero),
+        pole=as_printed(pole),
     )
 
 
