@@ -195,11 +195,14 @@ def test_a_device_that_sends_the_same_sample_again_is_not_fresh() -> None:
 
     now, device = Time(), Repeats()
     guarded = started(device, now=now)
-    while guarded.fault is None:
+    for _ in range(100):
+        if guarded.fault is not None:
+            break
         tick(guarded)
         now.now += 0.01
         guarded.look()
 
+    assert guarded.fault is not None
     assert guarded.fault.code == "watchdog"
     assert 0.1 < now.now - 100.05 <= 0.12  # the sixth sample, at 50 ms, was the last that was new
     assert device.voltage == 0.0
@@ -338,13 +341,18 @@ def test_start_and_watchdog_values_are_put_out() -> None:
             Limits(start=Outputs(voltage=11.0))
 
 
-def test_stop_never_raises_and_may_be_called_twice() -> None:
+@pytest.mark.parametrize(
+    "limits", [Limits(), Limits(terminate=Outputs(voltage=0.5))], ids=["zero", "to hold a load"]
+)
+def test_stop_never_raises_may_be_called_twice_and_ends_at_zero_volts_where_the_devices_own_fails(
+    limits: Limits,
+) -> None:
     def broken() -> None:
         raise OSError("gone")
 
     device = Shaft()
     device.stop = broken  # type: ignore[method-assign]
-    guarded = started(device)
+    guarded = started(device, limits)
     tick(guarded)
     guarded.stop()
     guarded.stop()
