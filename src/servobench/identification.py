@@ -20,6 +20,7 @@ from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import fast_pole_doubt, missing_terms, superfluous_terms
 from servobench.models.nominal import nominal_values
+from servobench.models.nonlinear.structure import SINE
 from servobench.models.search import smoothed_speed
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
@@ -68,7 +69,7 @@ def identify(
     if unexplained(findings):
         told = {finding.code for finding in findings}
         causes = explain(records, judged.fit.fit_percent if judged.fit else np.nan)
-        findings += [cause for cause in causes if cause.code not in told]
+        findings += [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
     return Result(
         data=records,
         fit=judged.fit,
@@ -134,6 +135,11 @@ def _judged(
         nominal=_compare(fit, nominal),
         motor=motor,
     )
+
+
+def _in_model(cause: Finding, fit: Fit | None) -> bool:
+    """Whether a cause is gravity, which a plain motor lacks, and the model that was fitted has it already."""
+    return fit is not None and SINE.name in cause.parameters and SINE.name in fit.model.names
 
 
 def _check_together(records: Sequence[Dataset]) -> None:

@@ -5,11 +5,13 @@ Published figures stand in the folders' own README files; a comment says where a
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 
 from servobench.formats.base import load
@@ -238,14 +240,133 @@ def test_one_fast_test_alone_cannot_tell_gain_from_friction(servobench: Command,
     assert "gain and friction" in refusal["sentence"]
 
 
-def test_a_servo_bench_follows_its_goal_as_a_position_loop(servobench: Command, real_data: RealData) -> None:
-    path = real_data("bam_servos/feetech_2024-10-26_12h23m27.json")
+def bench(name: str) -> str:
+    return f"bam_servos/{name}.json"
+
+
+@pytest.mark.parametrize(
+    ("name", "verdict", "why"),
+    [
+        ("feetech_2024-10-26_12h23m27", "doubtful", {"sampling-too-slow"}),
+        ("feetech_2024-10-26_12h23m42", "refused", {"torque-off", "parameter-unknown"}),
+        ("feetech_2024-10-26_12h24m55", "doubtful", {"sampling-too-slow"}),
+        ("feetech_2024-10-26_12h27m27", "refused", {"input-too-slow", "parameter-unknown"}),
+    ],
+)
+def test_a_servo_bench_follows_its_goal_as_a_position_loop(
+    name: str,
+    verdict: str,
+    why: set[str],
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    """The time constant of the loop is about a sample time, which a goal that jumps once a second or creeps doesn't show."""
     columns = ("--input", "goal_position", "--output", "position", "--structure", "position_loop")
 
-    result = servobench("identify", path, *columns, "--json").result
+    result = servobench("identify", real_data(bench(name)), *columns, "--json").result
 
-    assert result["fit_percent"]["training"] > 95
-    assert "bench-pendulum" in codes(result)
+    assert {"bench-pendulum", *why} <= codes(result)
+    assert result["verdict"] == verdict
+    if verdict == "doubtful":
+        assert result["fit_percent"]["training"] > 90
+
+
+@pytest.mark.parametrize("name", ["12h23m27", "12h23m42", "12h24m55", "12h27m27"])
+def test_gravity_needs_a_voltage_that_the_servo_did_not_tell(
+    name: str,
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    columns = ("--input", "load:PWM/1000", "--supply", "supply_voltage", "--output", "position")
+    structure = ("--structure", "first_order_coulomb_gravity")
+
+    ended = servobench(
+        "identify", real_data(bench(f"feetech_2024-10-26_{name}")), *columns, *structure, "--json"
+    )
+
+    assert ended.status == REFUSED
+    assert "`load` is 0 in every row" in ended.out
+
+
+BY_DUTY = ("--input", "load:PWM/885", "--supply", "supply_voltage", "--output", "position")
+WITH_GRAVITY = ("--structure", "first_order_coulomb_gravity")
+
+
+@pytest.mark.parametrize("structure", [WITH_GRAVITY, ()])
+def test_a_pendulum_that_swings_fast_and_slow_tells_gravity_and_not_its_cosine(
+    structure: tuple[str, ...],
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    """Gravity is found unasked, too. What it must be comes another way, from `voltage_by_regression` of another run."""
+    path = real_data(bench("xl330_2026-01-15_10h28m32"))
+
+    result = servobench("identify", path, *BY_DUTY, *structure, "--json").result
+
+    found = result["parameters"]
+    slow = voltage_by_regression(real_data(bench("xl330_2026-01-15_10h28m10")))
+    # The regressions of the two runs differ by a third in gravity and by a tenth in K: so far does one figure hold for both.
+    assert found["gravity_voltage_sine"]["value"] == pytest.approx(slow["gravity"], rel=1 / 3)
+    assert found["gain"]["interval"][0] < slow["gain"] * 1.1
+    assert found["gain"]["interval"][1] > slow["gain"] * 0.9
+    assert "swing-small" in codes(result)
+    assert "response-oscillates" not in codes(result)
+    assert result["verdict"] == "doubtful"
+
+
+def voltage_by_regression(path: Path) -> dict[str, float]:
+    """u = ω/K + τ/K ω' + u_c sgn ω + g sin θ + u₀ by least squares on differences of the angle, no simulation."""
+    entries = json.loads(path.read_text(encoding="utf-8"))["entries"]
+    t, angle, load, supply = (
+        np.array([float(entry[name]) for entry in entries])
+        for name in ("timestamp", "position", "load", "input_volts")
+    )
+    u = np.where(load >= 2**15, load - 2**16, load) / 885 * supply
+    speed = np.convolve(np.gradient(angle, t), np.ones(15) / 15, "same")
+    still = np.abs(speed) < 0.05
+    columns = (
+        speed,
+        np.gradient(speed, t),
+        np.where(still, 0.0, np.sign(speed)),
+        np.sin(angle),
+        np.ones_like(t),
+    )
+    x = np.linalg.lstsq(np.column_stack(columns), u, rcond=None)[0]
+    return {"gain": 1 / float(x[0]), "gravity": float(x[3])}
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("10h28m10", {"parameter-unknown"}),
+        ("10h28m17", {"torque-off", "swing-small", "parameter-unknown"}),
+        ("10h28m24", {"output-stops", "parameter-unknown"}),
+    ],
+)
+def test_a_pendulum_that_hardly_swings_does_not_tell_the_motor(
+    name: str,
+    why: set[str],
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    path = real_data(bench(f"xl330_2026-01-15_{name}"))
+
+    ended = servobench("identify", path, *BY_DUTY, *WITH_GRAVITY, "--json")
+
+    assert {"bench-pendulum", *why} <= codes(ended.result)
+    assert ended.status == REFUSED
+
+
+def test_three_runs_of_a_pendulum_together_tell_what_one_does_not(
+    servobench: Command,
+    real_data: RealData,
+) -> None:
+    paths = [real_data(bench(f"xl330_2026-01-15_{name}")) for name in ("10h28m10", "10h28m24", "10h28m32")]
+
+    result = servobench("identify", *paths, *BY_DUTY, *WITH_GRAVITY, "--json").result
+
+    gain = result["parameters"]["gain"]["interval"]
+    assert gain[0] < voltage_by_regression(paths[0])["gain"] < gain[1]
     assert result["verdict"] == "doubtful"
 
 

@@ -6,6 +6,7 @@ import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.finding import warning
+from servobench.models.nonlinear.structure import SINE
 
 
 def _weight(case: Case) -> Explained | None:
@@ -26,7 +27,7 @@ def _weight(case: Case) -> Explained | None:
         "take the weight off."
     )
     return Explained(
-        finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
+        finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant", SINE.name)),
         structural=True,
         misfit=found.misfit,
         chosen=2,
