@@ -16,6 +16,7 @@ from types import FrameType
 
 from servobench.channels import DeviceInfo
 from servobench.clock import Clock, clock_for
+from servobench.control.running import prepare
 from servobench.devices.base import connect
 from servobench.devices.faulty import with_faults
 from servobench.devices.guarded import Guarded
@@ -121,6 +122,7 @@ class _Loop:
         attendants = self._attendants(experiment, device, drive, steps)
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
+        prepare()  # a switch of the controller mustn't wait for the compiler
         device.start(experiment.sample_time, experiment.seed)
         scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
 
