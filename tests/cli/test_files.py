@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 
 import servobench as sb
+from servobench.experiment import load_experiment
 from tests.cli.conftest import Command
 
 
@@ -124,6 +125,66 @@ def test_recover_makes_a_whole_file_of_a_torn_one(
     assert "cut short" in ended.out
     assert 0 < len(sb.load(recovered)[0]["counts"].values) < 5000
     assert torn.read_bytes() == whole[: len(whole) // 2]
+
+
+@pytest.fixture
+def killed_run(finished_run: Path, tmp_path: Path) -> Path:
+    """Return the folder that a run leaves that is killed half-way."""
+    folder = tmp_path / "run"
+    folder.mkdir()
+    (folder / "experiment.toml").write_bytes((finished_run / "experiment.toml").read_bytes())
+    whole = (finished_run / "recording.mcap").read_bytes()
+    (folder / "recording.mcap.part").write_bytes(whole[: len(whole) // 2])
+    return folder
+
+
+def test_the_folder_of_a_killed_run_says_that_it_is_not_whole(servobench: Command, killed_run: Path) -> None:
+    for words in (("identify", killed_run), ("inspect", killed_run), ("run", "--out", killed_run)):
+        ended = servobench(*words)
+        assert ended.status == 2
+        assert f"servobench recover {killed_run}`" in ended.err
+    assert "cut short" in servobench("inspect", killed_run / "recording.mcap.part").out
+
+
+@pytest.mark.parametrize("lost", ["nothing", "experiment.toml"])
+def test_recover_makes_the_folder_of_a_killed_run_whole(
+    servobench: Command, finished_run: Path, killed_run: Path, lost: str
+) -> None:
+    (killed_run / lost).unlink(missing_ok=True)
+    (expected,) = sb.load(killed_run / "recording.mcap.part")
+
+    ended = servobench("recover", killed_run)
+
+    assert (ended.status, ended.err) == (0, "")
+    assert "cut short" in ended.out
+    assert {file.name for file in killed_run.iterdir()} == {"experiment.toml", "recording.mcap", "data.csv"}
+    for name in ("recording.mcap", "data.csv"):
+        (recovered,) = sb.load(killed_run / name)
+        assert replace(recovered, source=expected.source) == expected
+    again = load_experiment(killed_run / "experiment.toml")
+    assert again == load_experiment(finished_run / "experiment.toml")
+    assert "is whole already" in servobench("recover", killed_run).err
+
+
+def test_recover_never_replaces_a_recording_in_a_folder(
+    servobench: Command, finished_run: Path, killed_run: Path
+) -> None:
+    whole = (finished_run / "recording.mcap").read_bytes()
+    (killed_run / "recording.mcap").write_bytes(whole)
+
+    ended = servobench("recover", killed_run)
+
+    assert ended.status == 2
+    assert "is there as well as recording.mcap.part" in ended.err
+    assert (killed_run / "recording.mcap").read_bytes() == whole
+    assert (killed_run / "recording.mcap.part").exists()
+
+
+def test_recover_makes_a_folder_whole_where_it_is_and_no_other(
+    servobench: Command, killed_run: Path, tmp_path: Path
+) -> None:
+    assert "made whole where it is" in servobench("recover", killed_run, "--to", tmp_path / "b.mcap").err
+    assert "is no folder of a run" in servobench("recover", tmp_path).err
 
 
 def test_recover_writes_where_it_is_told_and_never_over_another_file(

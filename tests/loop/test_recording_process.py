@@ -2,6 +2,9 @@
 
 import os
 import signal
+import subprocess
+import sys
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -218,6 +221,28 @@ def test_the_process_records_to_the_end_whatever_signals_come_and_leaves_nothing
     assert [file.name for file in path.parent.iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux has handles of processes")
+def test_the_process_notices_that_the_loop_s_process_was_killed_before_anybody_buried_it(path: Path) -> None:
+    sleeper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])
+    try:
+        with RingLoop(path, ticks=500) as loop:
+            loop.open()
+            loop.run(77)
+            with RecorderProcess(replace(loop.spec, loop=sleeper.pid)) as recorder:
+                while loop.rows.get(ROWS_KEPT) < 77 and recorder.running:
+                    pass
+                sleeper.kill()
+                while recorder.running:
+                    pass
+                assert not recorder.failed
+                assert recorder.wait(LONGEST) == Recorded(path=str(path), rows=77)
+    finally:
+        sleeper.kill()
+        sleeper.wait()
+
+    assert "ended without a word" in read(path)[0].stopped.sentence
+
+
 def test_a_process_that_can_t_record_says_why_in_a_sentence(path: Path) -> None:
     with RingLoop(path.with_name("missing") / "a.mcap") as loop:
         loop.open()
@@ -225,6 +250,7 @@ def test_a_process_that_can_t_record_says_why_in_a_sentence(path: Path) -> None:
         with RecorderProcess(loop.spec) as recorder:
             went = recorder.wait(LONGEST)
         state = loop.rows.get(RECORDER_STATE)
+        assert recorder.failed
 
     assert went.error.endswith("make it first")
     assert state == FAILED

@@ -1,11 +1,14 @@
-"""`servobench recover`: what can be read of a recording that was cut short."""
+"""`servobench recover`: what can be read of a recording that was cut short, alone or in the folder of its run."""
 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
 
 
 def recover(
@@ -16,19 +19,35 @@ def recover(
 ) -> None:
     """Save what is right in a recording that was cut short.
 
-    FILE is a torn recording (.mcap or .mcap.part); it stays as it is.
+    FILE is a torn recording (.mcap or .mcap.part); it stays as it is. Or it is the folder of a run that was killed, which is made
+    whole: recording.mcap in place of recording.mcap.part, data.csv, and experiment.toml if that is missing.
     """
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import output, say
-    from servobench.recording.recover import recover as recovered
     from servobench.rounding import counted
 
-    target = to or _beside(file)
-    recordings = recovered(file, target)
+    target, recordings = _recovered(file, to)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
     console = output()
     say(console, f"{target}: {counted(len(recordings), 'recording')}, {counted(samples, 'sample')}")
     show_findings(console, (finding for each in recordings for finding in each.findings))
+
+
+def _recovered(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]]:
+    """The new file, and the recordings in it."""
+    from servobench.cli.run_folder import RunFolder
+    from servobench.errors import UsageError
+    from servobench.recording.recover import recover as recovered
+
+    if not file.is_dir():
+        target = to or _beside(file)
+        return target, recovered(file, target)
+    if to is not None:
+        raise UsageError(
+            f"--to {to}: the folder of a run is made whole where it is; for a copy, give its recording.mcap.part"
+        )
+    folder = RunFolder(file)
+    return folder.recording, (folder.make_whole(),)
 
 
 def _beside(file: Path) -> Path:

@@ -9,9 +9,12 @@ from dataclasses import dataclass
 from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from servobench.errors import StorageError, UsageError
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
 
 _OURS = "# Written by `servobench run`"
 _MAGIC = b"\x89MCAP0\r\n"
@@ -32,6 +35,11 @@ class RunFolder:
     def recording(self) -> Path:
         """What happened, with nothing left out."""
         return self.path / "recording.mcap"
+
+    @property
+    def part(self) -> Path:
+        """What a run that was killed leaves in place of its recording, which marks the folder as not whole."""
+        return self.recording.with_name(f"{self.recording.name}.part")
 
     @property
     def data(self) -> Path:
@@ -62,7 +70,7 @@ class RunFolder:
             self.path.mkdir(parents=True, exist_ok=True)
             for file in self.files:
                 file.unlink(missing_ok=True)
-            self.experiment.write_text(f"{_OURS}\n{experiment}", encoding="utf-8", newline="\n")
+            self._write_experiment(experiment)
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
@@ -78,6 +86,34 @@ class RunFolder:
                     self.experiment.unlink(missing_ok=True)
                     self.path.rmdir()  # only where nothing else is in it
             raise
+
+    def make_whole(self) -> Recording:
+        """Make a whole folder of what a killed run left: the recording as far as it is right, its table and the experiment.
+
+        Returns the recording, which says that it was cut short. Raises `UsageError` where the folder holds no unfinished
+        recording, `FormatError` where nothing in it can be read, and `StorageError` where the folder can't be written.
+        """
+        from servobench.formats.base import save
+        from servobench.recording.reader import read
+        from servobench.recording.recover import make_whole
+
+        if not self.part.exists():
+            state = "is whole already" if self.recording.exists() else "is no folder of a run"
+            raise UsageError(
+                f"{self.path} holds no {self.part.name}, so it {state}: nothing is to be recovered"
+            )
+        recording = read(self.part)[-1]
+        save(recording, self.data)
+        try:
+            if not self.experiment.exists():
+                self._write_experiment(recording.experiment)
+        except OSError as error:
+            raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
+        make_whole(self.recording)  # last, as the part marks the folder until everything is there
+        return recording
+
+    def _write_experiment(self, experiment: str) -> None:
+        self.experiment.write_text(f"{_OURS}\n{experiment}", encoding="utf-8", newline="\n")
 
     def write_result(self, result: Mapping[str, Any]) -> None:
         """Write the answer."""
@@ -97,11 +133,10 @@ def run_folder(out: Path | None, now: datetime) -> RunFolder:
     folder = RunFolder(out)
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out}: is a file; give a folder")
-    part = folder.recording.with_name(f"{folder.recording.name}.part")
-    if part.exists():
+    if folder.part.exists():
         raise UsageError(
             f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
-            f"`servobench recover {part}` and remove {part.name}, or give another folder"
+            f"`servobench recover {out}`, or remove {folder.part.name}, or give another folder"
         )
     if out.is_dir() and any(out.iterdir()) and not _is_ours(folder):
         raise UsageError(

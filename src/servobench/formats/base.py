@@ -105,6 +105,10 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
 
 
 def _check_is_there(file: Path) -> None:
+    if file.is_dir() and (file / "recording.mcap.part").exists():
+        raise UsageError(
+            f"{file} is the folder of a run that was cut short; `servobench recover {file}` makes it whole"
+        )
     if file.is_dir():
         raise UsageError(f"{file} is a folder; name a file in it")
     if not file.exists():

@@ -50,6 +50,7 @@ class Native:
 def _is_of_others(path: Path) -> bool:
     """Whether the header names another program than this one as the one that wrote the file."""
     from servobench.recording import mcap
+    from servobench.recording.reader import opens_as_ours
 
     with path.open("rb") as file:
         head = file.read(len(mcap.MAGIC) + mcap.RECORD_HEAD)
@@ -59,6 +60,7 @@ def _is_of_others(path: Path) -> bool:
         if op != mcap.Op.HEADER or length > _LONGEST_HEADER:
             return False
         try:
-            return not mcap.read_header(file.read(length)).startswith("servobench ")
+            library = mcap.read_header(file.read(length))
         except mcap.Damaged:
             return False
+        return not library.startswith("servobench ") and not opens_as_ours(file)

@@ -266,6 +266,11 @@ class RecorderProcess:
         """Whether the process is still there."""
         return self._process.poll() is None
 
+    @property
+    def failed(self) -> bool:
+        """Whether the process ended other than with a whole file; `wait` says why."""
+        return self._process.poll() not in (None, 0)
+
     def wait(self, timeout: float = 30.0) -> Recorded:
         """Tell the recorder that nothing more is to come but the loop's end, wait for it, and return how it went.
 

@@ -224,11 +224,20 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
         library = mcap.read_header(file.read(length))
     except Damaged as error:
         raise FormatError(f"{path} is an MCAP file with a damaged header: {error}") from error
-    if not library.startswith("servobench "):
+    if not library.startswith("servobench ") and not opens_as_ours(file):
         raise FormatError(
             f"{path} is an MCAP file, but was written by {library or 'an unknown program'!r} and not by servobench; "
             f"it can be read by servobench inspect and identify, but only servobench's own can be recovered"
         )
+
+
+def opens_as_ours(file: BinaryIO) -> bool:
+    """Return whether the next record begins a recording of ours, whatever the damaged header before it says; nothing is moved."""
+    start = file.tell()
+    opening = mcap.prefixed(OPENING)
+    head = file.read(mcap.RECORD_HEAD + len(opening))
+    file.seek(start)
+    return head[:1] == bytes([Op.METADATA]) and head[mcap.RECORD_HEAD :] == opening
 
 
 def _cut_short(recording: Recording, damage: str, dropped: int) -> Recording:
