@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 
 from servobench.errors import StorageError
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.process import LoopProcess
 from servobench.loop.recording_process import FAILED, RecorderProcess, record
 from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
 from servobench.recording import mcap_file
@@ -126,3 +128,26 @@ def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what
     ticks = ticks_of(found)
     assert ticks.tolist() == list(range(len(ticks)))
     assert len(ticks) >= kept > 1000
+
+
+def test_a_real_run_on_a_disk_that_is_full_ends_with_a_sentence_and_keeps_what_it_wrote(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "small"
+    folder.mkdir()
+    endless = Experiment(
+        duration=None, sample_time=0.002, device=DeviceChoice(name="twin", settings={"timing": "host"})
+    )
+    with small_disk(folder, 1 << 16), LoopProcess(endless, record=folder / "a.mcap") as loop:
+        with pytest.raises(StorageError, match=r"can't be written any further.*servobench recover"):
+            loop.wait()
+        stopped, written, kept = loop.ended, loop.ring.written, loop.ring.get(ROWS_KEPT)
+        last = loop.rows(written - 1).read()[0]
+        names = [series.channel.name for series in loop.recording.series]
+        (found,) = read(folder / "a.mcap.part")
+
+    assert stopped is not None
+    assert stopped.reason == "error"
+    assert len(found["counts"].values) >= kept > 0
+    # What is in the part is what the run had, up to a row of it.
+    assert last[1 + names.index("scheduled")] >= found["scheduled"].values[-1]

@@ -7,8 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.completion import complete
 from servobench.loop.drain import ROWS_MISSED, Drain
+from servobench.loop.process import LoopProcess
 from servobench.loop.recording_process import INTERVAL, RECORDING, Recorded, RecorderProcess, record
 from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
 from servobench.recording.reader import read
@@ -149,3 +151,30 @@ def test_a_recorder_that_had_finished_before_it_was_killed_is_left_alone(tmp_pat
         assert complete(loop.spec, loop.rows, loop.events) == Recorded(path=str(path), rows=100)
 
     assert path.read_bytes() == before
+
+
+def test_a_real_run_whose_recorder_is_killed_stops_the_motor_and_is_recorded_to_its_last_tick(
+    tmp_path: Path,
+) -> None:
+    endless = Experiment(
+        duration=None, sample_time=0.002, device=DeviceChoice(name="twin", settings={"timing": "host"})
+    )
+    with LoopProcess(endless, record=tmp_path / "a.mcap") as loop:
+        while loop.ring.get(ROWS_KEPT) < 100 and loop.ended is None:
+            pass
+        os.kill(recorder_of(loop), signal.SIGKILL)
+        recording = loop.wait()
+        written = loop.ring.written
+
+    assert recording.stopped.reason == "error"
+    assert "recorder" in recording.stopped.sentence
+    assert "recorder-died" in [finding.code for finding in recording.findings]
+    ticks = np.rint(recording["scheduled"].values / 0.002).astype(int)
+    assert len(ticks) == len(np.unique(ticks)) == written
+    assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
+
+
+def recorder_of(loop: LoopProcess) -> int:
+    """The number of the recorder's process."""
+    assert loop._recording is not None
+    return loop._recording[0].pid

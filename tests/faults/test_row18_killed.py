@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from mcap.reader import NonSeekingReader
 
+from servobench.loop.ring import ROWS_KEPT, RowRing
 from servobench.recording.recover import recover
 from tests.faults.killed import SAMPLE_TIME, TICKS_A_LOOK
 from tests.loop.rings import RingLoop, ticks_of
@@ -92,3 +93,36 @@ def test_of_100_killed_applications_all_that_is_older_than_250_ms_is_recovered(
 
     assert len(shares) == KILLS
     assert min(shares) >= SHARE
+
+
+PROGRAM = """
+import sys, time
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.process import LoopProcess
+twin = DeviceChoice(name="twin", settings={"timing": "host"})
+with LoopProcess(Experiment(duration=None, sample_time=0.002, device=twin), record=sys.argv[1]) as loop:
+    print(loop.pid, loop._recording[0].pid, loop.ring.name, flush=True)
+    time.sleep(600)
+"""
+
+
+def test_a_real_run_of_which_all_three_processes_are_killed_leaves_all_that_was_said_to_be_kept(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "a.mcap"
+    program = subprocess.Popen([sys.executable, "-c", PROGRAM, str(path)], stdout=subprocess.PIPE, text=True)
+    assert program.stdout is not None
+    loop, recorder, name = program.stdout.readline().split()
+    with RowRing.attach(name) as rows:
+        while rows.get(ROWS_KEPT) < 200 and program.poll() is None:
+            pass
+        for process in (int(recorder), int(loop), program.pid):
+            os.kill(process, signal.SIGKILL)
+        program.wait(LONGEST)
+        program.stdout.close()
+        kept = rows.get(ROWS_KEPT)
+
+    (found,) = recover(tmp_path / "a.mcap.part", tmp_path / "b.mcap")
+
+    ticks = np.rint(found["scheduled"].values / 0.002).astype(int)
+    assert len(ticks) == len(np.unique(ticks)) >= kept >= 200
