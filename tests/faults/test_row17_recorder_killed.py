@@ -128,6 +128,20 @@ def test_what_memory_no_longer_holds_is_counted_in_the_completed_file(tmp_path: 
     assert ROWS_MISSED in [event.kind for event in recording.events]
 
 
+def test_a_part_that_nobody_can_read_is_kept_where_memory_does_not_hold_the_whole_run(tmp_path: Path) -> None:
+    path, part = tmp_path / "a.mcap", tmp_path / "a.mcap.part"
+    with RingLoop(path, ticks=1000, slots=64) as loop:
+        killed_after(loop, 10)
+        loop.run(1001)
+        part.write_bytes(b"?" + part.read_bytes()[1:])
+        complete(loop.spec, loop.rows, loop.events)
+
+    (recording,) = read(path)
+    assert ticks_of(recording).tolist() == list(range(1000 - 63, 1000))
+    assert "937 samples were not recorded" in recording.findings[-1].sentence
+    assert part.exists()
+
+
 def test_gaps_that_the_recorder_had_itself_are_counted_once(tmp_path: Path) -> None:
     path = tmp_path / "a.mcap"
     with RingLoop(path, ticks=600, slots=64, ticks_a_look=100) as loop:

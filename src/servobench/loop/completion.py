@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from servobench.errors import FormatError
+from servobench.errors import FormatError, StorageError
 from servobench.experiment import read_experiment
 from servobench.finding import Finding, warning
 from servobench.loop.drain import EVENTS_MISSED, MOST_ROWS, ROWS_MISSED, SILENT, Drain, ending, part_of
@@ -25,7 +25,8 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
     """Write the whole file where the recorder is dead and the loop has ended: what its part holds, and the rest from the rings.
 
     Rows are told apart by their numbers, so none stands twice and what the rings have lost is counted: `rows-not-recorded`.
-    The recording has the finding `recorder-died`. The part is removed once the file is whole.
+    The recording has the finding `recorder-died`. The part is removed once the file is whole, unless it can't be read and the
+    rings don't hold the whole run any more.
     Raises `StorageError` where it can't be written; the part is kept then.
     """
     part = part_of(spec.path)
@@ -56,8 +57,13 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
         drain.end(stopped, (*findings, _died(had, drain.rows)))
     finally:
         drain.abandon()
+    if _rows_in(read(new)[0]) != drain.rows:
+        raise StorageError(
+            f"{new} doesn't hold what was written to it; {part} is kept: copy it to another disk"
+        )
     os.replace(new, target)
-    part.unlink(missing_ok=True)
+    if found is not None or drain.rows == rows.written:  # or else it may hold what nobody could read yet
+        part.unlink(missing_ok=True)
     return Recorded(path=spec.path, rows=drain.rows)
 
 
