@@ -9,6 +9,7 @@ import pytest
 
 from servobench.channels import Sample
 from servobench.devices.base import Device, Lit, RunEnded
+from servobench.devices.faulty import Faulty
 from servobench.devices.guard.base import MONITORS, Motion, Rig
 from servobench.devices.guarded import Guarded
 from servobench.devices.replay import Replay
@@ -307,9 +308,10 @@ def test_the_first_fault_is_kept_as_it_is_the_cause() -> None:
     assert "nan" in guarded.fault.sentence
 
 
-def test_the_light_is_blue_at_rest_green_while_driven_and_red_after_a_fault() -> None:
+@pytest.mark.parametrize("faulty", [False, True])
+def test_the_light_is_blue_at_rest_green_while_driven_and_red_after_a_fault(faulty: bool) -> None:
     motor = Twin()
-    with Guarded(motor) as guarded:
+    with Guarded(Faulty(motor, []) if faulty else motor) as guarded:
         assert motor.lit == BLUE
         guarded.start(0.002, 0)
         guarded.read()

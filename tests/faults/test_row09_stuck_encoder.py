@@ -72,6 +72,15 @@ def test_nothing_is_found_where_no_motor_is_known_or_nothing_is_asked() -> None:
         assert by_numbers.fault is not None
 
 
+def test_a_voltage_that_is_late_or_never_comes_is_no_fault_of_the_encoder() -> None:
+    # A delay that the device doesn't know of, and an amplifier that is off: the shaft stands, and the winding draws nothing.
+    for settings in ({"delay": "60 ms"}, {"delay": "150 ms"}, {"dead_band": "10 V"}):
+        for voltage in (2.0, 10.0):
+            with Bench(**settings) as motor:
+                square = drive(motor, lambda t, u=voltage: u if t % 0.8 < 0.4 else -u, duration=3.0)
+                assert square.fault is None, square.fault
+
+
 def off(resistance: float, constant: float, inertia: float, friction: float = 1.0) -> dict[str, float]:
     """Return the settings of a twin whose parameters are those parts of its data sheet's."""
     motor = QUBE_SERVO_2.motor

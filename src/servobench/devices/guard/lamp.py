@@ -2,21 +2,24 @@
 
 from __future__ import annotations
 
-from servobench.devices.base import Device, Lit
+from collections.abc import Callable
+
+from servobench.devices.base import Device
 from servobench.experiment.limits import LIGHTS, Light
 
 
 class Lamp:
-    """The light of a device, written only where it changes; nothing happens where the device has none."""
+    """The light of a device that is `Lit`, written only where it changes; nothing happens where the device has none."""
 
     def __init__(self, device: Device) -> None:
-        self._device = device if isinstance(device, Lit) else None
+        # Asked for by its name: a device around another one may hand on what it hasn't itself, which a Protocol doesn't see.
+        self._light: Callable[[float, float, float], None] | None = getattr(device, "light", None)
         self.shown: Light | None = None
 
     def show(self, light: Light) -> None:
         """Show a light; raises what the device raises."""
-        if light != self.shown and self._device is not None:
-            self._device.light(*LIGHTS[light])
+        if light != self.shown and self._light is not None:
+            self._light(*LIGHTS[light])
         self.shown = light
 
     def show_if_it_can(self, light: Light) -> None:

@@ -29,9 +29,10 @@ class PlausibilityMonitor:
     34 ms for a QUBE-Servo with 2048 counts a turn: an encoder that stands for T is not that of a motor that turns freely.
 
     A blocked shaft does the same, and is the stall monitor's business. The two are told apart by the current, where it is
-    measured and the winding's resistance is known: at rest it is u/R, so below 0.6 u/R the motor turns. Without, an encoder is
-    suspect only where it went from at least half of the steady speed at u to standing at once, within its own smoothing, as no
-    shaft does that isn't hit; one that was dead from the start is not noticed then.
+    measured and the winding's resistance is known: at rest it is u/R, so below 0.6 u/R the motor turns, if it was seen to draw
+    more before: a voltage that is still on its way, or an amplifier that is off, draws nothing at all. Without a current, and to
+    begin with, an encoder is suspect where it went from at least half of the steady speed at u to standing at once, within its
+    own smoothing, as no shaft does that isn't hit; one that was dead from the start is not noticed then.
     """
 
     heading: ClassVar[str] = "Standstill of the encoder"
@@ -47,7 +48,8 @@ class PlausibilityMonitor:
         self._resistance, self._smoothing = nominal.resistance, smoothing
         self._anchor = 0
         self._before = 0.0  # rad/s, when the encoder last left its band
-        self._current = 0.0
+        self._smooth = 0.0  # V
+        self._blocked = self._drove = False
         self._standing = self._pushed = 0.0  # s
         self._direction = 0
 
@@ -72,15 +74,17 @@ class PlausibilityMonitor:
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the encoder has stood for too long."""
         u, dt = motion.applied, motion.dt
-        if motion.current is not None:
-            self._current += (motion.current - self._current) * dt / (self._smoothing + dt)
         if -_BAND <= motion.position - self._anchor <= _BAND:
             self._standing += dt
         else:
             self._anchor, self._standing, self._before = motion.position, 0.0, motion.speed
+            self._drove = False
         direction = 1 if u >= self._voltage else -1 if u <= -self._voltage else 0
-        self._pushed = self._pushed + dt if direction == self._direction else dt
-        self._direction = direction
+        if direction != self._direction:
+            self._direction, self._pushed, self._drove = direction, 0.0, False
+        self._pushed += dt
+        if motion.current is not None and self._resistance is not None:
+            self._draw(motion.current * self._resistance, abs(u), dt)
         if not direction or self._standing < self._patience or self._pushed < self._patience:
             return None
         return self._alarm(motion) if self._turns(motion) else None
@@ -89,12 +93,19 @@ class PlausibilityMonitor:
         """Return nothing: what there is to say is the fault."""
         return ()
 
+    def _draw(self, drop: float, pushing: float, dt: float) -> None:
+        """Take what the current takes from the voltage, i R [V], and note whether it was ever that of a winding at rest."""
+        self._smooth += (drop - self._smooth) * dt / (self._smoothing + dt)
+        at_rest = _BLOCKED * pushing
+        self._blocked = max(drop * self._direction, self._smooth * self._direction) >= at_rest
+        self._drove = self._drove or drop * self._direction >= at_rest
+
     def _turns(self, motion: Motion) -> bool:
         """Whether the shaft turns, for all that is known beside the encoder."""
-        if motion.current is not None and self._resistance is not None:
-            drawn = self._current * self._resistance * self._direction
-            return drawn < _BLOCKED * abs(motion.applied)
-        return self._before * self._direction >= self._at_speed
+        was_at_speed = self._before * self._direction >= self._at_speed
+        if motion.current is None or self._resistance is None:
+            return was_at_speed
+        return not self._blocked and (was_at_speed or self._drove)
 
     def _alarm(self, motion: Motion) -> Alarm:
         return Alarm(
