@@ -13,14 +13,20 @@ from servobench.doubts.lag_not_split import with_what_the_lag_tells
 from servobench.estimators.base import ESTIMATORS, Fit
 from servobench.finding import Finding
 from servobench.models.base import STRUCTURES
+from tests.datasets import QUANTUM
 from tests.test_one_level import stepped
 
 NAMES = ("gain", "time_constant", "delay")
 
 
-def fit_with(gain: float, tau: float, delay: float, correlation: float) -> Fit:
+COARSE = 1.0  # rad: a tenth of a second at 50 rad/s is five steps of such a sensor
+
+
+def fit_with(gain: float, tau: float, delay: float, correlation: float, quantum: float = COARSE) -> Fit:
     """A fit of the reference motor (τ of 0.1 s) whose parameters have these standard deviations, in parts of gain and τ."""
-    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order"], [stepped(0.0, 2.0, 1.0, 3.0)])
+    fine = stepped(0.0, 2.0, 1.0, 3.0)
+    data = replace(fine, y=(np.floor(fine.y / quantum) + 0.5) * quantum, quantum=quantum)
+    fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order"], [data])
     scale = np.array([gain * fit["gain"].value, *(s * fit["time_constant"].value for s in (tau, delay))])
     ties = np.eye(3)
     ties[1, 2] = ties[2, 1] = correlation
@@ -73,6 +79,12 @@ def test_the_sum_keeps_its_variance_and_each_part_may_be_all_of_it() -> None:
 )
 def test_what_is_known_stays_and_what_is_not_is_refused(sizes: dict[str, float]) -> None:
     before = fit_with(**sizes)
+
+    assert with_what_the_lag_tells(before) is before
+
+
+def test_a_fine_sensor_is_no_reason_so_that_the_input_or_the_model_must_be() -> None:
+    before = fit_with(gain=0.01, tau=0.7, delay=0.7, correlation=-0.99, quantum=QUANTUM)
 
     assert with_what_the_lag_tells(before) is before
 

@@ -45,4 +45,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
     return [warning("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
 
 
+def is_coarse(fit: Fit) -> bool:
+    """Return whether the sensor has too few steps to show what tells the time constant."""
+    return bool(_about_fit(fit))
+
+
 DOUBTS.member("resolution")(Doubt(codes=("resolution-coarse",), about_fit=_about_fit))
