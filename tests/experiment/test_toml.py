@@ -253,9 +253,8 @@ settings = 8
         "known: low, high, frequency, phase, duty, start",
         "my.toml:10: signal.frequency: '10 A' is a current; expected something in Hz (for example \"1 Hz\")",
         "my.toml:11: signal.duty: 3 should be less than or equal to 1",
-        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, signal, controller, device, limits, "
+        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, controller, signal, device, limits, "
         "when_late",
-        "my.toml:13: devise: not known here (did you mean 'device'?); known: experiment, controller, signal, device, limits",
         "my.toml:15: limits.voltage: '-1 V' should be greater than 0",
         "my.toml:18: device.settings: 8 should be a table",
     ]

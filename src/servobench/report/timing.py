@@ -60,7 +60,7 @@ def _facts(run: Lateness) -> tuple[Fact, ...]:
     rest = f"{counted(run.samples, 'sample')}, {with_unit(run.sample_time, 's')} apart"
     quantiles = (("median", run.p50), ("99 %", run.p99), ("99.9 %", run.p999), ("latest", run.largest))
     return (
-        Fact(heading="Samples", text=rest),
+        Fact(heading="Schedule", text=rest),
         *(Fact(heading=f"Lateness, {name}", text=with_unit(value, "s", 3)) for name, value in quantiles),
         Fact(heading="Late", text=f"{grouped(run.late)} (by more than a tenth of the sample time)"),
         Fact(heading="Missed", text=counted(run.missed, "tick")),
