@@ -62,7 +62,10 @@ def _facts(run: Lateness) -> tuple[Fact, ...]:
     return (
         Fact(heading="Schedule", text=rest),
         *(Fact(heading=f"Lateness, {name}", text=with_unit(value, "s", 3)) for name, value in quantiles),
-        Fact(heading="Late", text=f"{grouped(run.late)} (by more than a tenth of the sample time)"),
+        Fact(
+            heading="Late by more than a tenth",
+            text=f"{grouped(run.late)} of {counted(run.samples, 'sample')}",
+        ),
         Fact(heading="Missed", text=counted(run.missed, "tick")),
         Fact(
             heading="Ticks that had gone by",
