@@ -454,6 +454,7 @@ def test_a_run_in_host_time_that_is_ended_from_outside_stops_the_motor_first(
         "samples-missed",
         "real-time",
         "real-time-denied",
+        "wake-ups",
     }
     assert f"{len(recording['counts'].values)} samples; " in out
     checked(json.loads((tmp_path / "run" / "result.json").read_text(encoding="utf-8")))

@@ -49,7 +49,7 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Record
         loop.command(Command(enabled=True, signal=Square(low=1, high=2, frequency=1)))
         while len(heard(loop)) < 6 and loop.ended is None:
             time.sleep(0.01)
-        loop.stop("enough", as_asked=True)
+        loop.stop("enough", "finished")
         recording = loop.wait()
         yield recording, heard(loop)
 

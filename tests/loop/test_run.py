@@ -254,7 +254,7 @@ def test_a_voltage_that_is_none_stops_the_motor_and_is_a_result(to: Path | None)
         )
 
         assert recording.stopped.reason == "fault"
-        assert f"the controller gave {value} at 0.07 s" in recording.stopped.sentence
+        assert f"stopped at 0.07 s: the controller gave {value}" in recording.stopped.sentence
         assert recording["applied"].values.tolist() == [2.0] * 7 + [0.0]
         assert np.array_equal(recording["commanded"].values[-1:], [value], equal_nan=True)
         assert device.voltage == 0.0
@@ -266,7 +266,7 @@ def test_a_reference_that_is_no_number_stops_the_motor_before_the_controller_see
     recording = run(asked, Shaft())
 
     assert recording.stopped.reason == "fault"
-    assert "the signal gave nan at 0.5 s" in recording.stopped.sentence
+    assert "stopped at 0.5 s: the signal gave nan" in recording.stopped.sentence
     assert len(recording["counts"].values) == 51
 
 

@@ -209,6 +209,14 @@ class Guarded:
         self._motion.applied = 0.0
         self._lamp.show_if_it_can(self.limits.terminate.light if self._fault is None else self._fault_light)
 
+    def refuse(self, alarm: Alarm) -> Stopped | None:
+        """Latch a fault of whoever drives, put the terminate value out, and return why the run is to end; None on "hold"."""
+        self._latch(alarm)
+        self._attempt(self._fault_voltage)
+        self._lamp.show_if_it_can(self._fault_light)
+        fault = self._fault
+        return Stopped(reason="fault", sentence=fault.sentence) if self._ends and fault is not None else None
+
     def acknowledge(self) -> None:
         """Take the latched fault away: its reason is seen to, and voltages are put out again."""
         self._fault, self._silent = None, False

@@ -25,7 +25,7 @@ from servobench.loop.spec import FAILED
 from servobench.loop.ticks import Drive
 from servobench.recording.recording import Stopped
 
-RECORDER_SILENT = 1.0  # s; it shows itself 20 times in that
+RECORDER_SILENT = 5.0  # s; a slow disk may hold it up for that long, and the ring holds a minute at 1 kHz
 LOOK_EVERY = 0.01  # s of the run
 
 
@@ -58,9 +58,7 @@ class CommandTaker:
             return None
         if order.command.stop is not None:
             self._answer(place, order)
-            return Stopped(
-                reason="finished" if order.command.as_asked else "interrupted", sentence=order.command.stop
-            )
+            return Stopped(reason=order.command.reason, sentence=order.command.stop)
         if order.command.acknowledge:
             self._acknowledge()
         self._drive.change(order)

@@ -16,6 +16,7 @@ from types import FrameType
 
 from servobench.channels import DeviceInfo
 from servobench.clock import Clock, clock_for
+from servobench.clock.wake_up import wake_ups
 from servobench.control.running import prepare
 from servobench.devices.base import connect
 from servobench.devices.faulty import with_faults
@@ -44,6 +45,7 @@ from servobench.loop.spec import COLUMNS, ENDED, FAILED, RECORDING, RUNNING, Loo
 from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome
 from servobench.recording.recording import Stopped
 
+WAKE_UP_TIME = 0.2  # s; how long the machine's own punctuality is tried
 RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
 
 
@@ -125,6 +127,9 @@ class _Loop:
         prepare()  # a switch of the controller mustn't wait for the compiler
         device.start(experiment.sample_time, experiment.seed)
         scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
+        woken = wake_ups(
+            experiment.sample_time, round(min(200, max(1, WAKE_UP_TIME / experiment.sample_time)))
+        )
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)
@@ -140,7 +145,7 @@ class _Loop:
         if error is not None and not isinstance(error, DeviceError):
             raise error
         found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
-        return stopped, (*found, *(scheduling.findings() if scheduling else ()))
+        return stopped, (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
 
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps

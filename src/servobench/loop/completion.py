@@ -11,7 +11,7 @@ import numpy as np
 
 from servobench.errors import FormatError, StorageError
 from servobench.experiment import read_experiment
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info
 from servobench.loop.drain import EVENTS_MISSED, MOST_ROWS, ROWS_MISSED, SILENT, Drain, ending, part_of
 from servobench.loop.recording_process import Recorded, RecorderSpec
 from servobench.loop.ring import RECORDER_STATE, MessageRing, RowRing
@@ -111,7 +111,8 @@ def _next_event(found: Recording) -> int:
 
 
 def _died(had: int, rows: int) -> Finding:
-    return warning(
+    """Nothing is lost by it; what is, is a finding of its own."""
+    return info(
         "recorder-died",
         f"the recorder died after {had} of {rows} samples; the other {rows - had} were still in memory, and are here as well. "
         "Look for what ended it, such as too little memory, before the next run.",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import time
+from typing import Literal
 
 from servobench.experiment import Experiment
 from servobench.loop.process import LoopProcess
@@ -49,10 +50,10 @@ class _Onlooker:
         now = time.monotonic()
         if self._watch is not None and now >= self._next_watch:
             self._next_watch = now + WATCH_INTERVAL
-            self._heed(self._watched(self._watch), as_asked=False)
+            self._heed(self._watched(self._watch), "interrupted")
         if self._look is not None and self._seen is not None and now >= self._next_look:
             self._next_look = now + LOOK_INTERVAL
-            self._heed(self._look(self._seen.so_far()), as_asked=True)
+            self._heed(self._look(self._seen.so_far()), "finished")
 
     def _watched(self, watch: Watch) -> str | None:
         ring = self._loop.ring
@@ -73,10 +74,10 @@ class _Onlooker:
             )
         )
 
-    def _heed(self, word: str | None, *, as_asked: bool) -> None:
+    def _heed(self, word: str | None, reason: Literal["finished", "interrupted"]) -> None:
         if word is not None and not self._told:
             self._told = True
-            self._loop.stop(word, as_asked=as_asked)
+            self._loop.stop(word, reason)
 
 
 class _Seen:

@@ -39,8 +39,8 @@ class Command(Settings):
     """Whether a latched fault is acknowledged, so that the motor may turn again."""
     stop: str | None = None
     """The sentence with which the run is to end."""
-    as_asked: bool = False
-    """Whether an end by `stop` is what was asked for, rather than an interruption."""
+    reason: Literal["finished", "interrupted", "error"] = "interrupted"
+    """What an end by `stop` is: as asked, an interruption, or because something failed."""
 
     def to_text(self, number: int) -> str:
         """Return the command as the text that goes to the loop."""

@@ -11,7 +11,7 @@ from contextlib import ExitStack, suppress
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
-from typing import IO, Any, Self
+from typing import IO, Any, Literal, Self
 
 import servobench.errors as errors
 from servobench.channels import DeviceInfo
@@ -75,6 +75,7 @@ class LoopProcess:
         }
         self._stack = ExitStack()
         self._number = 0
+        self._missed_recorder = False
         self._told_open: Notice | None = None
         self._ended: Notice | None = None
         self._giving = Lock()  # one at a time writes to a ring, whatever threads there are
@@ -121,9 +122,11 @@ class LoopProcess:
             self._commands.push(command.to_text(self._number))
             return self._number
 
-    def stop(self, sentence: str, *, as_asked: bool = False) -> None:
+    def stop(
+        self, sentence: str, reason: Literal["finished", "interrupted", "error"] = "interrupted"
+    ) -> None:
         """Tell it to end with that sentence; `wait` sees the end."""
-        self.command(Command(stop=sentence, as_asked=as_asked))
+        self.command(Command(stop=sentence, reason=reason))
 
     def here(self) -> None:
         """Show that the operator is there."""
@@ -154,6 +157,7 @@ class LoopProcess:
         recorded.
         """
         while (stopped := self.ended) is None:
+            self._miss_the_recorder()
             if meanwhile is not None:
                 meanwhile()
             self._process_waits()
@@ -175,6 +179,13 @@ class LoopProcess:
             raise StorageError(went.error or f"{spec.path}: nothing was recorded")
         (recording,) = read(went.path)
         return recording
+
+    def _miss_the_recorder(self) -> None:
+        """Stop the motor where the recorder's process has died: the loop itself would notice by its silence only."""
+        going_on = self._rules["unrecorded_goes_on"] or self._missed_recorder
+        if self._recording is not None and not going_on and not self._recording[0].running:
+            self._missed_recorder = True
+            self.stop("the recorder's process ended; the motor was stopped", "error")
 
     def _process_waits(self) -> None:
         with suppress(subprocess.TimeoutExpired):
@@ -202,7 +213,8 @@ class LoopProcess:
             **self._rules,
         )
         process = subprocess.Popen(
-            [sys.executable, "-m", "servobench.loop.child"],
+            # -P: nothing that lies in the user's folder is taken for a module.
+            [sys.executable, "-P", "-m", "servobench.loop.child"],
             stdin=subprocess.PIPE,
             stderr=subprocess.PIPE,
             text=True,

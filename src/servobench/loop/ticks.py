@@ -12,6 +12,7 @@ from servobench.channels import DeviceInfo, Sample
 from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
 from servobench.devices.base import Device, RunEnded, voltage_or_nan
+from servobench.devices.guard.base import Alarm
 from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, UsageError
 from servobench.experiment import Experiment
@@ -144,7 +145,7 @@ def let_pass(
 ) -> Stopped | None:
     """Let the ticks pass, one after the other, until they are done (None), or something ends the run.
 
-    The device and the clock are started. A value that isn't finite is recorded, with zero volts in its place, and ends the run.
+    The device and the clock are started. A value that isn't finite is recorded, with zero volts in its place, and is a fault.
     """
     due = 0
     while ticks is None or due < ticks:
@@ -165,20 +166,17 @@ def let_pass(
             command=drive.command,
         )
         sink.add(place)
-        if not finite:
-            return _no_voltage(place)
+        if not finite and (stopped := device.refuse(_no_voltage(place))) is not None:
+            return stopped
         for attendant in attendants:
             if (stopped := attendant(place)) is not None:
                 return stopped
     return None
 
 
-def _no_voltage(place: Place) -> Stopped:
+def _no_voltage(place: Place) -> Alarm:
     source = "the controller" if math.isfinite(place.reference) else "the signal"
-    return Stopped(
-        reason="fault",
-        sentence=f"{source} gave {place.commanded} at {place.tick.scheduled:g} s, which is no voltage; the motor was stopped",
-    )
+    return Alarm("not-a-voltage", f"{source} gave {place.commanded}, which is no voltage")
 
 
 def now_and_then(interval: float, sample_time: float, attendant: Attendant, first: int = 0) -> Attendant:
