@@ -1,7 +1,8 @@
 """How punctual is the loop, beside the kernel's own test of the machine (`cyclictest`) at the same time on another processor?
 
-    python bench/realtime.py            a look of some seconds, for `make bench`
-    python bench/realtime.py --write    6 pairs of 60 s of each condition; the table goes to docs/benchmarks/realtime.md
+    python bench/realtime.py               a look of some seconds, for `make bench`
+    python bench/realtime.py --write       6 pairs of 60 s of each condition; the table goes to docs/benchmarks/realtime.md
+    python bench/realtime.py --write idle  one condition anew; the others' figures stay
 
 The loop is the one of `servobench run`: its own process, the simulated motor beside the wall clock, the paper's experiment at
 1 kHz, real-time scheduling. Its latency is the time from a tick's deadline to the latch of its sample, cyclictest's that from a
@@ -21,8 +22,9 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -48,12 +50,14 @@ class Condition:
     reader: bool = False
 
 
-CONDITIONS = (
-    Condition("idle"),
-    Condition("stress-ng on all processors", load=True),
-    Condition("idle, plain scheduler", real_time=False),
-    Condition("stress-ng, plain scheduler", load=True, real_time=False),
-)
+CONDITIONS = {
+    "idle": Condition("idle"),
+    "stress": Condition("stress-ng on all processors", load=True),
+    "plain": Condition("idle, plain scheduler", real_time=False),
+    "plain-stress": Condition("stress-ng, plain scheduler", load=True, real_time=False),
+}
+READER_NAME = "reader"
+FIGURES = PAGE.with_suffix(".json")
 
 
 @dataclass(frozen=True)
@@ -71,7 +75,10 @@ def measured(seconds: float, cpu: int, condition: Condition) -> Latency:
     from servobench.loop.process import LoopProcess
 
     twin = DeviceChoice(name="twin", settings={"timing": "host"})
-    asked = Experiment(duration=seconds, sample_time=SAMPLE_TIME, device=twin)
+    # Under the plain scheduler a loaded machine holds the loop up for longer than the watchdog would wait.
+    asked = Experiment(
+        duration=seconds, sample_time=SAMPLE_TIME, device=twin, limits={"watchdog": {"timeout": 0.5}}
+    )
     with LoopProcess(asked, real_time=condition.real_time, cpu=cpu) as loop:
         names = [series.channel.name for series in loop.recording.series]
         reader, found = loop.rows(0), []
@@ -80,6 +87,8 @@ def measured(seconds: float, cpu: int, condition: Condition) -> Latency:
                 time.sleep(0.2)
                 found.append(reader.read(1 << 20))
         found.append(reader.read(1 << 20))
+        if loop.ended.reason != "finished":
+            print(f"the run ended early: {loop.ended.sentence}", file=sys.stderr)
     rows = np.concatenate(found)
     lateness = 1e6 * (rows[:, 0] - rows[:, 1 + names.index("scheduled")])
     missed = int(np.max(rows[:, 1 + names.index("scheduled")]) / SAMPLE_TIME + 1.5) - len(rows)
@@ -195,7 +204,7 @@ def main() -> list[Figure]:
         print(f"realtime: {lacking}: nothing was measured", file=sys.stderr)
         return []
     figures = []
-    for condition in CONDITIONS[:2]:
+    for condition in (CONDITIONS["idle"], CONDITIONS["stress"]):
         pairs = [pair(k, QUICK_SECONDS, condition) for k in range(QUICK_PAIRS)]
         figures += limits(condition, pairs)
     readers = [with_and_without_reader(k, QUICK_SECONDS) for k in range(QUICK_PAIRS)]
@@ -234,27 +243,47 @@ def table(condition: Condition, pairs: list[tuple[Latency, Latency]], names: tup
     return [*lines, f"| | median of the paired ratios | {ratios} | |"]
 
 
-def write(pairs: int, seconds: float) -> list[Figure]:
-    """Measure all conditions, write the page, and return the figures with a limit."""
-    figures: list[Figure] = []
-    lines: list[str] = []
-    for condition in CONDITIONS:
-        found = [pair(k, seconds, condition) for k in range(pairs)]
-        lines += table(condition, found, ("loop", "cyclictest"))
-        if condition.real_time:
-            figures += limits(condition, found)
-        print(json.dumps({condition.name: [[a.quantiles, b.quantiles] for a, b in found]}), file=sys.stderr)
-    readers = [with_and_without_reader(k, seconds) for k in range(pairs)]
-    lines += table(
-        Condition("idle, a process that reads all rows without a pause"), readers, ("with it", "without")
-    )
-    figures.append(reader_limit(readers))
-    PAGE.write_text(page(pairs, seconds, lines), encoding="utf-8")
+def write(names: list[str], pairs: int, seconds: float) -> list[Figure]:
+    """Measure the conditions that are named, write the page of all, and return the figures with a limit."""
+    kept = json.loads(FIGURES.read_text(encoding="utf-8")) if FIGURES.exists() else {}
+    for name in names or [*CONDITIONS, READER_NAME]:
+        if name == READER_NAME:
+            found = [with_and_without_reader(k, seconds) for k in range(pairs)]
+        else:
+            found = [pair(k, seconds, CONDITIONS[name]) for k in range(pairs)]
+        kept[name] = {"pairs": [[asdict(a), asdict(b)] for a, b in found], "seconds": seconds}
+        FIGURES.write_text(json.dumps(kept, indent=1) + "\n", encoding="utf-8")
+    figures, lines = told(kept)
+    PAGE.write_text(page(kept, lines), encoding="utf-8")
     return figures
 
 
-def page(pairs: int, seconds: float, lines: list[str]) -> str:
+def told(kept: dict[str, dict[str, Any]]) -> tuple[list[Figure], list[str]]:
+    """The figures with a limit and the lines of the table, of what was measured."""
+    figures: list[Figure] = []
+    lines: list[str] = []
+    for name, condition in CONDITIONS.items():
+        if name in kept:
+            found = [(latency(a), latency(b)) for a, b in kept[name]["pairs"]]
+            lines += table(condition, found, ("loop", "cyclictest"))
+            figures += limits(condition, found) if condition.real_time else []
+    if READER_NAME in kept:
+        found = [(latency(a), latency(b)) for a, b in kept[READER_NAME]["pairs"]]
+        title = Condition("idle, a process that reads all rows without a pause")
+        lines += table(title, found, ("with it", "without"))
+        figures.append(reader_limit(found))
+    return figures, lines
+
+
+def latency(kept: dict[str, Any]) -> Latency:
+    """A latency as it was kept."""
+    return Latency(tuple(kept["quantiles"]), kept["missed"], kept["ticks"])
+
+
+def page(kept: dict[str, dict[str, Any]], lines: list[str]) -> str:
     """The page of the table."""
+    pairs = min(len(each["pairs"]) for each in kept.values())
+    seconds = min(each["seconds"] for each in kept.values())
     release = Path("/proc/sys/kernel/osrelease").read_text(encoding="ascii").strip()
     head = "| condition | latency [µs] | | | | | |\n|---|---|---|---|---|---|---|"
     return f"""# Punctuality of the loop
@@ -272,8 +301,10 @@ of cyclictest counts as missed where it woke up more than a period late.
 
 if __name__ == "__main__":
     parser = argparse.ArgumentParser()
-    parser.add_argument("--write", action="store_true")
+    parser.add_argument("--write", nargs="*", metavar="CONDITION")
     parser.add_argument("--pairs", type=int, default=PAIRS)
     parser.add_argument("--seconds", type=float, default=SECONDS)
     arguments = parser.parse_args()
-    sys.exit(shown(write(arguments.pairs, arguments.seconds) if arguments.write else main()))
+    if arguments.write is None:
+        sys.exit(shown(main()))
+    sys.exit(shown(write(arguments.write, arguments.pairs, arguments.seconds)))
