@@ -25,6 +25,7 @@ check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_lock.py
 	$(BIN)/python tools/check_docs.py
+	$(BIN)/python tools/check_promises.py
 
 bench: $(INSTALLED)  ## measure speed, accuracy and coverage
 	$(BIN)/python bench/run.py $(ARGS)

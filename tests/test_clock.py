@@ -216,6 +216,7 @@ def after(until: float, missed: Missed, phase: Phase, count: int) -> list[tuple[
     ]
 
 
+@pytest.mark.promise("S31")
 @pytest.mark.parametrize(("missed", "phase"), AFTER_A_STALL)
 def test_missed_ticks_are_processed_or_discarded_and_the_phase_is_kept_or_lost(
     missed: Missed, phase: Phase
@@ -233,6 +234,7 @@ def test_where_no_whole_tick_has_gone_by_only_the_phase_makes_a_difference(
     assert after(8.7, missed, phase, 3) == AFTER_A_HITCH[phase]
 
 
+@pytest.mark.promise("S31")
 @pytest.mark.parametrize(("missed", "phase"), AFTER_A_STALL)
 def test_every_tick_is_done_or_left_out_by_its_number_whatever_is_late(missed: Missed, phase: Phase) -> None:
     rng = np.random.default_rng(5)

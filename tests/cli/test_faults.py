@@ -53,6 +53,7 @@ def test_an_unknown_fault_is_refused_with_the_known_ones(servobench: Command) ->
     assert "did you mean 'stuck_channel'" in done.err
 
 
+@pytest.mark.promise("S40")
 @pytest.mark.usefixtures("quick_report")
 def test_a_run_with_faults_from_its_file_and_the_line_says_so_everywhere(
     servobench: Command, tmp_path: Path
@@ -105,6 +106,7 @@ def test_a_mistake_in_a_fault_is_told_with_its_line_before_anything_moves(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.promise("S41")
 @pytest.mark.parametrize(
     ("text", "said"),
     [
@@ -123,5 +125,6 @@ def test_a_fault_that_can_not_be_had_is_refused_before_anything_moves(
     assert not (tmp_path / "run").exists()
 
 
+@pytest.mark.promise("S39")
 def test_without_faults_a_file_says_nothing_of_them() -> None:
     assert "faults" not in read_experiment(SHORT).to_toml()

@@ -138,6 +138,7 @@ def killed_run(finished_run: Path, tmp_path: Path) -> Path:
     return folder
 
 
+@pytest.mark.promise("S28")
 def test_the_folder_of_a_killed_run_says_that_it_is_not_whole(servobench: Command, killed_run: Path) -> None:
     for words in (("identify", killed_run), ("inspect", killed_run), ("run", "--out", killed_run)):
         ended = servobench(*words)
@@ -146,6 +147,7 @@ def test_the_folder_of_a_killed_run_says_that_it_is_not_whole(servobench: Comman
     assert "cut short" in servobench("inspect", killed_run / "recording.mcap.part").out
 
 
+@pytest.mark.promise("S28")
 @pytest.mark.parametrize("lost", ["nothing", "experiment.toml"])
 def test_recover_makes_the_folder_of_a_killed_run_whole(
     servobench: Command, finished_run: Path, killed_run: Path, lost: str
@@ -166,6 +168,7 @@ def test_recover_makes_the_folder_of_a_killed_run_whole(
     assert "is whole already" in servobench("recover", killed_run).err
 
 
+@pytest.mark.promise("S28")
 def test_recover_never_replaces_a_recording_in_a_folder(
     servobench: Command, finished_run: Path, killed_run: Path
 ) -> None:

@@ -154,6 +154,7 @@ def test_a_folder_that_is_no_run_s_is_refused_and_left_as_it_is(
     assert names(folder) == {"experiment.toml", "recording.mcap"}
 
 
+@pytest.mark.promise("S28")
 @pytest.mark.usefixtures("quick_report")
 def test_an_unfinished_recording_is_not_overwritten(servobench: Command, short: Path, tmp_path: Path) -> None:
     folder = tmp_path / "run"
@@ -430,6 +431,7 @@ def test_replay_runs_a_recording_again(servobench: Command, finished_run: Path, 
     assert ended.result["parameters"]["gain"]["value"] == pytest.approx(23.7, rel=0.01)
 
 
+@pytest.mark.promise("S17")
 @pytest.mark.parametrize("request_to_end", ["CTRL_BREAK_EVENT"] if os.name == "nt" else ["SIGINT", "SIGTERM"])
 def test_a_run_in_host_time_that_is_ended_from_outside_stops_the_motor_first(
     tmp_path: Path, request_to_end: str

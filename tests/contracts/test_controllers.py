@@ -70,6 +70,7 @@ def test_a_state_is_a_value_that_a_step_does_not_change(name: str) -> None:
     assert first[0] == first[1]
 
 
+@pytest.mark.promise("S38")
 def test_it_takes_over_a_turning_motor_with_the_voltage_that_was_applied(name: str) -> None:
     law, info, now = example(name), device(), sample(1000, 123456, H)
 

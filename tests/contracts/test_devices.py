@@ -122,6 +122,7 @@ def test_what_it_puts_out_is_a_finite_voltage_within_its_own_range(make: Make) -
 HUGE = 10**400  # larger than any float
 
 
+@pytest.mark.promise("S1")
 @pytest.mark.parametrize(
     "given", [math.nan, math.inf, -math.inf, None, "1", True, [1.0], 1j, HUGE], ids=lambda v: str(v)[:5]
 )
@@ -135,6 +136,7 @@ def test_what_is_no_finite_voltage_is_refused_and_the_next_one_taken(make: Make,
         assert math.isfinite(device.write(1.0))
 
 
+@pytest.mark.promise("S16")
 def test_stopping_is_possible_at_any_time_and_any_number_of_times(make: Make) -> None:
     device = make()
     device.stop()

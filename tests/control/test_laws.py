@@ -172,6 +172,7 @@ def test_what_is_wanted_beyond_the_limit_is_said_and_not_clipped() -> None:
     assert wanted[0] == 40.0
 
 
+@pytest.mark.promise("S5")
 @pytest.mark.parametrize("law", ["pid", "state_feedback"])
 def test_behind_a_saturation_the_overshoot_is_no_larger_than_that_of_the_loop_without_a_limit(
     law: str,
@@ -208,6 +209,7 @@ def driven(law: Any, state: Any, x: Array, first: int, reference: float, ticks: 
     return found, state, x
 
 
+@pytest.mark.promise("S38")
 @pytest.mark.parametrize("to", LAWS)
 @pytest.mark.parametrize("of", ["open loop", "PID of the position", "PID of the speed"])
 def test_the_voltage_goes_on_at_a_switch(of: str, to: str) -> None:
@@ -222,6 +224,7 @@ def test_the_voltage_goes_on_at_a_switch(of: str, to: str) -> None:
     assert after.step(state, 1.0, now)[1] == pytest.approx(found[-1], abs=1e-13 * (1 + abs(x[0])) * 10)
 
 
+@pytest.mark.promise("S38")
 def test_the_same_law_with_other_gains_goes_on_where_it_was() -> None:
     info, plant = device(limit=None, bits=None, counts_per_rev=FINE), motor()
     old, new = Pid(output="speed", kp=0.1, ki=1), Pid(output="speed", kp=0.3, ki=4, cutoff=300)
@@ -278,6 +281,7 @@ def test_where_no_bias_is_wished_the_voltage_jumps() -> None:
 # ---- the counter
 
 
+@pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", [16, 24, 32])
 def test_the_travel_is_exact_over_a_billion_counts_and_both_ways(bits: int) -> None:
     rng, half = np.random.default_rng(bits), 2 ** (bits - 1)

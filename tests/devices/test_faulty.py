@@ -82,6 +82,7 @@ def test_nothing_is_wrong_before_its_time_and_something_is_afterwards(name: str)
     assert str(found[FIRST:]) != str(plain[FIRST:])
 
 
+@pytest.mark.promise("S40")
 @pytest.mark.parametrize("name", FAULTS.names())
 def test_the_same_seed_gives_the_same_faults_and_a_second_run_of_a_device_is_like_its_first(
     name: str,
@@ -93,6 +94,7 @@ def test_the_same_seed_gives_the_same_faults_and_a_second_run_of_a_device_is_lik
     assert str(once) == str(again) == str(elsewhere)
 
 
+@pytest.mark.promise("S40")
 @pytest.mark.parametrize("name", FAULTS.names())
 def test_it_is_told_in_the_info_and_the_recording_wherever_the_run_ends(name: str) -> None:
     device = faulty(EXAMPLES[name])
@@ -116,6 +118,7 @@ def test_its_text_reads_back_the_same(name: str) -> None:
     assert fault(text_of(asked)) == asked
 
 
+@pytest.mark.promise("S39")
 def test_without_faults_it_is_the_device_itself() -> None:
     device = faulty()
 
@@ -148,6 +151,7 @@ def test_a_probability_is_met_as_often_as_it_says() -> None:
     assert abs(struck - 400) < 5 * math.sqrt(4000 * 0.1 * 0.9)
 
 
+@pytest.mark.promise("S41")
 def test_a_stop_reaches_the_motor_of_an_unplugged_device() -> None:
     motor = Twin(MOTOR)
     device = Faulty(motor, [fault("device_unplugged from=1s")])
@@ -494,6 +498,7 @@ def replayed() -> Device:
         return Replay(run(Experiment(duration=0.2, sample_time=H), motor))
 
 
+@pytest.mark.promise("S41")
 @pytest.mark.parametrize(
     ("text", "device", "reason"),
     [

@@ -70,6 +70,7 @@ def test_a_run_through_it_records_what_a_run_without_it_did() -> None:
     assert not recording["saturated"].values.any()
 
 
+@pytest.mark.promise("S6")
 def test_speed_travel_and_current_are_faults_where_they_leave_their_limits() -> None:
     # 10 V: 238 rad/s at the end, with τ = 0.1 s; i = 10 V / 8.4 Ω = 1.19 A at the start.
     for limits, code in (
@@ -94,6 +95,7 @@ def test_speed_travel_and_current_are_faults_where_they_leave_their_limits() -> 
                     assert abs(i) > 0.9
 
 
+@pytest.mark.promise("S6")
 @pytest.mark.parametrize("limit", [{"current": 1.0}, {"speed": 10.0}, {"travel": 1.0}])
 def test_a_limit_that_the_device_cannot_be_held_to_is_refused_by_name(limit: dict[str, Any]) -> None:
     device = Shaft()
@@ -107,6 +109,7 @@ def test_a_data_sheet_that_there_is_not_is_refused_with_the_known_ones() -> None
         Guarded(Twin(), Limits(plausibility=Plausibility(motor="qube")))
 
 
+@pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", [16, 24, 32])
 @pytest.mark.parametrize("direction", [1, -1])
 def test_counts_are_unwrapped_exactly_by_the_half_range_rule(bits: int, direction: int) -> None:
@@ -122,6 +125,7 @@ def test_counts_are_unwrapped_exactly_by_the_half_range_rule(bits: int, directio
     assert abs(true) > 1000 * half
 
 
+@pytest.mark.promise("S9")
 def test_a_step_that_no_motor_makes_is_a_fault_of_the_encoder() -> None:
     class Jumps(Bench):
         def read(self) -> Sample:
@@ -139,6 +143,7 @@ def test_a_step_that_no_motor_makes_is_a_fault_of_the_encoder() -> None:
         assert "stepped by 4" in guarded.fault.sentence
 
 
+@pytest.mark.promise("S9")
 def test_a_gap_in_which_the_counter_may_have_wrapped_is_a_fault() -> None:
     # 1.5 · 238 rad/s are 116,000 counts a second: half of 16 bits, 32,768, within 0.28 s.
     with Bench(counter_bits=16) as motor:
@@ -150,6 +155,7 @@ def test_a_gap_in_which_the_counter_may_have_wrapped_is_a_fault() -> None:
             guarded.read()
 
 
+@pytest.mark.promise("S14")
 def test_the_watchdog_is_fed_by_a_write_after_a_new_sample_and_by_nothing_else() -> None:
     def only_reads(guarded: Guarded) -> None:
         guarded.read()
@@ -177,6 +183,7 @@ def test_the_watchdog_is_fed_by_a_write_after_a_new_sample_and_by_nothing_else()
         assert device.voltage == 0.0
 
 
+@pytest.mark.promise("S14")
 def test_fresh_actuation_feeds_the_watchdog_for_ever() -> None:
     now = Time()
     guarded = started(Shaft(), now=now)
@@ -187,6 +194,7 @@ def test_fresh_actuation_feeds_the_watchdog_for_ever() -> None:
     assert guarded.fault is None
 
 
+@pytest.mark.promise("S14")
 def test_a_device_that_sends_the_same_sample_again_is_not_fresh() -> None:
     class Repeats(Shaft):
         def read(self) -> Sample:
@@ -209,6 +217,7 @@ def test_a_device_that_sends_the_same_sample_again_is_not_fresh() -> None:
     assert device.voltage == 0.0
 
 
+@pytest.mark.promise("S14")
 def test_in_device_time_a_gap_between_samples_is_noticed_at_the_next_read() -> None:
     device = Shaft()
     guarded = started(device)
@@ -219,6 +228,7 @@ def test_in_device_time_a_gap_between_samples_is_noticed_at_the_next_read() -> N
     assert device.voltage == 0.0
 
 
+@pytest.mark.promise("S14")
 def test_a_loop_that_is_stuck_is_cut_off_by_the_watchdogs_thread() -> None:
     cut = threading.Event()
 
@@ -240,6 +250,7 @@ def test_a_loop_that_is_stuck_is_cut_off_by_the_watchdogs_thread() -> None:
     assert "servobench watchdog" not in [thread.name for thread in threading.enumerate()]
 
 
+@pytest.mark.promise("S14")
 def test_a_write_that_hangs_in_the_device_is_overtaken_and_undone() -> None:
     # The loop's write comes to its end after the watchdog's zero: the guard puts zero out again.
     now, release = Time(), threading.Event()
@@ -274,6 +285,7 @@ def test_a_write_that_hangs_in_the_device_is_overtaken_and_undone() -> None:
     assert device.voltage == 0.0
 
 
+@pytest.mark.promise("S14")
 @pytest.mark.parametrize("timing", ["host", "device"])
 def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused(timing: Any) -> None:
     device = Shaft(timing)
@@ -285,6 +297,7 @@ def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused(timing: Any)
             Watchdog(timeout=timeout)
 
 
+@pytest.mark.promise("S11", "S12")
 def test_on_hold_the_run_goes_on_at_the_terminate_value_until_the_fault_is_acknowledged() -> None:
     device = Shaft()
     guarded = started(device, Limits(terminate=Outputs(voltage=0.5)), when_faulted="hold")
@@ -300,6 +313,7 @@ def test_on_hold_the_run_goes_on_at_the_terminate_value_until_the_fault_is_ackno
     assert {finding.code for finding in guarded.findings()} == {"saturated", "voltage-not-finite"}
 
 
+@pytest.mark.promise("S11")
 def test_the_first_fault_is_kept_as_it_is_the_cause() -> None:
     guarded = started(Shaft(), when_faulted="hold")
     tick(guarded, math.nan)
@@ -308,6 +322,7 @@ def test_the_first_fault_is_kept_as_it_is_the_cause() -> None:
     assert "nan" in guarded.fault.sentence
 
 
+@pytest.mark.promise("S13")
 @pytest.mark.parametrize("faulty", [False, True])
 def test_the_light_is_blue_at_rest_green_while_driven_and_red_after_a_fault(faulty: bool) -> None:
     motor = Twin()
@@ -328,6 +343,7 @@ def test_the_light_is_blue_at_rest_green_while_driven_and_red_after_a_fault(faul
         assert motor.lit == RED
 
 
+@pytest.mark.promise("S12")
 def test_start_and_watchdog_values_are_put_out() -> None:
     limits = Limits(start=Outputs(voltage=1.0, light="off"), watchdog=Watchdog(voltage=0.25, light="blue"))
     now, motor = Time(), Bench()
@@ -343,6 +359,7 @@ def test_start_and_watchdog_values_are_put_out() -> None:
             Limits(start=Outputs(voltage=11.0))
 
 
+@pytest.mark.promise("S19")
 @pytest.mark.parametrize(
     "limits", [Limits(), Limits(terminate=Outputs(voltage=0.5))], ids=["zero", "to hold a load"]
 )

@@ -108,6 +108,7 @@ def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment)
     assert experiment.findings() == ()
 
 
+@pytest.mark.promise("S12")
 @pytest.mark.parametrize(
     ("experiment", "code", "said"),
     [

@@ -50,6 +50,7 @@ def whole() -> Recording:
         return run(EXPERIMENT, motor)
 
 
+@pytest.mark.promise("S18")
 @pytest.mark.parametrize("at", UNPLUGGED)
 def test_the_run_ends_as_lost_and_keeps_exactly_the_samples_before(
     at: int, whole: Recording, tmp_path: Path
@@ -62,6 +63,7 @@ def test_the_run_ends_as_lost_and_keeps_exactly_the_samples_before(
     assert np.array_equal(recording["counts"].t, whole["counts"].t[:at])  # type: ignore[index]
 
 
+@pytest.mark.promise("S18")
 @pytest.mark.parametrize("at", UNPLUGGED)
 def test_its_file_opens_and_says_the_same(at: int, tmp_path: Path) -> None:
     recording = lost(unplugged(at), tmp_path / "run.mcap")
@@ -73,6 +75,7 @@ def test_its_file_opens_and_says_the_same(at: int, tmp_path: Path) -> None:
     assert not (tmp_path / "run.mcap.part").exists()
 
 
+@pytest.mark.promise("S18")
 def test_no_sample_after_it_is_taken_and_no_voltage_handed_on() -> None:
     motor = Twin()
     written: list[float] = []
@@ -94,6 +97,7 @@ def test_no_sample_after_it_is_taken_and_no_voltage_handed_on() -> None:
     assert sum(voltage != 0.0 for voltage in written) <= 500
 
 
+@pytest.mark.promise("S18")
 def test_a_device_that_is_plugged_in_again_needs_a_run_of_its_own(whole: Recording) -> None:
     device = unplugged(500)
     first = lost(device)
@@ -102,6 +106,7 @@ def test_a_device_that_is_plugged_in_again_needs_a_run_of_its_own(whole: Recordi
     assert again.series == first.series  # from the beginning, and not where the other ended
 
 
+@pytest.mark.promise("S18")
 def test_a_restart_of_the_device_is_no_way_on() -> None:
     """A device that comes back by itself has lost its position: the run ends, without one sample of the new count."""
     device = Faulty(Twin(), [fault_from(table_of("restart from=1s"))])
@@ -124,6 +129,7 @@ def test_an_unplugged_encoder_is_told_as_injected_and_the_recording_goes_on() ->
     assert "faults-injected" in [finding.code for finding in recording.findings]
 
 
+@pytest.mark.promise("S18")
 def test_in_a_process_of_its_own_the_loop_ends_the_same_and_keeps_what_there_was(tmp_path: Path) -> None:
     """In host time: how many samples there are depends on the machine, that all of them are from before doesn't."""
     chosen = DeviceChoice(settings={"timing": "host"}, faults=(table_of("device_unplugged from=0.2s"),))

@@ -99,6 +99,7 @@ def write_all(values: Iterator[tuple[bool, Any]]) -> int:
     return bad
 
 
+@pytest.mark.promise("S1", "S2")
 def test_nothing_but_voltages_passes_the_interface() -> None:
     source = random.Random(6)
 
@@ -110,6 +111,7 @@ def test_nothing_but_voltages_passes_the_interface() -> None:
     assert write_all(values()) > 0.85 * API_CASES
 
 
+@pytest.mark.promise("S1")
 def test_nothing_but_voltages_passes_out_of_json() -> None:
     # Python's reader takes NaN, Infinity, and 1e999 as an infinity, without a word.
     source = random.Random(66)
@@ -134,6 +136,7 @@ def test_nothing_but_voltages_passes_out_of_json() -> None:
     assert bad == JSON_CASES
 
 
+@pytest.mark.promise("S1")
 def test_nothing_but_voltages_passes_out_of_a_controller() -> None:
     source = random.Random(666)
     for _ in range(CONTROLLER_CASES):
@@ -153,6 +156,7 @@ def test_nothing_but_voltages_passes_out_of_a_controller() -> None:
         check_what_reached(back_end)
 
 
+@pytest.mark.promise("S1")
 def test_an_experiment_file_with_such_a_value_is_refused_before_there_is_a_device() -> None:
     source = random.Random(6666)
     places = (
@@ -167,10 +171,12 @@ def test_an_experiment_file_with_such_a_value_is_refused_before_there_is_a_devic
             read_experiment(source.choice(places).format(source.choice(values)))
 
 
+@pytest.mark.promise("S1")
 def test_there_are_100_000_cases_in_all() -> None:
     assert API_CASES + JSON_CASES + CONTROLLER_CASES + TOML_CASES >= 100_000
 
 
+@pytest.mark.promise("S11")
 def test_the_run_ends_with_the_value_in_its_reason_and_may_not_go_on_without_a_word() -> None:
     back_end = BackEnd()
     guarded = Guarded(back_end, Limits())
@@ -193,6 +199,7 @@ def test_the_run_ends_with_the_value_in_its_reason_and_may_not_go_on_without_a_w
     assert guarded.write(2.0) == 2.0
 
 
+@pytest.mark.promise("S1")
 def test_a_device_that_answers_with_no_number_is_stopped() -> None:
     class Odd(BackEnd):
         def write(self, voltage: float) -> float:

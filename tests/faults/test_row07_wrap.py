@@ -56,6 +56,7 @@ def recorded(
     return run(experiment, device)
 
 
+@pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("near", ["the upper end", "the lower end", "zero"])
 @pytest.mark.parametrize("direction", [1, -1])
@@ -79,6 +80,7 @@ def test_a_recorded_counter_is_unwrapped_to_the_count_over_a_billion_counts(
     assert counts.min() <= -FAR
 
 
+@pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", BITS)
 def test_one_sample_at_a_time_it_is_the_same(bits: int) -> None:
     counts = walk(bits, seed=1)[:5000]
@@ -121,6 +123,7 @@ def leaping(step: int) -> NDArray[np.int64]:
     return np.arange(400) * 100 + np.where(np.arange(400) >= 200, step, 0)
 
 
+@pytest.mark.promise("S10")
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("direction", [1, -1])
 def test_in_a_file_a_step_of_half_the_range_is_told_and_not_believed(bits: int, direction: int) -> None:
@@ -140,6 +143,7 @@ def test_in_a_file_a_step_of_half_the_range_is_told_and_not_believed(bits: int, 
         assert finding.rows[0] == 201
 
 
+@pytest.mark.promise("S9")
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("direction", [1, -1])
 def test_in_a_run_a_step_of_half_the_range_is_a_fault(bits: int, direction: int) -> None:
@@ -151,6 +155,7 @@ def test_in_a_run_a_step_of_half_the_range_is_a_fault(bits: int, direction: int)
     assert len(recording["counts"].values) == 200
 
 
+@pytest.mark.promise("S9")
 @pytest.mark.parametrize("bits", BITS)
 @pytest.mark.parametrize("direction", [1, -1])
 def test_in_a_run_a_step_beyond_half_the_range_is_a_fault_where_the_motors_speed_is_known(

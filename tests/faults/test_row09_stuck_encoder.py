@@ -14,6 +14,7 @@ from tests.faults.doubles import Bench, Stuck, drive
 WITHIN = 0.1  # s
 
 
+@pytest.mark.promise("S8")
 @pytest.mark.parametrize("toggling", [False, True], ids=["unplugged", "one channel stuck"])
 @pytest.mark.parametrize("current_sensor", [True, False], ids=["with current", "without current"])
 @pytest.mark.parametrize("sample_time", [0.0005, 0.002, 0.005])
@@ -31,6 +32,7 @@ def test_it_is_found_at_speed_within_100_ms(
         assert motor.reached[-1] == 0.0
 
 
+@pytest.mark.promise("S8")
 @pytest.mark.parametrize(("resistance", "constant", "inertia"), list(product([0.8, 1.2], repeat=3)))
 def test_it_is_found_within_100_ms_on_a_motor_20_percent_off_its_data_sheet(
     resistance: float, constant: float, inertia: float
@@ -43,6 +45,7 @@ def test_it_is_found_within_100_ms_on_a_motor_20_percent_off_its_data_sheet(
             assert 0.8 < guarded.fault.time <= 0.8 + WITHIN
 
 
+@pytest.mark.promise("S8")
 def test_one_that_is_dead_from_the_start_is_found_by_the_current() -> None:
     with Stuck(0.0) as motor:
         guarded = drive(motor, lambda t: 2.0, duration=1.0)
@@ -52,6 +55,7 @@ def test_one_that_is_dead_from_the_start_is_found_by_the_current() -> None:
         assert guarded.fault.time <= WITHIN
 
 
+@pytest.mark.promise("S8")
 def test_one_without_a_current_sensor_that_is_dead_from_the_start_looks_like_a_blocked_shaft() -> None:
     # What decision 0018 says can't be done: nothing tells the two apart, so the stall monitor's 3 s above 5 V are what is left.
     with Stuck(0.0, current_sensor=False) as motor:
@@ -63,6 +67,7 @@ def test_one_without_a_current_sensor_that_is_dead_from_the_start_looks_like_a_b
         assert fast.fault.code == "stalled"
 
 
+@pytest.mark.promise("S8")
 def test_nothing_is_found_where_no_motor_is_known_or_nothing_is_asked() -> None:
     with Stuck(0.6) as motor:
         assert drive(motor, lambda t: 2.0, duration=1.0, limits=Limits(plausibility=None)).fault is None
@@ -72,6 +77,7 @@ def test_nothing_is_found_where_no_motor_is_known_or_nothing_is_asked() -> None:
         assert by_numbers.fault is not None
 
 
+@pytest.mark.promise("S8")
 def test_a_voltage_that_is_late_or_never_comes_is_no_fault_of_the_encoder() -> None:
     # A delay that the device doesn't know of, and an amplifier that is off: the shaft stands, and the winding draws nothing.
     for settings in ({"delay": "60 ms"}, {"delay": "150 ms"}, {"dead_band": "10 V"}):
@@ -112,6 +118,7 @@ def excitations(ticks: int, seed: int) -> list[np.ndarray]:
     ]
 
 
+@pytest.mark.promise("S8")
 def test_an_hour_of_motors_within_20_percent_raises_no_alarm() -> None:
     # 18 motors, with and without a current sensor, at the corners and at random within the tolerance, each under 9 signals.
     random = np.random.default_rng(9)

@@ -12,6 +12,7 @@ from tests.faults.doubles import Bench, Jammed, drive
 HELD = {"coulomb_torque": 1.0}  # N·m; 24 times what the motor makes at 10 V
 
 
+@pytest.mark.promise("S7")
 @pytest.mark.parametrize("voltage", [5.1, -6.0, 10.0])
 @pytest.mark.parametrize("sample_time", [0.0005, 0.002, 0.01])
 def test_a_shaft_that_never_moves_is_warned_of_within_100_ms_and_cut_off_after_3_s(
@@ -30,6 +31,7 @@ def test_a_shaft_that_never_moves_is_warned_of_within_100_ms_and_cut_off_after_3
         assert motor.reached[-1] == 0.0
 
 
+@pytest.mark.promise("S7")
 @pytest.mark.parametrize("current_sensor", [True, False])
 def test_a_shaft_that_is_jammed_at_speed_is_warned_of_within_100_ms(current_sensor: bool) -> None:
     with Jammed(1.0, current_sensor=True) as motor:
@@ -45,6 +47,7 @@ def test_a_shaft_that_is_jammed_at_speed_is_warned_of_within_100_ms(current_sens
         assert 1.0 < warned <= 1.1
 
 
+@pytest.mark.promise("S7")
 def test_a_shaft_that_is_jammed_at_speed_is_cut_off_after_3_s_where_the_current_shows_that_it_stands() -> (
     None
 ):
@@ -55,6 +58,7 @@ def test_a_shaft_that_is_jammed_at_speed_is_cut_off_after_3_s_where_the_current_
         assert guarded.fault.time == pytest.approx(4.0, abs=0.1)
 
 
+@pytest.mark.promise("S7")
 def test_without_a_current_sensor_a_shaft_that_stops_dead_is_taken_for_an_encoder_that_is_stuck() -> None:
     with Jammed(1.0, current_sensor=False) as motor:
         guarded = drive(motor, lambda t: 10.0, duration=5.0)
@@ -63,6 +67,7 @@ def test_without_a_current_sensor_a_shaft_that_stops_dead_is_taken_for_an_encode
         assert 1.0 < guarded.fault.time <= 1.1
 
 
+@pytest.mark.promise("S7")
 def test_it_is_no_stall_at_5_v_or_where_a_break_comes_before_3_s() -> None:
     with Bench(**HELD) as motor:
         assert drive(motor, lambda t: 5.0, duration=5.0).fault is None
@@ -70,6 +75,7 @@ def test_it_is_no_stall_at_5_v_or_where_a_break_comes_before_3_s() -> None:
         assert drive(motor, lambda t: 0.0 if 2.8 <= t < 2.9 else 8.0, duration=5.6).fault is None
 
 
+@pytest.mark.promise("S7")
 def test_the_papers_square_wave_neither_warns_nor_stops() -> None:
     with Twin() as motor:
         recording = run(PAPER, motor)

@@ -36,6 +36,7 @@ def course(law: Any, limit: float) -> tuple[Array, Array]:
     return series["counts"] * COUNT, series["applied"]
 
 
+@pytest.mark.promise("S5")
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_the_overshoot_behind_a_saturation_is_no_larger_than_without_it(law: Any) -> None:
     free, _ = course(law, 100.0)  # the reference case: 60 V are never too much
@@ -50,6 +51,7 @@ def test_the_overshoot_behind_a_saturation_is_no_larger_than_without_it(law: Any
     assert reached[1] <= 0.45 + reached[0]
 
 
+@pytest.mark.promise("S5")
 @pytest.mark.parametrize("law", LAWS.values(), ids=LAWS)
 def test_without_anti_windup_the_same_loop_overshoots_by_much_more(law: Any) -> None:
     free, _ = course(law, 100.0)

@@ -16,6 +16,7 @@ from servobench.signals.step import Step
 from tests.faults.doubles import drive
 
 
+@pytest.mark.promise("S4")
 @pytest.mark.parametrize(
     ("limit", "amplifier"), [(6.0, 10.0), (10.0, 6.0), (6.0, 6.0)], ids=["experiment", "amplifier", "both"]
 )
@@ -32,6 +33,7 @@ def test_the_flag_is_exact_for_each_sample(limit: float, amplifier: float) -> No
     assert f"At {np.count_nonzero(np.abs(u) > 6.0)} samples" in finding.sentence
 
 
+@pytest.mark.promise("S3")
 def test_the_slew_limit_lets_the_voltage_go_no_faster_and_is_flagged() -> None:
     # 4 V at 100 V/s are reached after 40 ms, in steps of 0.2 V a sample of 2 ms.
     asked = Experiment(signal=Step(final=4.0, start=0.01), duration=0.1, limits=Limits(slew=100.0))
@@ -43,6 +45,7 @@ def test_the_slew_limit_lets_the_voltage_go_no_faster_and_is_flagged() -> None:
     assert recording["saturated"].values.tolist() == ((expected < 4.0) & (np.arange(50) >= 5)).tolist()
 
 
+@pytest.mark.promise("S3")
 def test_a_fault_is_zero_volts_at_once_whatever_the_slew_limit() -> None:
     with Twin() as motor:
         guarded = drive(motor, lambda t: 4.0, duration=2.0, limits=Limits(slew=20.0, speed=30.0))
@@ -52,6 +55,7 @@ def test_a_fault_is_zero_volts_at_once_whatever_the_slew_limit() -> None:
         assert wound_down <= 0.0  # nothing drives; what is left is the motor as a generator
 
 
+@pytest.mark.promise("S4")
 def test_what_was_put_out_is_identified_so_that_gain_and_time_constant_stay_right() -> None:
     settings = Twin.Settings()
     true = Physics.of(settings.parameters)

@@ -74,6 +74,7 @@ def chosen(seed: int) -> dict[int, int]:
     }
 
 
+@pytest.mark.promise("S30")
 @pytest.mark.parametrize("seed", range(3))
 def test_every_injected_gap_is_found_by_sequence_and_all_of_them_are_reported(seed: int) -> None:
     stalls = chosen(seed)
@@ -87,6 +88,7 @@ def test_every_injected_gap_is_found_by_sequence_and_all_of_them_are_reported(se
     assert len(recording["counts"].values) == TICKS - sum(expected.values())
 
 
+@pytest.mark.promise("S31")
 @pytest.mark.parametrize("seed", range(3))
 def test_every_late_sample_is_marked_and_no_other(seed: int) -> None:
     stalls = chosen(seed)
@@ -103,6 +105,7 @@ def test_every_late_sample_is_marked_and_no_other(seed: int) -> None:
     assert lateness[recording["late"].values == 0].max() < 1e-4
 
 
+@pytest.mark.promise("S30")
 def test_ticks_that_are_missed_at_the_very_end_are_counted() -> None:
     recording = with_stalls({TICKS - 4: 6})
 
@@ -111,6 +114,7 @@ def test_ticks_that_are_missed_at_the_very_end_are_counted() -> None:
     assert len(recording["counts"].values) == TICKS - 3
 
 
+@pytest.mark.promise("S32")
 @pytest.mark.parametrize(("missed", "ends"), [(5, False), (6, True)])
 def test_more_than_a_tenth_missed_in_half_a_second_stops_the_motor(missed: int, ends: bool) -> None:
     """At 100 Hz half a second is 50 ticks: 5 missed ones are a tenth, 6 are more."""
@@ -124,6 +128,7 @@ def test_more_than_a_tenth_missed_in_half_a_second_stops_the_motor(missed: int, 
         assert recording.stopped.reason == "finished"
 
 
+@pytest.mark.promise("S32")
 def test_a_motor_that_nobody_controls_any_more_is_stopped_and_comes_to_rest() -> None:
     motor = Twin()
     device = Faulty(motor, [fault_from(table_of("lost from=1s probability=0.3"))])
@@ -139,6 +144,7 @@ def test_a_motor_that_nobody_controls_any_more_is_stopped_and_comes_to_rest() ->
     assert 1.0 < t[-1] < 1.5
 
 
+@pytest.mark.promise("S30")
 @pytest.mark.parametrize("text", ["lost every=50", "slow_read every=40 takes=5ms", "lost probability=0.02"])
 def test_what_a_faulty_device_loses_is_reported_to_the_last_sample(text: str) -> None:
     with Faulty(Twin(), [fault_from(table_of(text))]) as device:

@@ -21,6 +21,7 @@ from tests.recording.disks import FullDisk
 LONGEST = 60.0  # seconds; a hang would take for ever
 
 
+@pytest.mark.promise("S24")
 @pytest.mark.parametrize("room", [3000, 5000, 8000, 12_345])
 def test_the_motor_stands_before_the_file_is_closed_and_after_one_tick(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, room: int
@@ -65,6 +66,7 @@ def test_the_motor_stands_before_the_file_is_closed_and_after_one_tick(
     assert found.findings[-1].code == "recording-cut-short"
 
 
+@pytest.mark.promise("S24")
 def test_a_loop_that_goes_on_does_not_keep_the_recorder_from_closing_the_part(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -101,6 +103,7 @@ def small_disk(folder: Path, size: int) -> Iterator[None]:
         resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
 
+@pytest.mark.promise("S24")
 def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what_it_wrote(
     tmp_path: Path,
 ) -> None:
@@ -130,6 +133,7 @@ def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what
     assert len(ticks) >= kept > 1000
 
 
+@pytest.mark.promise("S24")
 def test_a_real_run_on_a_disk_that_is_full_ends_with_a_sentence_and_keeps_what_it_wrote(
     tmp_path: Path,
 ) -> None:

@@ -41,6 +41,7 @@ def all_events(ticks: int) -> list[tuple[str, int]]:
     return [("opened", 0), *(("command", tick) for tick in range(10, ticks, 10)), ("ended", ticks)]
 
 
+@pytest.mark.promise("S23")
 def test_a_recorder_that_is_killed_at_a_random_time_loses_nothing_once_the_file_is_completed(
     tmp_path: Path,
 ) -> None:
@@ -75,6 +76,7 @@ def test_a_recorder_that_is_killed_at_a_random_time_loses_nothing_once_the_file_
         assert not path.with_name(f"{k}.mcap.part").exists()
 
 
+@pytest.mark.promise("S23")
 @pytest.mark.parametrize("looks", [1, 2, 7, 33])
 def test_until_the_file_is_completed_the_loss_is_known_and_below_a_tenth_of_a_second(
     tmp_path: Path, looks: int
@@ -89,6 +91,7 @@ def test_until_the_file_is_completed_the_loss_is_known_and_below_a_tenth_of_a_se
         assert (loop.rows.written - len(ticks)) * 0.001 <= LARGEST_LOSS
 
 
+@pytest.mark.promise("S23")
 def test_whatever_the_recorder_had_written_the_completed_file_holds_each_row_and_event_once(
     tmp_path: Path,
 ) -> None:
@@ -111,6 +114,7 @@ def test_whatever_the_recorder_had_written_the_completed_file_holds_each_row_and
     assert [file.name for file in tmp_path.iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.promise("S23")
 def test_what_memory_no_longer_holds_is_counted_in_the_completed_file(tmp_path: Path) -> None:
     # The ring holds 63 rows; the loop goes on without a recorder for far more.
     path = tmp_path / "a.mcap"
@@ -167,6 +171,7 @@ def test_a_recorder_that_had_finished_before_it_was_killed_is_left_alone(tmp_pat
     assert path.read_bytes() == before
 
 
+@pytest.mark.promise("S23")
 def test_a_real_run_whose_recorder_is_killed_stops_the_motor_and_is_recorded_to_its_last_tick(
     tmp_path: Path,
 ) -> None:

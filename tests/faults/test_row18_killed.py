@@ -61,6 +61,7 @@ def applications() -> Iterator[Applications]:
     server.end()
 
 
+@pytest.mark.promise("S25")
 def test_of_100_killed_applications_all_that_is_older_than_250_ms_is_recovered(
     tmp_path: Path, applications: Applications
 ) -> None:
@@ -106,6 +107,7 @@ with LoopProcess(Experiment(duration=None, sample_time=0.002, device=twin), reco
 """
 
 
+@pytest.mark.promise("S25")
 def test_a_real_run_of_which_all_three_processes_are_killed_leaves_all_that_was_said_to_be_kept(
     tmp_path: Path,
 ) -> None:

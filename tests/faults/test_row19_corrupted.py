@@ -67,6 +67,7 @@ def is_right(path: Path, data: bytes, original: Recording) -> bool:
     )
 
 
+@pytest.mark.promise("S26")
 @pytest.mark.parametrize(("kind", "flip"), [("whole", 0x01), ("part", 0xFF)])
 def test_each_byte_flipped_is_told_or_costs_the_end(
     tmp_path: Path, files: dict[str, bytes], kind: str, flip: int
@@ -78,6 +79,7 @@ def test_each_byte_flipped_is_told_or_costs_the_end(
     assert [k for k in range(len(data)) if not is_right(path, flipped(data, k, flip), original)] == []
 
 
+@pytest.mark.promise("S26")
 def test_cut_at_each_length_it_is_a_beginning(tmp_path: Path, files: dict[str, bytes]) -> None:
     data = files["whole"]
     path = tmp_path / "a.mcap"
@@ -86,6 +88,7 @@ def test_cut_at_each_length_it_is_a_beginning(tmp_path: Path, files: dict[str, b
     assert [k for k in range(len(data)) if not is_right(path, data[:k], original)] == []
 
 
+@pytest.mark.promise("S26")
 def test_no_damage_takes_much_memory(tmp_path: Path, files: dict[str, bytes]) -> None:
     """To watch the memory makes reading slow, so it is each of the first bytes, and one in 23 of the rest."""
     data = files["whole"]

@@ -46,6 +46,7 @@ def devices() -> dict[str, Callable[[], Device]]:
     return {"virtual": Twin, "device": lambda: Numbered(lambda k: k)}
 
 
+@pytest.mark.promise("S33")
 @pytest.mark.parametrize("timing", devices())
 @pytest.mark.parametrize(
     "text",
@@ -74,6 +75,7 @@ def test_a_time_that_repeats_or_goes_back_ends_the_run_before_it_is_recorded(tim
     assert (np.diff(times(recording)) > 0).all()
 
 
+@pytest.mark.promise("S33")
 @pytest.mark.parametrize("timing", devices())
 def test_a_jump_ahead_is_recorded_as_it_came_and_told_with_its_time_and_size(timing: str) -> None:
     recording = outcome(Faulty(devices()[timing](), [fault_from(table_of("clock_step from=1s by=50ms"))]))
@@ -85,6 +87,7 @@ def test_a_jump_ahead_is_recorded_as_it_came_and_told_with_its_time_and_size(tim
     assert "jumped by 50 ms at 1 s" in finding.sentence
 
 
+@pytest.mark.promise("S33")
 @pytest.mark.parametrize("timing", devices())
 def test_a_jump_ahead_that_is_longer_than_the_watchdog_waits_ends_the_run(timing: str) -> None:
     recording = outcome(Faulty(devices()[timing](), [fault_from(table_of("clock_step from=1s by=1h"))]))
@@ -105,6 +108,7 @@ def test_lateness_and_loss_are_no_steps_of_the_clock(text: str) -> None:
     assert (np.diff(times(recording)) > 0).all()
 
 
+@pytest.mark.promise("S33")
 def test_the_computers_clock_that_is_set_changes_nothing(monkeypatch: pytest.MonkeyPatch) -> None:
     """Wall time is a label: a run whose wall clock is set by a year, at each look another way, is the same to the bit."""
     plain = outcome(Twin())
@@ -115,11 +119,13 @@ def test_the_computers_clock_that_is_set_changes_nothing(monkeypatch: pytest.Mon
     assert outcome(Twin()).series == plain.series
 
 
+@pytest.mark.promise("S33")
 def test_the_hosts_clock_is_a_monotonic_one() -> None:
     assert time.get_clock_info("perf_counter").monotonic
     assert not time.get_clock_info("perf_counter").adjustable
 
 
+@pytest.mark.promise("S33")
 def test_a_computer_that_sleeps_in_the_middle_has_missed_those_ticks_and_says_so() -> None:
     """A suspend of an hour, as a host clock sees it that counts it: the motor was on its own, so the run ends there."""
     seconds = [0.0]

@@ -51,6 +51,7 @@ def mistake() -> None:
     raise ZeroDivisionError("a mistake in somebody's controller")
 
 
+@pytest.mark.promise("S17")
 @pytest.mark.parametrize(
     ("what", "reason"),
     [(mistake, "error"), (interrupt, "interrupted"), (terminate, "interrupted")],

@@ -49,6 +49,7 @@ def at_full_speed(device: Twin) -> None:
     assert device.state.speed > 30.0
 
 
+@pytest.mark.promise("S19")
 @pytest.mark.parametrize("how", ["raises", "is swallowed"])
 def test_the_guard_writes_zero_volts_itself_where_stop_fails_or_does_nothing(how: str) -> None:
     device = Broken(stop=how)
@@ -60,6 +61,7 @@ def test_the_guard_writes_zero_volts_itself_where_stop_fails_or_does_nothing(how
     assert device.coast(LONG).speed == 0.0
 
 
+@pytest.mark.promise("S19")
 def test_where_nothing_can_be_written_either_the_devices_own_watchdog_is_left_to_starve() -> None:
     device = Broken(write="raises")
     device.__enter__()
@@ -85,6 +87,7 @@ def test_where_nothing_can_be_written_either_the_devices_own_watchdog_is_left_to
         guarded.start(SAMPLE_TIME, 0)
 
 
+@pytest.mark.promise("S19")
 def test_without_the_guard_the_shaft_would_turn_on() -> None:
     # The tests above can fail: such a stop by itself leaves the motor at its speed.
     with Twin() as motor:

@@ -20,6 +20,7 @@ def place(index: int) -> Place:
     return Place(tick=tick, reference=0.0, commanded=0.0, applied=0.0, saturated=False)
 
 
+@pytest.mark.promise("S32")
 def test_it_counts_the_missed_ticks_of_the_window_whatever_came() -> None:
     """Truth: all ticks of the window, looked at one by one."""
     random = np.random.default_rng(3)
@@ -35,6 +36,7 @@ def test_it_counts_the_missed_ticks_of_the_window_whatever_came() -> None:
             assert rule.missed(index) == expected
 
 
+@pytest.mark.promise("S32")
 @pytest.mark.parametrize(("missed", "ends"), [(25, False), (26, True)])
 def test_more_than_a_tenth_in_half_a_second_ends_the_run(missed: int, ends: bool) -> None:
     rule = MissedRule(0.002)  # 250 ticks

@@ -54,6 +54,7 @@ def commanded(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Record
         yield recording, heard(loop)
 
 
+@pytest.mark.promise("S30")
 def test_every_tick_is_recorded_or_counted_as_missed(tmp_path: Path) -> None:
     recording = run_live(asked(), to=tmp_path / "a.mcap")
 
@@ -72,6 +73,7 @@ def test_every_tick_is_recorded_or_counted_as_missed(tmp_path: Path) -> None:
     assert [event.kind for event in recording.events] == ["opened", "ended"]
 
 
+@pytest.mark.promise("S36")
 def test_each_command_is_acknowledged_with_the_tick_at_which_it_took_effect(
     commanded: tuple[Recording, list[Notice]],
 ) -> None:
@@ -90,6 +92,7 @@ def test_each_command_is_acknowledged_with_the_tick_at_which_it_took_effect(
     assert [(r.about["number"], r.about["what"]) for r in refused] == [(None, "no command")]
 
 
+@pytest.mark.promise("S36")
 def test_what_a_command_changes_shows_from_its_tick_on(commanded: tuple[Recording, list[Notice]]) -> None:
     recording, _ = commanded
     number, word = recording["command"].values, recording["commanded"].values
@@ -102,6 +105,7 @@ def test_what_a_command_changes_shows_from_its_tick_on(commanded: tuple[Recordin
     assert set(recording["reference"].values[number == 4]) <= {1.0, 2.0}
 
 
+@pytest.mark.promise("S36")
 def test_the_commands_stand_in_the_recording(commanded: tuple[Recording, list[Notice]]) -> None:
     recording, notices = commanded
 
@@ -139,6 +143,7 @@ def test_who_looks_at_the_data_may_end_the_run_as_asked(tmp_path: Path) -> None:
     assert (recording.stopped.reason, recording.stopped.sentence) == ("finished", "told enough")
 
 
+@pytest.mark.promise("S17")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_sigterm_to_the_loop_stops_the_motor_and_keeps_the_recording(tmp_path: Path) -> None:
     with LoopProcess(asked(None), record=tmp_path / "a.mcap") as loop:
@@ -150,6 +155,7 @@ def test_sigterm_to_the_loop_stops_the_motor_and_keeps_the_recording(tmp_path: P
     assert len(recording["counts"].values) >= 20
 
 
+@pytest.mark.promise("S22")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_loop_that_is_killed_leaves_a_whole_file_that_says_so(tmp_path: Path) -> None:
     with LoopProcess(asked(None), record=tmp_path / "a.mcap") as loop:
@@ -163,6 +169,7 @@ def test_a_loop_that_is_killed_leaves_a_whole_file_that_says_so(tmp_path: Path) 
     assert len(recording["counts"].values) == written
 
 
+@pytest.mark.promise("S20")
 def test_an_operator_who_is_not_there_any_more_ends_the_run(tmp_path: Path) -> None:
     with LoopProcess(asked(None), record=tmp_path / "a.mcap", operator_timeout=0.5) as loop:
         recording = loop.wait()
@@ -181,6 +188,7 @@ with LoopProcess(asked(None), record=sys.argv[1]) as loop:
 """
 
 
+@pytest.mark.promise("S21")
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 def test_a_program_that_is_killed_ends_the_run_and_the_file_is_whole(tmp_path: Path) -> None:
     program = subprocess.Popen(
@@ -200,6 +208,7 @@ def test_a_program_that_is_killed_ends_the_run_and_the_file_is_whole(tmp_path: P
     assert "the program that started the run is gone" in recording.stopped.sentence
 
 
+@pytest.mark.promise("S36")
 def test_a_command_that_says_nothing_useful_is_refused_with_the_reason() -> None:
     for text, reason in [
         ("{}", "its number is missing"),

@@ -45,6 +45,7 @@ def test_every_row_and_event_of_a_run_is_in_the_file(path: Path) -> None:
     assert recording.info.name == "shaft"
 
 
+@pytest.mark.promise("S27")
 def test_whatever_part_of_the_file_is_there_no_sample_is_without_the_events_before_it(path: Path) -> None:
     part = path.with_name("a.mcap.part")
     seen: list[tuple[int, int]] = []
@@ -84,6 +85,7 @@ def test_it_publishes_how_far_the_rows_are_safe_and_that_it_lives(path: Path) ->
     assert all(a < b for a, b in pairwise(beats))
 
 
+@pytest.mark.promise("S29")
 def test_rows_that_the_recorder_was_too_late_for_are_counted_and_never_silent(path: Path) -> None:
     # The ring keeps 63 rows, and a look comes each 100 ticks.
     with RingLoop(path, ticks=1000, slots=64, ticks_a_look=100) as loop:
@@ -115,6 +117,7 @@ def test_events_that_the_recorder_was_too_late_for_are_counted(path: Path) -> No
     assert len(ticks_of(recording)) == 300
 
 
+@pytest.mark.promise("S22")
 def test_a_loop_that_is_gone_without_a_word_leaves_a_whole_file_that_says_so(path: Path) -> None:
     with RingLoop(path) as loop:
         loop.open()
@@ -221,6 +224,7 @@ def test_the_process_records_to_the_end_whatever_signals_come_and_leaves_nothing
     assert [file.name for file in path.parent.iterdir()] == ["a.mcap"]
 
 
+@pytest.mark.promise("S22")
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux has handles of processes")
 def test_the_process_notices_that_the_loop_s_process_was_killed_before_anybody_buried_it(path: Path) -> None:
     sleeper = subprocess.Popen([sys.executable, "-c", "import time; time.sleep(600)"])

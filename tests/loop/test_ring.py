@@ -68,6 +68,7 @@ def test_a_reader_that_keeps_up_gets_everything_however_often_the_ring_wraps(rin
     assert reader.missed == 0
 
 
+@pytest.mark.promise("S29")
 def test_an_overtaken_reader_learns_exactly_what_it_missed(ring: RowRing) -> None:
     reader = ring.reader()
     fill(ring, 0, 3)
@@ -136,6 +137,7 @@ def test_any_order_of_pushing_and_reading_is_that_of_a_list(
             assert (reader.next, reader.missed, ring.written) == (place, missed, pushed)
 
 
+@pytest.mark.promise("S29")
 @pytest.mark.parametrize(
     ("meanwhile", "expected"),
     [(0, [1, 2, 3, 4, 5, 6, 7]), (1, [2, 3, 4, 5, 6, 7]), (4, [5, 6, 7]), (6, [7]), (7, []), (20, [])],
@@ -159,6 +161,7 @@ def test_what_was_overwritten_while_it_was_copied_is_thrown_away_and_counted(
 
 # Narrow rows: the writer laps the reader between two reads. Wide ones: it overtakes it within a read, because a copy of 63 of
 # them is a quarter of a megabyte that the reader is the first to touch, which takes longer than to write over it.
+@pytest.mark.promise("S29")
 @pytest.mark.parametrize(("columns", "rows"), [(8, 2_000_000), (512, 500_000)])
 def test_nothing_is_torn_or_lost_uncounted_while_another_process_writes_as_fast_as_it_can(
     columns: int, rows: int

@@ -94,6 +94,7 @@ def test_a_run_to_a_file_gives_the_same_recording_as_one_in_memory(tmp_path: Pat
     assert read(tmp_path / "a.mcap") == (in_memory,)
 
 
+@pytest.mark.promise("S2")
 def test_the_voltage_is_limited_by_the_experiment_and_by_the_device_and_both_are_recorded() -> None:
     asked = odd(controller=Controller(lambda k: [8.0, -8.0, 3.0][k % 3]), limits=Limits(voltage=6.0))
     wrote: list[float] = []
@@ -119,6 +120,7 @@ def test_the_ticks_are_those_scheduled_before_the_duration_is_over(
     assert len(recording["counts"].values) == ticks
 
 
+@pytest.mark.promise("S16")
 @pytest.mark.parametrize("where", ["read", "write", "controller", "watch"])
 @pytest.mark.parametrize(
     ("error", "raised", "reason"),
@@ -174,6 +176,7 @@ def test_a_device_that_is_lost_in_a_run_in_memory_leaves_its_recording_in_the_er
     assert "gone" in lost.value.recording.stopped.sentence
 
 
+@pytest.mark.promise("S16")
 def test_a_device_that_does_not_start_is_stopped_and_leaves_no_file(tmp_path: Path) -> None:
     device = Shaft()
 
@@ -189,6 +192,7 @@ def test_a_device_that_does_not_start_is_stopped_and_leaves_no_file(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.promise("S16")
 def test_ctrl_c_a_second_time_while_the_motor_is_stopped_does_not_keep_it_from_stopping() -> None:
     device = Shaft(on_read=raises(KeyboardInterrupt()))
     stop = device.stop
@@ -227,6 +231,7 @@ class FullDisk:
         return getattr(self._file, name)
 
 
+@pytest.mark.promise("S24")
 def test_a_full_disk_stops_the_motor_and_keeps_what_was_written(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -244,6 +249,7 @@ def test_a_full_disk_stops_the_motor_and_keeps_what_was_written(
     assert len(read(tmp_path / "run.mcap.part")[0]["counts"].values) == 150  # blocks are half a second
 
 
+@pytest.mark.promise("S1")
 def test_a_voltage_that_is_none_stops_the_motor_and_is_a_result(to: Path | None) -> None:
     for value in (np.nan, np.inf, -np.inf):
         device = Shaft()
@@ -260,6 +266,7 @@ def test_a_voltage_that_is_none_stops_the_motor_and_is_a_result(to: Path | None)
         assert device.voltage == 0.0
 
 
+@pytest.mark.promise("S1")
 def test_a_reference_that_is_no_number_stops_the_motor_before_the_controller_sees_it() -> None:
     asked = odd(signal=lambda t: np.where(t < 0.5, 2.0, np.nan), controller=Controller(lambda k: 2.0))
 
@@ -340,6 +347,7 @@ def test_a_device_in_real_time_is_not_run_by_a_virtual_clock(timing: Any) -> Non
     assert device.events == []
 
 
+@pytest.mark.promise("S31")
 def test_lateness_is_recorded_and_told() -> None:
     seconds = [0.0]
 
@@ -380,6 +388,7 @@ def test_the_same_seed_gives_the_same_recording_to_the_bit() -> None:
     assert once(1)["current"] != once(2)["current"]
 
 
+@pytest.mark.promise("S35")
 def test_the_memory_of_a_run_to_a_file_does_not_grow_with_it(tmp_path: Path) -> None:
     def peak(duration: float) -> int:
         device = Shaft()

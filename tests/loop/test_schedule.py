@@ -61,6 +61,7 @@ def named(phrases: object, words: str) -> bool:
     return any(words in phrase for phrase in phrases)
 
 
+@pytest.mark.promise("S34")
 def test_what_is_said_to_be_granted_is_what_the_system_says_of_the_process() -> None:
     told = asked()
 
@@ -78,6 +79,7 @@ def test_what_is_said_to_be_granted_is_what_the_system_says_of_the_process() -> 
         assert told["child"] == 0
 
 
+@pytest.mark.promise("S34")
 @pytest.mark.skipif(not LINUX, reason="real-time scheduling is Linux's")
 def test_without_privileges_it_runs_all_the_same_and_says_what_was_denied_and_how_to_permit_it() -> None:
     told = asked(PLAIN)
@@ -115,6 +117,7 @@ def test_a_priority_that_the_system_does_not_know_is_refused_before_anything_is_
         real_time(priority=priority)
 
 
+@pytest.mark.promise("S34")
 @pytest.mark.skipif(not LINUX, reason="real-time scheduling is Linux's")
 def test_no_real_time_priority_where_the_kernel_would_stop_the_loop_in_each_second(
     monkeypatch: pytest.MonkeyPatch,

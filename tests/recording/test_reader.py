@@ -74,6 +74,7 @@ def is_beginning(of: Recording, original: Recording, name: str) -> bool:
     return found == replace(all_of_it, values=all_of_it.values[part], t=t)
 
 
+@pytest.mark.promise("S27")
 def test_a_file_cut_after_any_byte_gives_its_beginning(
     tmp_path: Path, whole: tuple[bytes, tuple[Recording, ...]]
 ) -> None:
@@ -82,6 +83,7 @@ def test_a_file_cut_after_any_byte_gives_its_beginning(
     assert [n for n in range(len(data)) if not holds_nothing_wrong(tmp_path / "a", data[:n], originals)] == []
 
 
+@pytest.mark.promise("S27")
 def test_the_more_of_a_file_is_there_the_more_samples_it_gives(
     tmp_path: Path, whole: tuple[bytes, tuple[Recording, ...]]
 ) -> None:
@@ -106,6 +108,7 @@ def _samples(path: Path, data: bytes) -> int:
         return -1
 
 
+@pytest.mark.promise("S26")
 def test_a_flipped_bit_is_never_taken_for_a_value(
     tmp_path: Path, whole: tuple[bytes, tuple[Recording, ...]]
 ) -> None:
@@ -121,6 +124,7 @@ def test_a_flipped_bit_is_never_taken_for_a_value(
     assert wrong == []
 
 
+@pytest.mark.promise("S26")
 def test_bytes_that_are_lost_doubled_or_overwritten_are_never_taken_for_values(
     tmp_path: Path, whole: tuple[bytes, tuple[Recording, ...]]
 ) -> None:

@@ -38,6 +38,7 @@ def test_a_recovered_copy_is_whole_and_the_original_as_it_was(torn: Path, tmp_pa
         assert sum(1 for _ in make_reader(file, validate_crcs=True).iter_messages()) == 20
 
 
+@pytest.mark.promise("S28")
 def test_recovery_overwrites_nothing_not_even_the_original(torn: Path) -> None:
     before = torn.read_bytes()
 

@@ -241,6 +241,7 @@ def test_a_full_disk_keeps_what_was_written(
         assert np.array_equal(found, np.repeat(np.arange(len(found) // 10), 10))
 
 
+@pytest.mark.promise("S25")
 def test_the_disk_itself_is_reached_about_once_a_second(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -2,6 +2,8 @@
 
 from dataclasses import replace
 
+import pytest
+
 from servobench.devices.guarded import Guarded
 from servobench.devices.replay import Replay
 from servobench.devices.twin import Twin
@@ -21,6 +23,7 @@ def recorded(voltage: float = 2.0, limits: Limits | None = None, **settings: flo
         return run(asked, motor)
 
 
+@pytest.mark.promise("S15")
 def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -> None:
     rows = {heading: (limit, reached) for heading, limit, reached in guarded_by(recorded())}
 
@@ -40,6 +43,7 @@ def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -
     }
 
 
+@pytest.mark.promise("S15")
 def test_what_was_reached_is_told() -> None:
     strict = Limits(voltage=6.0, slew=1e4, stall=StallLimits(duration=0.5))
     rows = {heading: reached for heading, _, reached in guarded_by(recorded(8.0, strict, coulomb_torque=1.0))}
@@ -64,6 +68,7 @@ def test_nothing_is_said_where_nothing_was_driven_or_nobody_knows() -> None:
     assert guarded_by(replace(recording, info=None)) == ()
 
 
+@pytest.mark.promise("S15")
 def test_the_page_shows_it(good: Result) -> None:
     page = Report(recorded(), good).html()
 
