@@ -30,7 +30,7 @@ def show_members(
     if name is not None and name not in members:
         raise UnknownName(kind, name, members)
     for each in [name] if name is not None else members:
-        show_wrapped(console, Text(f"{each}  ", style="bold"), _sentence(members[each]), hanging=0)
+        show_wrapped(console, Text(f"{each}  ", style="bold"), what_it_is(members[each]), hanging=0)
         fields = settings[each].model_fields.items()
         if fields:
             rows = [(field.alias or key, default_text(field), meaning(field)) for key, field in fields]
@@ -42,7 +42,7 @@ def default_text(field: FieldInfo) -> str:
     """Return a setting's default as a file has it, with its unit."""
     if field.is_required():
         return "required"
-    default, unit = field.get_default(call_default_factory=True), _unit_of(field)
+    default, unit = field.get_default(call_default_factory=True), unit_of(field)
     if default is None:
         return f"not set [{unit}]" if unit else "not set"
     return f"{_as_written(default)} {unit}".rstrip()
@@ -60,14 +60,14 @@ def meaning(field: FieldInfo) -> str:
     return f"{sentence.rstrip('.')}: {', '.join(choices)}."
 
 
-def _sentence(member: type) -> str:
-    """What a member is: the first line of its file, as a file is one of the kind."""
+def what_it_is(member: type) -> str:
+    """Return what a member is: the first line of its file, as a file is one of the kind."""
     said = sys.modules[member.__module__].__doc__ or member.__doc__ or ""
     return (said.strip().splitlines() or [""])[0]
 
 
-def _unit_of(field: FieldInfo) -> str:
-    """The unit of a setting, empty where it has none."""
+def unit_of(field: FieldInfo) -> str:
+    """Return the unit of a setting, empty where it has none."""
     marks = [mark for mark in field.metadata if isinstance(mark, In)]
     found = [*marks, *_marks(field.annotation)]
     return found[0].si if found else ""

@@ -97,10 +97,9 @@ class Experiment(Settings):
     device: DeviceChoice = DeviceChoice()
     """The device to run it on."""
     limits: Limits = Limits()
-    """What the device must not be asked for."""
+    """What the device must not be asked for, and what ends a run that goes wrong."""
     when_late: WhenLate = WhenLate()
     """What is done about ticks that have gone by."""
-    """What the device must not be asked for, and what ends a run that goes wrong."""
     seed: Seed = 0
     """Seed of simulated noise; None (in a file "random") takes another one for each run."""
     chain: Text = ""

@@ -37,6 +37,7 @@ class _ExperimentTable(Settings):
     duration: Duration = None
     sample_time: PositiveTime | None = None
     sample_rate: PositiveFrequency | None = None
+    """Ticks in a second, in place of `sample_time` [Hz]."""
     seed: Seed = None
     chain: str = ""
     nominal: str = ""

@@ -89,10 +89,7 @@ class Recording:
     `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
     A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
     has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
-    text, empty where there was none.
-    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s] and `late` (0 or 1), and where the device has
-    them `tachometer` and `current`. `experiment` is the experiment's TOML text, empty where there was none. `events` are in the
-    order in which they happened.
+    text, empty where there was none. `events` are in the order in which they happened.
     """
 
     name: str
