@@ -58,8 +58,8 @@ SIGNAL = """What the controller follows; in open loop it is the voltage. Where V
 controller follows: V, rad or rad/s. `type` names the signal (`servobench signals`), the other keys are its settings.
 Signals that are made of others take an array of such tables, `[[signal.parts]]` or `[[signal.segments]]`."""
 
-CONTROLLER = """What turns the signal and a sample into a voltage. `type` names the controller (`servobench controllers`), the other
-keys are its settings; without the table it is `open_loop`. [`servobench tune`](commands.md#tune) finds gains."""
+CONTROLLER = """What turns the signal and a sample into a voltage. `type` names the controller (`servobench controllers`), the
+other keys are its settings; without the table it is `open_loop`. [`servobench tune`](commands.md#tune) finds gains."""
 
 FAULTY = """Faults to inject on purpose, a table each; the first acts nearest to the motor. `name` names the fault (`servobench
 faults`), the other keys are its settings. The recording and its result say so. A fault that the device can't have is

@@ -4,6 +4,7 @@ More than a tenth missed in half a second stops the motor.
 """
 
 import re
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -13,9 +14,13 @@ from servobench.clock import HostClock
 from servobench.devices.faults.base import fault_from, table_of
 from servobench.devices.faulty import Faulty
 from servobench.devices.twin import Twin
+from servobench.doubts.base import DOUBTS
 from servobench.experiment import Experiment
+from servobench.finding import warning
 from servobench.loop.run import run
+from servobench.measurement.measure import measure
 from servobench.recording.recording import Recording
+from servobench.signals.prbs import PRBS
 from tests.loop.shaft import Shaft, experiment
 
 H = 0.01
@@ -156,3 +161,17 @@ def test_what_a_faulty_device_loses_is_reported_to_the_last_sample(text: str) ->
     assert missing > 30
     assert finding.sentence.startswith(f"{missing} of 3000 samples")
     assert missing == len(set(range(3000)) - set(numbers.tolist()))
+
+
+def test_an_input_that_held_through_missed_ticks_is_known_and_one_that_nobody_recorded_is_not() -> None:
+    with Faulty(Twin(), [fault_from(table_of("slow_read every=200 takes=9ms"))]) as device:
+        recording = run(Experiment(signal=PRBS(), duration=10.2), device)
+    about = DOUBTS["gaps"].about_data
+    assert about is not None
+
+    assert "gap-input-unknown" not in [finding.code for finding in about([measure(recording)])]
+    # The same gaps, where rows were lost of ticks that were done: other voltages were written in them.
+    lost = replace(recording, findings=(warning("rows-not-recorded", "Rows are missing."),))
+    assert "gap-input-unknown" in [finding.code for finding in about([measure(lost)])]
+    both = recording.with_findings(warning("rows-not-recorded", "Rows are missing."))
+    assert "gap-input-unknown" in [finding.code for finding in about([measure(both)])]

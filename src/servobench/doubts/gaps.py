@@ -13,6 +13,8 @@ from servobench.formats.times import GAP, UNEVEN
 from servobench.measurement.dataset import Dataset
 
 _CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't matter
+# What a run of ours says of itself: in ticks that were missed nothing was written, in rows that were lost something was.
+_HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
 _SAME_STAMPS = 0.9  # of the input's times are also the output's: it was written in every row, and not only when it changed
 
 
@@ -22,6 +24,9 @@ def _about(records: Sequence[Dataset]) -> list[Finding]:
 
 def _unknown_input(data: Dataset) -> list[Finding]:
     """Whether rows are missing in which the input may have changed, for inputs that are written in every row."""
+    told = {finding.code for finding in data.findings}
+    if _HELD in told and _ROWS_LOST not in told:
+        return []
     steps = np.diff(data.t_input)
     if len(steps) < 10 or np.isin(data.t_input, data.t_output).mean() < _SAME_STAMPS:
         return []
@@ -31,9 +36,9 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     if not unknown:
         return []
     longest = max(unknown, key=lambda k: float(steps[k]))
-    many = "a gap" if len(unknown) == 1 else f"{len(unknown)} gaps"
+    many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
     sentence = (
-        f"{data.name}: there is {many} of up to {steps[longest]:.3g} s (at {data.t_input[longest]:.4g} s), and nobody knows "
+        f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at {data.t_input[longest]:.4g} s), and nobody knows "
         "when the input changed in it; the model takes it to have held its last value. Cut the file at the gap and give the "
         "parts as two files, or record again without losing rows."
     )
