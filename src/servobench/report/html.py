@@ -9,7 +9,16 @@ from typing import TYPE_CHECKING, Any
 
 from servobench.finding import Severity, Verdict
 from servobench.recording.recording import Recording
-from servobench.report import history, illustrations, model_illustrations, safety, tables, timing, words
+from servobench.report import (
+    events,
+    history,
+    illustrations,
+    model_illustrations,
+    safety,
+    tables,
+    timing,
+    words,
+)
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
 from servobench.report.palette import Style
@@ -84,6 +93,7 @@ def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
         "guarded_by": [
             (recording.name, rows) for recording in recordings if (rows := safety.guarded_by(recording))
         ],
+        "events": [found for recording in recordings if (found := events.events_of(recording)) is not None],
         "made_on": history.made_on(recordings),
     }
 
