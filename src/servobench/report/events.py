@@ -79,7 +79,14 @@ def _change(key: str, value: Any) -> str:
         ("as_asked", True): "as asked",
     }
     known = words.get((key, value)) if isinstance(value, bool) else None
-    return known or f"{key.replace('_', ' ')}: {told(value)}"
+    return known or f"{key.replace('_', ' ')}: {told(_given(value))}"
+
+
+def _given(value: Any) -> Any:
+    """A value without the settings that aren't set."""
+    if isinstance(value, Mapping):
+        return {key: _given(item) for key, item in value.items() if item is not None}
+    return [_given(item) for item in value] if isinstance(value, list) else value
 
 
 def _other(event: Event, about: Any) -> tuple[str, str]:
