@@ -9,7 +9,7 @@ from servobench.experiment import Limits
 from servobench.experiment.limits import StallLimits, Watchdog
 from servobench.loop.attendants import LOOK_EVERY, RECORDER_SILENT
 from servobench.loop.missed import FEWEST_TICKS, MissedRule
-from servobench.loop.process import SLOTS
+from servobench.loop.process import LOOK_INTERVAL, SLOTS
 from servobench.loop.recording_process import INTERVAL
 from tests.faults import test_row17_recorder_killed as row17
 from tests.faults import test_row18_killed as row18
@@ -142,6 +142,7 @@ def test_the_figures_on_the_page_are_those_of_the_code_and_of_the_tests() -> Non
         ("S17", f"within {1000 * row28.WITHIN:g} ms of device time"),
         ("S21", f"within {1000 * LOOK_EVERY:g} ms of the run"),
         ("S23", f"silent for {RECORDER_SILENT:g} s"),
+        ("S23", f"looks each {1000 * LOOK_INTERVAL:g} ms"),
         ("S23", f"at most {1000 * row17.LARGEST_LOSS:g} ms of samples"),
         ("S23", f"{SLOTS - 1:,} ticks"),
         ("S24", f"up to {1000 * INTERVAL:g} ms of samples"),

@@ -51,7 +51,7 @@ def test_each_command_stands_there_with_its_tick_and_what_it_changed(run: Record
         taken(90, 3, Command(enabled=False)),
         taken(95, 4, Command(enabled=True, acknowledge=True)),
         taken(99, 5, Command(controller=Pid(kp=0.5)), why="kp is too large"),
-        taken(120, 6, Command(stop="enough", as_asked=True)),
+        taken(120, 6, Command(stop="enough", reason="finished")),
     )
 
     assert [row[:3] for row in rows] == [
@@ -69,7 +69,7 @@ def test_each_command_stands_there_with_its_tick_and_what_it_changed(run: Record
     assert said[2] == "zero volts in place of the controller's voltage"
     assert said[3] == "the controller's voltage is let through; the fault is acknowledged"
     assert said[4] == "kp is too large"
-    assert said[5] == "stop: enough; as asked"
+    assert said[5] == "stop: enough; reason: finished"
 
 
 def test_faults_and_what_the_recorder_missed_stand_there_too(run: Recording) -> None:

@@ -76,7 +76,6 @@ def _change(key: str, value: Any) -> str:
         ("enabled", True): "the controller's voltage is let through",
         ("enabled", False): "zero volts in place of the controller's voltage",
         ("acknowledge", True): "the fault is acknowledged",
-        ("as_asked", True): "as asked",
     }
     known = words.get((key, value)) if isinstance(value, bool) else None
     return known or f"{key.replace('_', ' ')}: {told(_given(value))}"
