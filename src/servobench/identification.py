@@ -22,6 +22,7 @@ from servobench.missing_terms import fast_pole_doubt, missing_terms, superfluous
 from servobench.models.nominal import nominal_values
 from servobench.models.nonlinear.structure import SINE
 from servobench.models.search import smoothed_speed
+from servobench.models.stretches import stretches_of_motion
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
 from servobench.motor_parameters.current import has_current
@@ -59,6 +60,8 @@ def identify(
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
     findings += about_data(records)
+    records, left_out = stretches_of_motion(records)
+    findings += left_out
     judged = _Judged()
     try:
         if verdict(findings) is not Verdict.REFUSED:

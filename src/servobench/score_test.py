@@ -22,6 +22,7 @@ from servobench.channels import Array
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.disturbance import whitened
+from servobench.estimators.encoder_rounding import is_rounded, rounding_sines
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 ASKED = 2.0  # below that nobody asks how much of a term there would be
@@ -98,6 +99,7 @@ class ScoreTest:
         self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
         self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
         self.hidden = _hidden(fit)
+        self.rounded = fit.disturbance is None and all(is_rounded(r.data) and r.valid.all() for r in fit.records)
 
     def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
@@ -127,6 +129,8 @@ class ScoreTest:
         score = rest * self.innovations[:, None]
         coloured = long_run(score, andrews_lag(score))
         size = min(size, _normal_equivalent(total, coloured))
+        if size > ASKED and self.rounded:
+            size = min(size, _normal_equivalent(total, self._rounding(rest)))
         bread = np.linalg.pinv(power) / norms[told]
         amount = total @ bread
         if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
@@ -151,6 +155,23 @@ class ScoreTest:
     def _shift(self, lacking: Array) -> Array:
         """The same of the innovations (of all records), and of the nuisance parameters, too."""
         return np.asarray(np.linalg.lstsq(self.jacobian / self.scale, lacking, rcond=1e-12)[0] / self.scale)
+
+    def _rounding(self, rest: Array) -> Array:
+        """The covariance of a score by what the encoder rounds; the stretches of one recording share their counts."""
+        power = np.zeros((rest.shape[1], rest.shape[1]))
+        sines: dict[int, Array] = {}
+        row = 0
+        for record in self.fit.records:
+            quantum = record.data.quantum or np.nan
+            own = rest[row : row + len(record.data.y)]
+            row += len(own)
+            noise = max((self.fit.residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+            shared, white = rounding_sines(own, record.prediction, quantum, noise)
+            power += white
+            at = id(record.data.source)
+            sines[at] = sines.get(at, 0.0) + shared
+        power += sum(s.T @ s for s in sines.values())
+        return np.asarray(power / self.fit.residual_sd**2, dtype=np.float64)
 
     def _moved(self, lacking: Array) -> float:
         """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""

@@ -19,30 +19,30 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.measurement.dataset import Dataset
-from servobench.models.base import Prediction
 
 _SINES = 8  # these have 93 % of Q²/12; the model doesn't know the path to a tenth of a step, as finer ones would need
 
 
-def rounding_power(prediction: Prediction, data: Dataset, noise: float) -> Array | None:
-    """Return the covariance (P + Q, P + Q) of J'e, e the errors of the readings; None for what isn't an encoder's position.
+def is_rounded(data: Dataset) -> bool:
+    """Return whether a record holds an encoder's positions as they were counted, with a quantum that is known."""
+    return bool(data.quantum) and data.kind == "position"
 
-    `noise` is the variance s²/Q² before the rounding. What the sines don't explain of the errors counts as white.
+
+def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) -> tuple[Array, Array]:
+    """Return what the sines of the rounding error make of C'e, and the covariance of what is white, for columns C (M, P).
+
+    The sines' part is S'n with S (16, P) and n standard normal. n belongs to the encoder and not to the record: pieces of one
+    recording have it in common, and their S are to be added before they are squared. `path` (M,) is where the shaft was, `noise`
+    the variance s²/Q² before the rounding.
     """
-    jacobian, path = prediction.jacobian[prediction.valid], prediction.y[prediction.valid]
-    if not data.quantum or data.kind != "position":
-        return None
-    once = np.exp(2j * np.pi * path / data.quantum)
-    turning, power = np.ones_like(once), np.zeros((jacobian.shape[1], jacobian.shape[1]))
-    white = 1 / 12 + noise
+    once = np.exp(2j * np.pi * path / quantum)
+    turning, sines, white = np.ones_like(once), [], 1 / 12 + noise
     for m in range(1, _SINES + 1):
         turning = turning * once
         share = float(np.exp(-((2 * np.pi * m) ** 2) * noise)) / (2 * np.pi**2 * m**2)
-        both = np.column_stack([turning.real, turning.imag]).T @ jacobian
-        power += share * both.T @ both
+        sines.append(np.sqrt(share) * np.column_stack([turning.real, turning.imag]).T @ columns)
         white -= share
-    power += white * jacobian.T @ jacobian
-    return np.asarray(data.quantum**2 * power, dtype=np.float64)
+    return quantum * np.vstack(sines), quantum**2 * white * columns.T @ columns
 
 
 def counts_in_place(

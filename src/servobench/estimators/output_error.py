@@ -12,7 +12,7 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.covariance import conservative, inverse, sandwiched
-from servobench.estimators.encoder_rounding import counts_in_place, rounding_power
+from servobench.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
 from servobench.estimators.least_squares import (
     Layout,
     Minimum,
@@ -226,13 +226,19 @@ def _rounded(layout: Layout, minimum: Minimum, variance: float, alone: bool) -> 
     """
     size, found = len(minimum.theta), False
     out = np.zeros((size, size))
+    sines: dict[int, Array] = {}
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
-        beyond = 0.0 if alone or not record.quantum else variance / record.quantum**2 - 1 / 12
-        power = rounding_power(prediction, record, max(beyond, 0.0))
-        found |= power is not None
-        j = prediction.jacobian[prediction.valid]
-        out[np.ix_(place, place)] += variance * j.T @ j if power is None else power
-    return out if found else np.empty((0, 0))
+        j, path = prediction.jacobian[prediction.valid], prediction.y[prediction.valid]
+        if not record.quantum or not is_rounded(record):
+            out[np.ix_(place, place)] += variance * j.T @ j
+            continue
+        found = True
+        beyond = 0.0 if alone else max(variance / record.quantum**2 - 1 / 12, 0.0)
+        own, white = rounding_sines(j, path, record.quantum, beyond)
+        out[np.ix_(place, place)] += white
+        # Stretches of one recording were rounded by the same counts, and have one source.
+        sines.setdefault(id(record.source), np.zeros((len(own), size)))[:, place] += own
+    return out + sum(s.T @ s for s in sines.values()) if found else np.empty((0, 0))
 
 
 def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> list[Finding]:
