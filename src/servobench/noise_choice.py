@@ -45,7 +45,8 @@ def allowing_for_disturbance(fit: Fit) -> Fit:
         if counted is not None:
             return counted
         allowing = PredictionError().fit_after(fit)
-    return allowing if explains_the_colour(allowing) else weighed_twice(fit)
+    fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
+    return allowing if fed_back or explains_the_colour(allowing) else weighed_twice(fit)
 
 
 def _where_rounding_repeats(fit: Fit) -> Fit | None:

@@ -357,7 +357,13 @@ class Whitened:
 
 
 def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset) -> float:
-    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known."""
+    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
+
+    In a closed loop it is one sample. The mean of more would be predicted from an input that answers within the block to what
+    disturbs it, and the parameters would be drawn to those of the controller.
+    """
+    if data.closed_loop:
+        return data.sample_time
     memory = np.inf if disturbance is None else disturbance.memory(data.kind, data.sample_time)
     return float(min(_SHORT * tau, _QUICK * memory))
 

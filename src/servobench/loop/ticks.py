@@ -89,7 +89,7 @@ class Drive:
         travelled = self._travel.to(tick.sample.counts)
         while self._changes:
             self._take_effect(self._changes.popleft(), tick, replace(tick.sample, counts=travelled))
-        reference = self._references[tick.index]
+        reference = self._references.at(tick)
         commanded = 0.0
         if self._enabled and math.isfinite(reference):
             self._state, voltage = self._controller.step(self._state, reference, tick.sample)
@@ -103,13 +103,13 @@ class Drive:
             references = (
                 self._references
                 if change.signal is None
-                else References(change.signal, self._sample_time, tick.index)
+                else References(change.signal, self._sample_time, tick)
             )
             controller = change.controller or self._controller
             enabled = self._enabled if change.enabled is None else change.enabled
             if change.controller is not None or enabled > self._enabled:
                 self._state = controller.take_over(
-                    self._sample_time, self._info, references[tick.index], travelled, self._last
+                    self._sample_time, self._info, references.at(tick), travelled, self._last
                 )
         except UsageError as error:
             self.refused[change.number] = str(error)

@@ -93,6 +93,11 @@ class Dataset:
         return self.declared + self.applied
 
     @property
+    def closed_loop(self) -> bool:
+        """Whether a controller made the input, so that it knows of all that disturbed the output before."""
+        return self.reference is not None and not np.array_equal(self.reference, self.u)
+
+    @property
     def shaft_kind(self) -> Kind:
         """What of the shaft enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
         return self.chain.linear.takes or self.kind

@@ -21,14 +21,9 @@ from servobench.measurement.dataset import Dataset
 
 _SLOW = 0.05  # of the top speed: below that friction decides about standing or moving
 _QUANTA = 40.0  # in a step of the top speed: then what is slow is at least two of them
-_RESTS = 0.2  # of the record: with less, the shaft only turns round
+_RESTS = 0.02  # of the record: with less, the shaft only turns round
 _SHORTEST = 20  # samples in a stretch; two start states are found from each
 _TRAVEL = 0.1  # of the record's range: a slip to and fro about the set point isn't a motion
-
-
-def in_closed_loop(data: Dataset) -> bool:
-    """Return whether a controller made the input, so that it knows of what disturbed the output before."""
-    return data.reference is not None and not np.array_equal(data.reference, data.u)
 
 
 def stretches_of_motion(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...], list[Finding]]:
@@ -49,7 +44,7 @@ def stretches_of_motion(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...]
 
 def _stretches(data: Dataset) -> tuple[Dataset, ...]:
     """The stretches of motion; none where the record is better left whole."""
-    if not in_closed_loop(data) or data.kind != "position" or data.chain.linear or len(data.y) < 4 * _SHORTEST:
+    if not data.closed_loop or data.kind != "position" or data.chain.linear or len(data.y) < 4 * _SHORTEST:
         return ()
     span = _span(data)
     bounds = [
