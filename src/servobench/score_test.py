@@ -99,7 +99,9 @@ class ScoreTest:
         self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
         self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
         self.hidden = _hidden(fit)
-        self.rounded = fit.disturbance is None and all(is_rounded(r.data) and r.valid.all() for r in fit.records)
+        self.rounded = fit.disturbance is None and all(
+            is_rounded(r.data) and r.valid.all() for r in fit.records
+        )
 
     def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
@@ -232,12 +234,20 @@ class _Run:
         return _in_innovations(self.fit, self.record, columns)
 
     def _curvature(self, at: int) -> Array:
-        """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way."""
+        """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way.
+
+        In a closed loop a negative delay would have the input act before the sample that it answers to, so that noise looks like
+        a response: there the derivative is taken from the side of longer delays where it has to be.
+        """
         data, step = self.record.data, np.zeros(len(self.theta))
         step[at] = 0.1 * data.sample_time
-        predict = self.fit.model.structure.predict
-        after, before = predict(self.theta + step, data).y, predict(self.theta - step, data).y
-        return np.asarray((after - 2 * self.record.prediction + before) / step[at] ** 2)
+        middle = self.theta.copy()
+        if data.closed_loop:
+            middle[at] = max(middle[at], step[at] - data.delay)
+        after, now, before = (
+            self.fit.model.structure.predict(middle + times * step, data).y for times in (1, 0, -1)
+        )
+        return np.asarray((after - 2 * now + before) / step[at] ** 2)
 
     def _motion(self) -> Motion:
         """The motion as the model simulates it, at the times of the input and the output."""

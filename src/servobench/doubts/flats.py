@@ -26,7 +26,7 @@ _PART = 0.05  # of the record, for a blocked shaft
 
 @dataclass(frozen=True, kw_only=True)
 class _Flat:
-    """Samples `first` to `last`, which are alike, and the pace of the output before them, per sample."""
+    """Samples `first` to `last`, which are alike, and the least pace of the output before them, per sample."""
 
     first: int
     last: int
@@ -64,7 +64,9 @@ def _flats(data: Dataset, quantum: float) -> list[_Flat]:
     shortest = max(_SHORTEST, int(np.ceil(5 * quantum / pace)) if pace > 0 else _SHORTEST)
     window = max(2, shortest // 2)
     return [
-        _Flat(first=int(first), last=int(first + length), pace=_pace_before(data.y, int(first), window))
+        _Flat(
+            first=int(first), last=int(first + length), pace=_pace_before(data.y, int(first), window, quantum)
+        )
         for first, length in zip(edges[::2], lengths, strict=True)
         if length >= shortest
     ]
@@ -77,8 +79,9 @@ def _usual_pace(y: Array) -> float:
     return float(np.median(steps)) if len(steps) else 0.0
 
 
-def _pace_before(y: Array, at: int, window: int) -> float:
-    return abs(float(y[at] - y[max(at - window, 0)])) / window if at >= window else 0.0
+def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
+    """The least pace there was: what moved by one count may have crept over its edge, as a pendulum that turns round does."""
+    return max(abs(float(y[at] - y[max(at - window, 0)])) - quantum, 0.0) / window if at >= window else 0.0
 
 
 def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
