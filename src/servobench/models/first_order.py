@@ -75,12 +75,12 @@ class FirstOrder:
 
         Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
         often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
-        In a closed loop it is a tenth of one: earlier, the input that answers to a sample would be what causes it.
+        In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it.
         A time constant below a hundredth of a sample time can't be told from none.
         """
         step = max(record.sample_time for record in data)
         latch = max(min(record.sample_time, record.input_step) for record in data)
-        early = 0.1 if any(record.closed_loop for record in data) else 2.0
+        early = 0.5 if any(record.closed_loop for record in data) else 2.0
         nearest = {"delay": -early * latch, "time_constant": 0.01 * step}
         lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
         return np.array(lower), np.array([parameter.upper for parameter in self.parameters])
