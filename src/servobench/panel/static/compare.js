@@ -1,0 +1,101 @@
+// Two recordings over each other, each from its own beginning.
+
+import { bytes } from "./api.js";
+import { byId, el } from "./dom.js";
+import { decode } from "./frames.js";
+import { fixed } from "./format.js";
+
+const SHOWN = [
+    { column: "applied", title: "Applied voltage", unit: "V" },
+    { column: "speed", title: "Speed", unit: "rad/s" },
+    { column: "position", title: "Position", unit: "rad" },
+];
+const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+
+// The common times of two recordings, and each one's values there (null outside): what uPlot wants to draw two lines.
+export function aligned(recordings, column) {
+    const times = recordings.map(({ t }) => Float64Array.from(t, (time) => time - t[0]));
+    const all = [...new Set(times.flatMap((t) => [...t]))].sort((a, b) => a - b);
+    const place = new Map(all.map((time, k) => [time, k]));
+    const columns = recordings.map((recording, r) => {
+        const values = new Array(all.length).fill(undefined); // undefined: no gap, just no row of this recording's
+        times[r].forEach((time, k) => (values[place.get(time)] = recording[column][k]));
+        return values;
+    });
+    return [all, ...columns];
+}
+
+export function makeCompare(show) {
+    const chosen = [];
+    const kept = new Map();
+    const compare = {
+        onChange: () => {},
+        has: (name) => chosen.includes(name),
+        drop: (name) => {
+            kept.delete(name);
+            if (chosen.includes(name)) compare.toggle(name);
+        },
+        // Two at most: a third one takes the first one's place.
+        toggle: async (name) => {
+            if (chosen.includes(name)) chosen.splice(chosen.indexOf(name), 1);
+            else chosen.push(name);
+            if (chosen.length > 2) chosen.shift();
+            compare.onChange();
+            if (chosen.length) show();
+            await draw();
+        },
+    };
+    const place = byId("compare");
+    let plots = [];
+    const draw = async () => {
+        const names = [...chosen];
+        let recordings;
+        try {
+            recordings = await Promise.all(names.map((name) => rowsOf(name, kept)));
+        } catch (error) {
+            place.replaceChildren(el("p", { class: "quiet" }, `The rows can't be had: ${error.message}`));
+            return;
+        }
+        if (names.join() !== chosen.join()) return;
+        for (const plot of plots) plot.destroy();
+        plots = [];
+        const keys = names.map((name, k) => el("span", { class: `key key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name));
+        place.replaceChildren(names.length ? el("p", { class: "keys" }, keys) : el("p", { class: "quiet none" }, "Tick one or two recordings to see them here."));
+        if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, recordings));
+    };
+    document.addEventListener("theme", draw);
+    new ResizeObserver(() => plots.forEach((each) => each.setSize({ width: place.clientWidth - 2, height: each.height }))).observe(place);
+    draw();
+    return compare;
+}
+
+async function rowsOf(name, kept) {
+    if (!kept.has(name)) kept.set(name, decode(await bytes(`/api/recordings/${encodeURIComponent(name)}/rows`)).columns);
+    return kept.get(name);
+}
+
+function plot(place, { column, title, unit }, names, recordings) {
+    const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.join(" and ")} over time` });
+    place.append(el("section", { class: "scope" }, el("header", {}, el("h3", {}, title), el("span", { class: "unit" }, unit)), holder));
+    const axis = { stroke: token("--scope-text"), font: "11px system-ui, sans-serif", ticks: { show: false }, grid: { stroke: token("--scope-grid"), width: 1 } };
+    const series = names.map((name, k) => ({
+        label: name,
+        stroke: token(`--compare-${k}`),
+        width: 1.5,
+        dash: k ? [6, 3] : undefined,
+        points: { show: false },
+    }));
+    const options = {
+        width: Math.max(200, place.clientWidth - 2),
+        height: 190,
+        legend: { show: false },
+        scales: { x: { time: false } },
+        cursor: { points: { show: false }, sync: { key: "compare" } },
+        axes: [
+            { ...axis, size: 24, values: (_, ticks) => ticks.map((v) => `${v} s`) },
+            { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => fixed(v, ticks[1] - ticks[0] < 1 ? 2 : 0)) },
+        ],
+        series: [{}, ...series],
+    };
+    return new uPlot(options, aligned(recordings, column), holder);
+}

@@ -1,0 +1,120 @@
+// Start and halt, the controller with its gains, and the cut-off; each holds when the loop has said so.
+
+import { announce } from "./announcer.js";
+import { byId, say } from "./dom.js";
+import { significant } from "./format.js";
+import { AppliedForm, SettingsForm } from "./settings.js";
+import { showStatus, track } from "./status.js";
+
+export function makeStart(store, commands) {
+    const button = byId("start");
+    const chip = byId("start-status");
+    button.addEventListener("click", async () => {
+        const { running, enabled, device, sample_time } = store.state;
+        if (!running) {
+            const opened = await track(chip, commands, { do: "open", device: { name: device?.name ?? "twin", settings: device?.settings ?? {} }, sample_time }, 60000);
+            if (!opened.accepted) return;
+        }
+        const outcome = await track(chip, commands, { do: running && enabled ? "halt" : "start" });
+        if (!outcome.accepted) announce(`Refused: ${outcome.why}`);
+    });
+    store.on("state", (state) => {
+        const turning = state.running && state.enabled;
+        say(button, turning ? "Halt" : "Start");
+        button.classList.toggle("halts", turning);
+        button.disabled = !state.operator || Boolean(state.fault);
+    });
+}
+
+export function makeController(store, commands, controllers) {
+    const chip = byId("controller-status");
+    const settings = new SettingsForm({ prefix: "controller", label: "Kind of controller", members: controllers, onEdit: () => edited() });
+    const applied = new AppliedForm({ form: byId("controller"), chip, settings, title: "Apply controller", send: () => send() });
+    const edited = () => {
+        applied.touch();
+        showStatus(chip, "edited");
+    };
+    const send = async () => {
+        let controller;
+        try {
+            controller = settings.value();
+            applied.trouble.textContent = "";
+        } catch (error) {
+            applied.trouble.textContent = error.message;
+            return;
+        }
+        const outcome = await track(chip, commands, { do: "set", controller });
+        applied.sent(controller, outcome);
+        announce(outcome.accepted ? `Controller applied: ${settings.member.title}` : `Controller refused: ${outcome.why}`);
+    };
+    applied.onRevert = () => showStatus(chip, "applied");
+    store.on("state", (state) => {
+        applied.set.disabled = !state.operator;
+        if (state.controller && applied.follow(state.controller)) showStatus(chip, "applied");
+    });
+}
+
+const LOWPASS = /lowpass\s+([0-9.]+)\s*(rad\/s|Hz)?/;
+
+// The cut-off in a chain [rad/s], or null where it has no low-pass filter.
+export function cutoffOf(chain) {
+    const found = LOWPASS.exec(chain ?? "");
+    if (!found) return null;
+    return Number(found[1]) * (found[2] === "Hz" ? 2 * Math.PI : 1);
+}
+
+// The same chain with that cut-off.
+export function withCutoff(chain, cutoff) {
+    const stage = `lowpass ${cutoff} rad/s`;
+    if (LOWPASS.test(chain ?? "")) return chain.replace(LOWPASS, stage);
+    return chain ? `${chain} | ${stage}` : `derivative | ${stage}`;
+}
+
+const BETWEEN = 80; // ms between two cut-offs that are sent while the slider moves
+
+export function makeCutoff(store, commands) {
+    const slider = byId("cutoff");
+    const chip = byId("cutoff-status");
+    let [waiting, busy] = [false, false];
+
+    const tell = () => {
+        const cutoff = Number(slider.value);
+        const text = `${cutoff} rad/s`;
+        say(byId("cutoff-value"), `${text}  ·  ${significant(cutoff / (2 * Math.PI), 3)} Hz`);
+        slider.setAttribute("aria-valuetext", `${cutoff} radians per second`);
+        slider.style.setProperty("--share", `${(100 * (cutoff - 10)) / 190}%`);
+    };
+    // The newest place of the slider is sent, those between are left out.
+    const send = async () => {
+        if (busy) {
+            waiting = true;
+            return;
+        }
+        busy = true;
+        const cutoff = Number(slider.value);
+        await track(chip, commands, { do: "set", chain: withCutoff(store.state?.chain, cutoff) });
+        setTimeout(() => {
+            busy = false;
+            if (waiting) {
+                waiting = false;
+                send();
+            }
+        }, BETWEEN);
+    };
+    slider.addEventListener("input", () => {
+        tell();
+        send();
+    });
+    let held = null;
+    store.on("state", (state) => {
+        slider.disabled = !state.operator;
+        if (state.chain === held || busy || waiting) return;
+        held = state.chain;
+        const cutoff = cutoffOf(state.chain);
+        if (cutoff === null) return showStatus(chip, "none");
+        slider.value = cutoff;
+        showStatus(chip, "applied");
+        tell();
+    });
+    tell();
+}

@@ -1,0 +1,39 @@
+// Which device is driven, and with which settings.
+
+import { byId, el, say } from "./dom.js";
+import { significant } from "./format.js";
+import { SettingsForm } from "./settings.js";
+
+export function makeDevice(store, commands, devices) {
+    const dialog = byId("device-dialog");
+    const settings = new SettingsForm({ prefix: "device", label: "Device", members: devices, onEdit: () => {} });
+    const rate = el("input", { type: "number", id: "device-sample-time", min: 0.1, step: "any", value: 1 });
+    const field = el("div", { class: "field" }, el("label", { for: "device-sample-time" }, "Sample time"), el("span", { class: "entry" }, rate, el("span", { class: "unit" }, "ms")));
+    byId("device-fields").append(settings.element, field);
+
+    byId("device").addEventListener("click", () => {
+        const { device, sample_time } = store.state ?? {};
+        if (device) settings.show({ type: device.name, ...device.settings });
+        if (sample_time) rate.value = Number((1000 * sample_time).toPrecision(6));
+        byId("device-trouble").textContent = "";
+        dialog.showModal();
+    });
+    byId("device-cancel").addEventListener("click", () => dialog.close());
+    byId("device-form").addEventListener("submit", async (event) => {
+        event.preventDefault();
+        try {
+            const { type, ...given } = settings.value();
+            const asked = { do: "open", device: { name: type, settings: given }, sample_time: Number(rate.value) / 1000 };
+            const outcome = await commands.ask(asked, 60000);
+            if (outcome.accepted) dialog.close();
+            else byId("device-trouble").textContent = outcome.why;
+        } catch (error) {
+            byId("device-trouble").textContent = error.message;
+        }
+    });
+    store.on("state", (state) => {
+        byId("device").disabled = !state.operator;
+        say(byId("device-name"), state.device ? (devices.find((each) => each.name === state.device.name)?.title ?? state.device.name) : "none");
+        say(byId("device-rate"), state.sample_time ? `${significant(1 / state.sample_time, 4)} Hz` : "");
+    });
+}

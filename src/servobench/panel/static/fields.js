@@ -1,0 +1,80 @@
+// Form fields made from the catalogue: each setting with its label, unit, limits and meaning.
+
+import { el, slug } from "./dom.js";
+import { meaning, words } from "./format.js";
+
+const isTable = (value) => value !== null && typeof value === "object" && !(Array.isArray(value) && value.every((v) => typeof v !== "object"));
+
+// {element, read, write}; `read` gives undefined for a field that was left empty, and throws what is wrong with a text.
+export function makeField(prefix, field) {
+    const id = `${prefix}-${slug(field.name)}`;
+    const made = kindOf(field)(id, field);
+    made.input.id = id;
+    const hint = el("p", { class: "hint", id: `${id}-hint` }, meaning(field.sentence));
+    if (hint.textContent) made.input.setAttribute("aria-describedby", hint.id);
+    const unit = field.unit ? el("span", { class: "unit", "aria-hidden": "true" }, field.unit) : null;
+    const label = el("label", { for: id }, words(field.name), field.unit ? el("span", { class: "hide" }, ` in ${field.unit}`) : null);
+    const element = el("div", { class: `field ${made.input.type === "checkbox" ? "check" : ""}` }, label, el("span", { class: "entry" }, made.input, unit), hint);
+    made.write(field.default);
+    return { name: field.name, element, read: made.read, write: made.write };
+}
+
+function kindOf(field) {
+    if (field.choices?.length) return choice;
+    if (typeof field.default === "boolean") return truth;
+    if (Array.isArray(field.default) && !isTable(field.default)) return list;
+    if (isTable(field.default)) return tables;
+    if (typeof field.default === "string" && !field.unit) return text;
+    return number;
+}
+
+function choice(_, field) {
+    const input = el("select", {}, field.choices.map((each) => el("option", { value: String(each) }, words(String(each)))));
+    return {
+        input,
+        read: () => field.choices.find((each) => String(each) === input.value),
+        write: (value) => (input.value = String(value ?? field.choices[0])),
+    };
+}
+
+function truth() {
+    const input = el("input", { type: "checkbox" });
+    return { input, read: () => input.checked, write: (value) => (input.checked = Boolean(value)) };
+}
+
+function number(_, field) {
+    const input = el("input", { type: "number", step: "any", min: field.minimum, max: field.maximum, placeholder: "not set", inputmode: "decimal" });
+    const read = () => {
+        if (input.validity.badInput) throw new Error(`${words(field.name)}: not a number`);
+        return input.value === "" ? undefined : Number(input.value);
+    };
+    return { input, read, write: (value) => (input.value = value == null ? "" : String(typeof value === "number" ? value : parseFloat(value))) };
+}
+
+function text() {
+    const input = el("input", { type: "text", autocomplete: "off", spellcheck: "false" });
+    return { input, read: () => (input.value === "" ? undefined : input.value), write: (value) => (input.value = value ?? "") };
+}
+
+function list(_, field) {
+    const input = el("input", { type: "text", autocomplete: "off", spellcheck: "false" });
+    const read = () =>
+        input.value.split(/[,;\s]+/).filter(Boolean).map((each) => {
+            if (!Number.isFinite(Number(each))) throw new Error(`${words(field.name)}: “${each}” is no number; separate them by commas`);
+            return Number(each);
+        });
+    return { input, read, write: (value) => (input.value = (value ?? []).join(", ")) };
+}
+
+// Signals within a signal: as the text that a file would have.
+function tables(_, field) {
+    const input = el("textarea", { rows: 5, spellcheck: "false" });
+    const read = () => {
+        try {
+            return JSON.parse(input.value);
+        } catch (error) {
+            throw new Error(`${words(field.name)}: ${error.message}`, { cause: error });
+        }
+    };
+    return { input, read, write: (value) => (input.value = JSON.stringify(value, null, 1)) };
+}

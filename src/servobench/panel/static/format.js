@@ -1,0 +1,42 @@
+// Numbers as people read them: a true minus sign, so many significant digits, and never a width that jumps.
+
+const MINUS = "\u2212";
+
+export function fixed(value, digits) {
+    if (!Number.isFinite(value)) return "–";
+    const text = value.toFixed(digits);
+    return Number(text) === 0 ? (0).toFixed(digits) : text.replace("-", MINUS);
+}
+
+// With that many significant digits, without an exponent where it can be read without.
+export function significant(value, digits = 4) {
+    if (!Number.isFinite(value)) return "–";
+    if (value === 0) return "0";
+    const size = Math.floor(Math.log10(Math.abs(value)));
+    if (size < -4 || size > 6) return value.toExponential(digits - 1).replaceAll("-", MINUS);
+    return fixed(value, Math.max(0, digits - 1 - size));
+}
+
+// How many decimals tell steps of that size apart.
+export const decimals = (step) => Math.min(6, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+
+export function seconds(value) {
+    if (!Number.isFinite(value)) return "–";
+    if (Math.abs(value) < 1) return `${significant(value * 1000, 3)} ms`;
+    return `${significant(value, 4)} s`;
+}
+
+// A duration on a clock: 0:07.
+export function clock(value) {
+    const whole = Math.floor(value);
+    return `${Math.floor(whole / 60)}:${String(whole % 60).padStart(2, "0")}`;
+}
+
+// A name from the library as words: time_constant → Time constant.
+export function words(name) {
+    const text = name.replaceAll("_", " ");
+    return text.charAt(0).toUpperCase() + text.slice(1);
+}
+
+// The meaning of a setting without the unit at its end, which stands beside the field.
+export const meaning = (sentence) => (sentence ?? "").replace(/ \[[^\]]*\]\.?$/, ".");

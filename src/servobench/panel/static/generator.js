@@ -1,0 +1,101 @@
+// The signal generator: any signal of the library, drawn before it's applied.
+
+import { post } from "./api.js";
+import { announce } from "./announcer.js";
+import { byId, el } from "./dom.js";
+import { significant } from "./format.js";
+import { AppliedForm, SettingsForm } from "./settings.js";
+import { showStatus, track } from "./status.js";
+
+const WAIT = 150; // ms after the last change, before a preview is asked for
+const [WIDTH, HEIGHT, PAD] = [280, 84, 6];
+const SVG = "http://www.w3.org/2000/svg";
+
+export function makeGenerator(store, commands, signals) {
+    const chip = byId("signal-status");
+    const preview = new Preview();
+    const settings = new SettingsForm({ prefix: "signal", label: "Kind of signal", members: signals, onEdit: () => edited() });
+    settings.sentence.after(preview.element);
+    const applied = new AppliedForm({ form: byId("signal"), chip, settings, title: "Apply signal", send: () => send() });
+
+    const read = () => {
+        try {
+            const value = settings.value();
+            applied.trouble.textContent = "";
+            return value;
+        } catch (error) {
+            applied.trouble.textContent = error.message;
+            return null;
+        }
+    };
+    const draw = async () => {
+        const value = read();
+        if (value) applied.trouble.textContent = (await preview.show(value)) ?? "";
+    };
+    let timer = 0;
+    const edited = () => {
+        applied.touch();
+        showStatus(chip, "edited");
+        clearTimeout(timer);
+        timer = setTimeout(draw, WAIT);
+    };
+    const send = async () => {
+        const signal = read();
+        if (!signal) return;
+        const outcome = await track(chip, commands, { do: "set", signal });
+        applied.sent(signal, outcome);
+        announce(outcome.accepted ? `Signal applied: ${settings.member.title}` : `Signal refused: ${outcome.why}`);
+    };
+    applied.onRevert = () => {
+        showStatus(chip, "applied");
+        draw();
+    };
+    store.on("state", (state) => {
+        applied.set.disabled = !state.operator;
+        if (state.signal && applied.follow(state.signal)) {
+            showStatus(chip, "applied");
+            draw();
+        }
+    });
+    draw();
+}
+
+// The signal as a line over two of its periods, or ten seconds.
+class Preview {
+    constructor() {
+        this.drawing = document.createElementNS(SVG, "svg");
+        this.drawing.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
+        this.drawing.setAttribute("role", "img");
+        this.drawing.setAttribute("preserveAspectRatio", "none");
+        this.zero = this.drawing.appendChild(document.createElementNS(SVG, "path"));
+        this.zero.setAttribute("class", "zero");
+        this.line = this.drawing.appendChild(document.createElementNS(SVG, "path"));
+        this.caption = el("figcaption", {});
+        this.element = el("figure", { class: "preview" }, this.drawing, this.caption);
+        this.turn = 0;
+    }
+
+    // Resolves to the sentence that says what is wrong, or null.
+    async show(signal) {
+        const turn = ++this.turn;
+        const duration = signal.frequency > 0 ? (signal.start ?? 0) + 2 / signal.frequency : 10;
+        let found;
+        try {
+            found = await post("/api/preview", { signal, duration });
+        } catch (error) {
+            return turn === this.turn ? error.message : null;
+        }
+        if (turn !== this.turn) return null;
+        const { t, value, unit } = found;
+        const [low, high] = [Math.min(...value), Math.max(...value)];
+        const [bottom, top] = [Math.min(low, 0), Math.max(high, 0)];
+        const x = (time) => (WIDTH * time) / duration;
+        const y = (v) => PAD + (HEIGHT - 2 * PAD) * (1 - (v - bottom) / (top - bottom || 1));
+        this.line.setAttribute("d", t.map((time, k) => `${k ? "L" : "M"}${x(time).toFixed(2)} ${y(value[k]).toFixed(2)}`).join(""));
+        this.zero.setAttribute("d", `M0 ${y(0).toFixed(2)}H${WIDTH}`);
+        const said = `${significant(low, 3)} to ${significant(high, 3)} ${unit} over ${significant(duration, 3)} s`;
+        this.caption.textContent = said;
+        this.drawing.setAttribute("aria-label", `Preview: ${said}`);
+        return null;
+    }
+}

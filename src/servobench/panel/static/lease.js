@@ -1,0 +1,25 @@
+// Who drives: one operator at a time. A page that comes to a free panel takes it; a later one watches, and may STOP.
+
+import { byId, say } from "./dom.js";
+import { toast } from "./announcer.js";
+
+export function makeLease(store, commands) {
+    const button = byId("lease");
+    let first = true;
+    const ask = async (message) => {
+        const outcome = await commands.ask(message);
+        if (!outcome.accepted) toast(outcome.why);
+    };
+    button.addEventListener("click", () => ask({ do: store.state.operator ? "release" : "lease" }));
+    store.on("link", (there) => {
+        if (!there) first = true;
+    });
+    store.on("state", (state) => {
+        if (first && !state.taken) ask({ do: "lease" });
+        first = false;
+        button.hidden = !state.operator && state.taken;
+        say(button, state.operator ? "Release" : "Take control");
+        say(byId("lease-text"), state.operator ? "You drive" : state.taken ? "You watch; somebody else drives" : "Nobody drives");
+        document.body.classList.toggle("watching", !state.operator);
+    });
+}

@@ -1,0 +1,116 @@
+// The lights: each a shape, a word and its reason, so that nobody needs to see a colour. Also the fault, and what to do about it.
+
+import { announce } from "./announcer.js";
+import { byId, el, say } from "./dom.js";
+import { clock } from "./format.js";
+
+const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Whiteness" };
+
+export function makeLights(store, commands) {
+    const lights = {};
+    for (const [name, title] of Object.entries(NAMES)) {
+        const reason = el("span", { class: "reason" });
+        const element = el("li", { "data-light": name, "data-level": "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("strong", {}, title), reason);
+        lights[name] = { element, reason };
+        byId("lights").append(element);
+    }
+    const show = (name, level, text) => {
+        lights[name].element.dataset.level = level;
+        say(lights[name].reason, text);
+    };
+    for (const name of Object.keys(NAMES)) show(name, "off", "unknown");
+
+    store.on("link", (there) => {
+        show("link", there ? "ok" : "bad", there ? "connected" : "lost; trying again");
+        if (!there) for (const name of ["stall", "limits", "lateness", "whiteness"]) show(name, "off", "unknown");
+        announce(there ? "Connected" : "The connection is lost; the loop stops the motor by itself");
+    });
+    store.on("state", (state) => {
+        const stalled = state.fault?.code?.includes("stall");
+        show("stall", stalled ? "bad" : "ok", stalled ? "the shaft stood still" : "none");
+        const reached = limitsReached(state);
+        show("limits", reached.length ? "warn" : "ok", reached.length ? `at ${reached.join(", ")}` : "within");
+        const off = state.missed > 0 ? "bad" : state.late > 0 ? "warn" : "ok";
+        show("lateness", off, off === "ok" ? "none" : `${state.late} late, ${state.missed} missed`);
+        showRun(store, state);
+    });
+    store.on("live", (live) => {
+        const text = { true: "white: the model fits", false: "coloured: the model misses something" }[live.white] ?? "not yet";
+        show("whiteness", live.white === true ? "ok" : live.white === false ? "warn" : "off", text);
+    });
+    makeFault(store, commands);
+}
+
+// The limits that hold the voltage back now; a limit is a name or says itself whether it's reached.
+function limitsReached(state) {
+    return (state.limits ?? []).flatMap((limit) => {
+        if (typeof limit === "string") return [limit];
+        return limit.reached ? [limit.sentence ?? limit.name] : [];
+    });
+}
+
+function showRun(store, state) {
+    const run = byId("run");
+    const [level, text] = state.fault
+        ? ["bad", "Fault"]
+        : !state.running
+          ? ["off", "Closed"]
+          : state.enabled
+            ? ["ok", "Driving"]
+            : ["off", "Zero volts"];
+    if (run.dataset.text !== text) announce({ Fault: `Fault: ${state.fault?.sentence}`, Driving: "The motor is driven" }[text] ?? text);
+    run.dataset.text = text;
+    run.dataset.level = level;
+    say(byId("run-text"), text);
+}
+
+function makeFault(store, commands) {
+    const show = (fault) => {
+        const place = byId("fault");
+        if (fault) say(byId("fault-text"), fault.sentence ?? fault.code);
+        place.hidden = !fault;
+    };
+    store.on("state", (state) => {
+        show(state.fault);
+        byId("acknowledge").disabled = !state.operator;
+    });
+    store.on("fault", show);
+    byId("acknowledge").addEventListener("click", async () => {
+        const outcome = await commands.ask({ do: "acknowledge" });
+        if (!outcome.accepted) say(byId("fault-text"), outcome.why);
+        else byId("start").focus();
+    });
+}
+
+export function makeRecord(store, commands, toast) {
+    const button = byId("record");
+    const name = byId("record-name");
+    button.addEventListener("click", async () => {
+        const asked = store.state?.recording
+            ? { do: "end_record" }
+            : { do: "record", name: name.value || name.placeholder, duration: Number(byId("record-length").value) || null };
+        if (!name.checkValidity()) return toast("A recording's name has letters, digits, and . _ - after the first one.");
+        const outcome = await commands.ask(asked);
+        if (!outcome.accepted) toast(`Not recorded: ${outcome.why}`);
+        else announce(asked.do === "record" ? `Recording ${asked.name}` : "Recording ended");
+    });
+    store.on("state", (state) => {
+        const { recording } = state;
+        const on = Boolean(recording);
+        button.classList.toggle("on", on);
+        button.disabled = !state.operator || !state.running;
+        name.disabled = byId("record-length").disabled = on || !state.operator;
+        const spent = on ? recording.samples * state.sample_time : 0;
+        say(byId("record-text"), on ? `Stop recording ${clock(spent)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "Record");
+    });
+    store.on("library-names", (names) => {
+        let number = 1;
+        while (names.has(`run-${number}`)) number += 1;
+        name.placeholder = `run-${number}`;
+    });
+    store.on("recorded", (message) => {
+        name.value = "";
+        toast(`Recorded ${message.name}`);
+        announce(`Recorded ${message.name}`);
+    });
+}

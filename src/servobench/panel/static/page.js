@@ -1,0 +1,95 @@
+// The page: what belongs to what.
+
+import { get, session } from "./api.js";
+import { toast } from "./announcer.js";
+import { Commands } from "./commands.js";
+import { makeCompare } from "./compare.js";
+import { makeController, makeCutoff, makeStart } from "./controls.js";
+import { makeDevice } from "./device.js";
+import { byId } from "./dom.js";
+import { mountExtra } from "./extras.js";
+import { decode } from "./frames.js";
+import { makeGenerator } from "./generator.js";
+import { makeLease } from "./lease.js";
+import { makeLights, makeRecord } from "./lights.js";
+import { makeLive } from "./live.js";
+import { makeReadings } from "./readings.js";
+import { makeRecordings } from "./recordings.js";
+import { Scopes } from "./scopes.js";
+import { Socket } from "./socket.js";
+import { makeStop } from "./stop.js";
+import { Store } from "./store.js";
+import { makeCursorStrip, makeTriggerStrip } from "./strips.js";
+import { makeTabs } from "./tabs.js";
+import { makeTools } from "./tools.js";
+
+const store = new Store();
+
+function makeScopes() {
+    const scopes = new Scopes(store);
+    const shows = [makeTools(scopes), makeTriggerStrip(scopes), makeCursorStrip(scopes)];
+    const read = makeReadings(scopes);
+    scopes.onView = () => shows.forEach((show) => show());
+    scopes.onRead = () => {
+        read();
+        shows.slice(1).forEach((show) => show());
+    };
+    scopes.onView();
+    let controller = "";
+    store.on("state", (state) => {
+        if (state.sample_time) scopes.setSampleTime(state.sample_time);
+        const now = JSON.stringify(state.controller ?? null);
+        if (now !== controller) scopes.setUnits(state.controller);
+        controller = now;
+    });
+    return scopes;
+}
+
+function makeConnection(scopes) {
+    const socket = new Socket({
+        onMessage: (message) => {
+            if (message.kind === "answer") commands.answered(message);
+            else if (message.kind === "applied") commands.applied(message);
+            store.emit(message.kind, message);
+        },
+        onFrame: (buffer) => scopes.take(decode(buffer)),
+        onLink: (there) => {
+            if (!there) commands.lost();
+            store.emit("link", there);
+        },
+    });
+    const commands = new Commands((message) => socket.send(message));
+    return { socket, commands };
+}
+
+async function begin() {
+    const scopes = makeScopes();
+    const { socket, commands } = makeConnection(scopes);
+    makeStop(socket); // first of all
+    const views = makeTabs(byId("views"), mountExtra);
+    makeTabs(byId("results"), mountExtra);
+    const compare = makeCompare(() => views.show("tab-compare"));
+    const loadRecordings = makeRecordings(store, compare);
+    makeLights(store, commands);
+    makeRecord(store, commands, toast);
+    makeLive(store, commands);
+    makeStart(store, commands);
+    makeCutoff(store, commands);
+    store.on("stopped", (message) => toast(message.sentence ?? "Stopped"));
+    try {
+        await session();
+        const catalogue = await get("/api/catalogue");
+        makeGenerator(store, commands, catalogue.signals);
+        makeController(store, commands, catalogue.controllers);
+        makeDevice(store, commands, catalogue.devices);
+    } catch (error) {
+        toast(`The panel can't begin: ${error.message}`);
+        return;
+    }
+    makeLease(store, commands);
+    socket.open();
+    await loadRecordings();
+    document.body.classList.add("ready");
+}
+
+begin();

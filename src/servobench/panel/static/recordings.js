@@ -1,0 +1,161 @@
+// The recordings: found, annotated, compared, identified, taken away, deleted and brought back.
+
+import { get, post } from "./api.js";
+import { toast } from "./announcer.js";
+import { byId, el, icon, slug } from "./dom.js";
+import { significant, words } from "./format.js";
+
+export function makeRecordings(store, compare) {
+    const list = byId("recordings");
+    const search = byId("search");
+    const open = new Set(); // names whose details are open
+    const results = new Map(); // name -> what an identification said
+    let all = [];
+
+    const load = async () => {
+        try {
+            all = await get("/api/recordings");
+        } catch (error) {
+            return toast(`The recordings can't be listed: ${error.message}`);
+        }
+        store.emit("library-names", new Set(all.map((each) => each.name)));
+        show();
+    };
+    const act = async (name, what, body = {}) => {
+        try {
+            return await post(`/api/recordings/${encodeURIComponent(name)}/${what}`, body);
+        } catch (error) {
+            toast(`${words(what)}: ${error.message}`);
+            return null;
+        }
+    };
+    const remove = async (name) => {
+        if (!(await act(name, "delete"))) return;
+        compare.drop(name);
+        await load();
+        const undo = async () => (await act(name, "undelete")) && load();
+        toast(`Deleted ${name}`, { title: "Undo", run: undo });
+    };
+    const identify = async (name, button) => {
+        button.disabled = true;
+        button.textContent = "Identifying …";
+        const result = await act(name, "identify", { structure: "auto" });
+        if (result) results.set(name, result);
+        await load();
+    };
+    const actions = { act, remove, identify, open, results, compare, load };
+    const show = () => {
+        // A note that is being written isn't taken from under a person's hands.
+        if (list.contains(document.activeElement) && document.activeElement.tagName === "TEXTAREA") return;
+        const focus = list.contains(document.activeElement) ? document.activeElement.id : null;
+        const sought = search.value.trim().toLowerCase();
+        const found = all.filter((each) => !each.deleted && `${each.name} ${each.notes ?? ""} ${signalName(each)}`.toLowerCase().includes(sought));
+        list.replaceChildren(...found.map((each) => entry(each, actions)));
+        if (!found.length) list.append(el("li", { class: "quiet none" }, all.length && sought ? "None found." : "None yet. Record makes one."));
+        if (focus) byId(focus)?.focus();
+    };
+    search.addEventListener("input", show);
+    store.on("library", load);
+    store.on("recorded", load);
+    compare.onChange = show;
+    return load;
+}
+
+const signalName = (recording) => (typeof recording.signal === "string" ? recording.signal : (recording.signal?.type ?? ""));
+
+function entry(recording, actions) {
+    const { name } = recording;
+    const id = `recording-${slug(name)}`;
+    const isOpen = actions.open.has(name);
+    const body = el("div", { class: "details", id: `${id}-details`, hidden: !isOpen });
+    const top = el(
+        "button",
+        {
+            type: "button",
+            id,
+            class: "name",
+            "aria-expanded": String(isOpen),
+            "aria-controls": `${id}-details`,
+            on: {
+                click: () => {
+                    body.hidden = !body.hidden;
+                    top.setAttribute("aria-expanded", String(!body.hidden));
+                    actions.open[body.hidden ? "delete" : "add"](name);
+                },
+            },
+        },
+        name,
+    );
+    body.append(...details(recording, id, actions));
+    const chosen = actions.compare.has(name);
+    const compared = el("input", {
+        type: "checkbox",
+        id: `${id}-compare`,
+        set: { checked: chosen },
+        "aria-label": `Compare ${name}`,
+        on: { change: () => actions.compare.toggle(name) },
+    });
+    const facts = el("p", { class: "facts quiet" }, [facts_of(recording)], verdictMark(recording.verdict));
+    return el("li", { class: "recording" }, el("div", { class: "head" }, top, el("label", { class: "tick" }, compared, el("span", { "aria-hidden": "true" }, "Compare"))), facts, body);
+}
+
+function facts_of(recording) {
+    const created = new Date(recording.created);
+    const when = Number.isNaN(created.valueOf()) ? "" : created.toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" });
+    return [signalName(recording), `${significant(recording.duration, 3)} s`, when].filter(Boolean).join("  ·  ");
+}
+
+const LEVELS = { trusted: "ok", doubtful: "warn", refused: "bad" };
+
+function verdictMark(verdict) {
+    if (!verdict) return null;
+    return el("span", { class: "verdict", "data-level": LEVELS[verdict] ?? "off" }, el("span", { class: "shape", "aria-hidden": "true" }), words(verdict));
+}
+
+function details(recording, id, actions) {
+    const { name } = recording;
+    const path = `/api/recordings/${encodeURIComponent(name)}/download`;
+    const notes = el("textarea", {
+        id: `${id}-notes`,
+        rows: 2,
+        placeholder: "Notes",
+        set: { value: recording.notes ?? "" },
+        on: { change: () => actions.act(name, "notes", { notes: notes.value }) },
+    });
+    const identify = el("button", { type: "button", class: "plain", id: `${id}-identify`, on: { click: () => actions.identify(name, identify) } }, "Identify");
+    const row = el(
+        "div",
+        { class: "row" },
+        identify,
+        el("a", { class: "plain", href: `${path}?as=mcap`, download: true, "aria-label": `Download ${name} as MCAP` }, "MCAP"),
+        el("a", { class: "plain", href: `${path}?as=csv`, download: true, "aria-label": `Download ${name} as CSV` }, "CSV"),
+        el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
+    );
+    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, identified(recording, actions.results.get(name))];
+}
+
+// What the identification said; a recording that was identified before still has its report.
+function identified(recording, result) {
+    const report = result?.report ?? (recording.verdict ? `/reports/${encodeURIComponent(recording.name)}` : null);
+    const link = report && el("a", { class: "report", href: report, target: "_blank", rel: "noopener" }, `Open the report of ${recording.name}`);
+    if (!result) return link;
+    const rows = Object.entries(result.parameters ?? {}).map(([name, { value, interval, unit }]) =>
+        el(
+            "tr",
+            {},
+            el("th", { scope: "row" }, words(name)),
+            el("td", {}, significant(value, 4)),
+            el("td", {}, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "–"),
+            el("td", { class: "unit" }, unit),
+        ),
+    );
+    const findings = (result.findings ?? []).map((each) => el("li", { "data-level": { warning: "warn", refusal: "bad" }[each.severity] ?? "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("span", {}, each.sentence)));
+    const head = ["Parameter", "Value", "Interval", "Unit"].map((text) => el("th", { scope: "col" }, text));
+    return el(
+        "div",
+        { class: "result" },
+        rows.length ? el("table", {}, el("thead", { class: "hide" }, el("tr", {}, head)), el("tbody", {}, rows)) : null,
+        findings.length ? el("ul", { class: "findings" }, findings) : null,
+        link,
+    );
+}

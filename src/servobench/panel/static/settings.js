@@ -1,0 +1,101 @@
+// A kind's member and its settings as a form: which one, its fields, and what was last known to hold.
+
+import { el } from "./dom.js";
+import { makeField } from "./fields.js";
+
+const AT_ONCE = 4; // fields that are seen at once; the rest is one step away
+
+export class SettingsForm {
+    constructor({ prefix, label, members, onEdit }) {
+        Object.assign(this, { prefix, members, onEdit });
+        this.choice = el("select", { id: `${prefix}-type` }, members.map((each) => el("option", { value: each.name }, each.title)));
+        this.sentence = el("p", { class: "quiet sentence" });
+        this.fields = [];
+        this.body = el("div", { class: "fields" });
+        const top = el("div", { class: "field type" }, el("label", { for: `${prefix}-type`, class: "hide" }, label), this.choice);
+        this.element = el("div", { class: "settings" }, top, this.sentence, this.body);
+        this.choice.addEventListener("change", () => {
+            this.build();
+            this.onEdit();
+        });
+        this.body.addEventListener("input", () => this.onEdit());
+        this.build();
+    }
+
+    get member() {
+        return this.members.find((each) => each.name === this.choice.value) ?? this.members[0];
+    }
+
+    build() {
+        this.sentence.textContent = this.member.sentence;
+        this.fields = this.member.fields.map((field) => makeField(this.prefix, field));
+        const elements = this.fields.map((field) => field.element);
+        const more = elements.slice(AT_ONCE);
+        this.body.replaceChildren(...elements.slice(0, AT_ONCE));
+        if (more.length) this.body.append(el("details", {}, el("summary", {}, "More settings"), more));
+    }
+
+    // {type, settings...}; throws what is wrong with a field's text.
+    value() {
+        const made = { type: this.choice.value };
+        for (const field of this.fields) {
+            const value = field.read();
+            if (value !== undefined) made[field.name] = value;
+        }
+        return made;
+    }
+
+    show(value) {
+        if (!this.members.some((each) => each.name === value.type)) return;
+        this.choice.value = value.type;
+        this.build();
+        for (const field of this.fields) if (field.name in value) field.write(value[field.name]);
+    }
+}
+
+// A form whose content is one thing that the loop has: edited here, sent on Enter or by the button, and followed while untouched.
+export class AppliedForm {
+    constructor({ form, chip, settings, send, title }) {
+        Object.assign(this, { form, chip, settings, known: null, edited: false });
+        this.trouble = el("p", { class: "trouble", role: "alert" });
+        this.button = el("button", { type: "submit", class: "primary" }, title);
+        this.back = el("button", { type: "button", class: "plain", hidden: true, on: { click: () => this.revert() } }, "Back");
+        this.set = el("fieldset", {}, settings.element, this.trouble, el("div", { class: "row" }, this.button, this.back));
+        form.append(this.set);
+        form.addEventListener("submit", (event) => {
+            event.preventDefault();
+            send();
+        });
+    }
+
+    touch() {
+        this.edited = true;
+        this.back.hidden = this.known === null;
+    }
+
+    sent(value, outcome) {
+        if (!outcome.accepted) return;
+        this.edited = false;
+        this.back.hidden = true;
+        this.known = JSON.stringify(value);
+    }
+
+    // What the loop has; shown unless a person is at work on it.
+    follow(value) {
+        const text = JSON.stringify(value);
+        if (text === this.known) return false;
+        this.known = text;
+        if (this.edited) return false;
+        this.settings.show(value);
+        return true;
+    }
+
+    revert() {
+        if (this.known === null) return;
+        this.edited = false;
+        this.back.hidden = true;
+        this.trouble.textContent = "";
+        this.settings.show(JSON.parse(this.known));
+        this.onRevert?.();
+    }
+}

@@ -1,0 +1,25 @@
+// The range of a scope's values: grows at once, shrinks only when half of it is empty, so that it doesn't breathe with noise.
+
+const MARGIN = 0.12; // of what is shown, above and below
+
+export class Span {
+    constructor() {
+        this.forget();
+    }
+
+    forget() {
+        this.range = null;
+    }
+
+    // [min, max] that holds values from `low` to `high`.
+    holding(low, high) {
+        if (!(low <= high)) return this.range ?? [-1, 1];
+        const small = Math.max(Math.abs(low), Math.abs(high)) * 1e-3 || 1;
+        const size = Math.max(high - low, small);
+        const wanted = [low - MARGIN * size - (size - (high - low)) / 2, high + MARGIN * size + (size - (high - low)) / 2];
+        const held = this.range;
+        const fits = held && low >= held[0] && high <= held[1];
+        if (!fits || size < 0.4 * (held[1] - held[0])) this.range = wanted;
+        return this.range;
+    }
+}

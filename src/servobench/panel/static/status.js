@@ -1,0 +1,22 @@
+// Whether a setting holds: the chip beside it says so by word and shape, never by colour alone.
+
+import { say } from "./dom.js";
+
+const WORDS = { edited: "Not sent", pending: "Pending", applied: "Applied", refused: "Refused", none: "" };
+
+export function showStatus(chip, status, detail = "") {
+    chip.dataset.status = status;
+    say(chip, detail ? `${WORDS[status]}: ${detail}` : WORDS[status]);
+}
+
+// Ask for something and show what becomes of it; resolves to the outcome.
+export async function track(chip, commands, message, patience = undefined) {
+    const turn = Symbol("turn");
+    chip.turn = turn;
+    showStatus(chip, "pending");
+    const outcome = await commands.ask(message, patience);
+    if (chip.turn !== turn) return outcome; // something newer was asked for meanwhile
+    if (outcome.accepted) showStatus(chip, "applied", outcome.tick == null ? "" : `tick ${outcome.tick}`);
+    else showStatus(chip, "refused", outcome.why ?? "the loop gave no reason");
+    return outcome;
+}

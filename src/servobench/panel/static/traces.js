@@ -1,0 +1,64 @@
+// Which scopes there are, and which traces each of them has. A trace's colour is a token of the style sheet, `--trace-NAME`.
+
+export const SCOPES = [
+    {
+        id: "voltage",
+        title: "Voltage",
+        unit: "V",
+        shown: true,
+        traces: [
+            { column: "commanded", title: "Commanded", shown: true, dash: [6, 4] },
+            { column: "applied", title: "Applied", shown: true },
+        ],
+    },
+    {
+        id: "speed",
+        title: "Speed",
+        unit: "rad/s",
+        shown: true,
+        traces: [
+            { column: "speed_raw", title: "Raw", shown: false, thin: true },
+            { column: "reference", title: "Reference", shown: true, dash: [2, 3], follows: "rad/s" },
+            { column: "speed", title: "Filtered", shown: true },
+        ],
+    },
+    {
+        id: "position",
+        title: "Position",
+        unit: "angle",
+        shown: true,
+        traces: [
+            { column: "reference", title: "Reference", shown: true, dash: [2, 3], follows: "rad" },
+            { column: "position", title: "Position", shown: true },
+        ],
+    },
+    {
+        id: "current",
+        title: "Current",
+        unit: "A",
+        shown: false,
+        traces: [{ column: "current", title: "Current", shown: true }],
+    },
+    {
+        id: "residual",
+        title: "Residual",
+        unit: "angle",
+        shown: false,
+        traces: [{ column: "residual", title: "Live model", shown: true }],
+    },
+];
+
+const DEGREE = Math.PI / 180;
+
+// An angle's unit as a person chose it: {unit, factor from rad, column}.
+export const ANGLES = {
+    counts: { unit: "counts", title: "Counts" },
+    deg: { unit: "deg", title: "Degrees", factor: 1 / DEGREE },
+    rad: { unit: "rad", title: "Radians", factor: 1 },
+};
+
+// The unit of the reference, which is that of what the controller follows.
+export function referenceUnit(controller) {
+    if (!controller || controller.type === "open_loop") return "V";
+    return controller.output === "speed" ? "rad/s" : "rad";
+}
