@@ -9,7 +9,8 @@ import asyncio
 import json
 import struct
 import time
-from contextlib import suppress
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass, field
 from importlib.metadata import files
 from pathlib import Path
@@ -186,7 +187,7 @@ class Bench:
                 self.motor.signal = SIGNALS[given.pop("type")](**given)
                 self.signal, self.motor.since = asked["signal"], self.motor.tick
             except ValueError as error:
-                return {"ok": False, "error": str(error).splitlines()[2].strip()}
+                return {"ok": False, "error": sentence_of(error)}
         if "controller" in asked and accepted:
             what, self.controller = "controller", asked["controller"]
         if "chain" in asked and accepted:
@@ -262,7 +263,7 @@ def app() -> Starlette:
         try:
             value = SIGNALS[given.pop("type")](**given)(t)
         except ValueError as error:
-            return JSONResponse({"error": str(error).splitlines()[2].strip()}, status_code=400)
+            return JSONResponse({"error": sentence_of(error)}, status_code=400)
         return JSONResponse({"t": t.tolist(), "value": value.tolist(), "unit": "V"})
 
     async def stop(_: Request) -> Response:
@@ -351,7 +352,8 @@ def app() -> Starlette:
         WebSocketRoute("/ws", socket),
     ]
 
-    async def lifespan(_: Starlette) -> Any:
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
         going = asyncio.create_task(bench.run())
         yield
         going.cancel()
@@ -374,6 +376,11 @@ class Headers:
             await send(message)
 
         await self.app(scope, receive, with_policy)
+
+
+def sentence_of(error: ValueError) -> str:
+    """The sentence in what pydantic says of a setting."""
+    return str(error).splitlines()[2].split(" [type=")[0].strip().removeprefix("Value error, ")
 
 
 def identified(name: str) -> dict[str, Any]:

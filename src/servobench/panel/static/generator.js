@@ -8,14 +8,14 @@ import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
 
 const WAIT = 150; // ms after the last change, before a preview is asked for
-const [WIDTH, HEIGHT, PAD] = [280, 84, 6];
+const [WIDTH, HEIGHT, PAD] = [280, 60, 6];
 const SVG = "http://www.w3.org/2000/svg";
 
 export function makeGenerator(store, commands, signals) {
     const chip = byId("signal-status");
     const preview = new Preview();
     const settings = new SettingsForm({ prefix: "signal", label: "Kind of signal", members: signals, onEdit: () => edited() });
-    settings.sentence.after(preview.element);
+    settings.body.before(preview.element);
     const applied = new AppliedForm({ form: byId("signal"), chip, settings, title: "Apply signal", send: () => send() });
 
     const read = () => {

@@ -66,7 +66,10 @@ async function begin() {
     const scopes = makeScopes();
     const { socket, commands } = makeConnection(scopes);
     makeStop(socket); // first of all
-    const views = makeTabs(byId("views"), mountExtra);
+    const views = makeTabs(byId("views"), (tab) => {
+        byId("keep").hidden = tab !== "tab-scopes";
+        mountExtra(tab);
+    });
     makeTabs(byId("results"), mountExtra);
     const compare = makeCompare(() => views.show("tab-compare"));
     const loadRecordings = makeRecordings(store, compare);

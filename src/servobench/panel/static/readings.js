@@ -1,15 +1,15 @@
 // The newest readings as text, for who can't see the scopes; spoken every few seconds where that was asked for.
 
 import { announce } from "./announcer.js";
-import { byId, el, say } from "./dom.js";
+import { byId, el, icon, say } from "./dom.js";
 import { fixed } from "./format.js";
 
 const SPOKEN_EVERY = 5000; // ms
 
 export function makeReadings(scopes) {
     const list = byId("readings");
-    const speak = el("button", { type: "button", class: "tool wide", id: "speak", "aria-pressed": "false" }, "Speak readings");
-    byId("tools").append(speak);
+    const speak = el("button", { type: "button", class: "tool", id: "speak", "aria-pressed": "false", "aria-label": "Speak readings", title: "Speak readings to a screen reader" }, icon("speak"));
+    byId("keep").append(speak);
     let timer = 0;
     const places = new Map();
     const current = () =>

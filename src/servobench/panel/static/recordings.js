@@ -141,20 +141,18 @@ function identified(recording, result) {
     if (!result) return link;
     const rows = Object.entries(result.parameters ?? {}).map(([name, { value, interval, unit }]) =>
         el(
-            "tr",
+            "li",
             {},
-            el("th", { scope: "row" }, words(name)),
-            el("td", {}, significant(value, 4)),
-            el("td", {}, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "–"),
-            el("td", { class: "unit" }, unit),
+            el("span", { class: "name" }, words(name)),
+            el("span", {}, el("strong", {}, significant(value, 4)), " ", el("span", { class: "unit" }, unit)),
+            el("span", { class: "interval" }, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "no interval"),
         ),
     );
     const findings = (result.findings ?? []).map((each) => el("li", { "data-level": { warning: "warn", refusal: "bad" }[each.severity] ?? "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("span", {}, each.sentence)));
-    const head = ["Parameter", "Value", "Interval", "Unit"].map((text) => el("th", { scope: "col" }, text));
     return el(
         "div",
         { class: "result" },
-        rows.length ? el("table", {}, el("thead", { class: "hide" }, el("tr", {}, head)), el("tbody", {}, rows)) : null,
+        rows.length ? el("ul", { class: "values" }, rows) : null,
         findings.length ? el("ul", { class: "findings" }, findings) : null,
         link,
     );

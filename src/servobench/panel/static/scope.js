@@ -55,12 +55,14 @@ export class Scope {
             swatch,
             el("span", {}, trace.title),
         );
+        trace.reading.hidden = !trace.shown;
         trace.entry = el("span", { class: "entry" }, trace.button, trace.reading);
         return trace.entry;
     }
 
     toggle(trace) {
         trace.shown = !trace.shown;
+        trace.reading.hidden = !trace.shown;
         trace.button.setAttribute("aria-pressed", String(trace.shown));
         this.span.forget();
         this.shared.onChange();
@@ -90,9 +92,9 @@ export class Scope {
             ...this.size(),
             legend: { show: false },
             scales: { x: { time: false, auto: false }, y: { auto: false } },
-            padding: [6, 10, last ? 0 : 6, 0],
+            padding: [6, 16, last ? 0 : 6, 0],
             axes: [
-                { ...axis, size: last ? 24 : 0, gap: 4, values: (_, ticks) => (last ? this.times(ticks) : ticks.map(() => "")), space: 70 },
+                { ...axis, size: last ? 24 : 0, gap: 4, splits: (_plot, _axis, min, max, step) => this.marks(min, max, step), values: (_, ticks) => (last ? this.times(ticks) : ticks.map(() => "")), space: 70 },
                 { ...axis, size: AXIS_WIDTH, gap: 6, space: 26, values: (_, ticks) => ticks.map((v) => this.tick(v, ticks)) },
             ],
             cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false, sync: { key: "scopes" } },
@@ -111,6 +113,14 @@ export class Scope {
 
     resize() {
         this.plot?.setSize(this.size());
+    }
+
+    // Round times from the origin on, which is the trigger where there is one.
+    marks(min, max, step) {
+        const { origin } = this.shared;
+        const made = [];
+        for (let k = Math.ceil((min - origin) / step); origin + k * step <= max; k++) made.push(origin + k * step);
+        return made;
     }
 
     times(ticks) {

@@ -9,11 +9,13 @@ export class SettingsForm {
     constructor({ prefix, label, members, onEdit }) {
         Object.assign(this, { prefix, members, onEdit });
         this.choice = el("select", { id: `${prefix}-type` }, members.map((each) => el("option", { value: each.name }, each.title)));
-        this.sentence = el("p", { class: "quiet sentence" });
+        this.sentence = el("p", { class: "hint", id: `${prefix}-sentence` });
+        this.choice.setAttribute("aria-describedby", this.sentence.id);
         this.fields = [];
         this.body = el("div", { class: "fields" });
         const top = el("div", { class: "field type" }, el("label", { for: `${prefix}-type`, class: "hide" }, label), this.choice);
-        this.element = el("div", { class: "settings" }, top, this.sentence, this.body);
+        top.append(this.sentence);
+        this.element = el("div", { class: "settings" }, top, this.body);
         this.choice.addEventListener("change", () => {
             this.build();
             this.onEdit();
@@ -58,7 +60,7 @@ export class AppliedForm {
     constructor({ form, chip, settings, send, title }) {
         Object.assign(this, { form, chip, settings, known: null, edited: false });
         this.trouble = el("p", { class: "trouble", role: "alert" });
-        this.button = el("button", { type: "submit", class: "primary" }, title);
+        this.button = el("button", { type: "submit", class: "apply" }, title);
         this.back = el("button", { type: "button", class: "plain", hidden: true, on: { click: () => this.revert() } }, "Back");
         this.set = el("fieldset", {}, settings.element, this.trouble, el("div", { class: "row" }, this.button, this.back));
         form.append(this.set);
@@ -69,14 +71,18 @@ export class AppliedForm {
     }
 
     touch() {
-        this.edited = true;
-        this.back.hidden = this.known === null;
+        this.mark(true);
+    }
+
+    mark(edited) {
+        this.edited = edited;
+        this.form.classList.toggle("edited", edited);
+        this.back.hidden = !edited || this.known === null;
     }
 
     sent(value, outcome) {
         if (!outcome.accepted) return;
-        this.edited = false;
-        this.back.hidden = true;
+        this.mark(false);
         this.known = JSON.stringify(value);
     }
 
@@ -92,8 +98,7 @@ export class AppliedForm {
 
     revert() {
         if (this.known === null) return;
-        this.edited = false;
-        this.back.hidden = true;
+        this.mark(false);
         this.trouble.textContent = "";
         this.settings.show(JSON.parse(this.known));
         this.onRevert?.();

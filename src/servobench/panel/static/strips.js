@@ -39,7 +39,7 @@ export function makeTriggerStrip(scopes) {
     const single = el("input", { type: "checkbox", on: { change: () => change(() => (trigger.single = single.checked)) } });
     const again = el("button", { type: "button", class: "tool wide", on: { click: () => change(() => {}) } }, "Arm again");
     const status = el("span", { class: "quiet", role: "status" });
-    strip.append(labelled("Trigger on", trace), labelled("Level", level), labelled("Edge", edge));
+    strip.append(labelled("On", trace), labelled("Level", level), labelled("Edge", edge));
     strip.append(el("span", { class: "inline" }, labelled("Before", pre), preText), labelled("Single", single), again, status);
     return () => {
         strip.hidden = !trigger.on;

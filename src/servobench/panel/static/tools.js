@@ -1,7 +1,6 @@
 // The row of tools above the scopes.
 
 import { byId, el, icon } from "./dom.js";
-import { seconds } from "./format.js";
 import { ANGLES } from "./traces.js";
 import { SPANS } from "./view.js";
 
@@ -15,8 +14,8 @@ export function makeTools(scopes) {
 
     const span = el(
         "select",
-        { id: "span", on: { change: () => scopes.setSpan(Number(span.value)) } },
-        SPANS.map((each) => el("option", { value: each, selected: each === view.span }, seconds(each))),
+        { id: "span", "aria-label": "Time shown", title: "Time shown", on: { change: () => scopes.setSpan(Number(span.value)) } },
+        SPANS.map((each) => el("option", { value: each, selected: each === view.span }, each < 1 ? `${1000 * each} ms` : `${each} s`)),
     );
     const zoom = el(
         "div",
@@ -37,19 +36,10 @@ export function makeTools(scopes) {
         { class: "group which", role: "group", "aria-label": "Scopes shown" },
         scopes.scopes.map((scope) => shownSwitch(scopes, scope)),
     );
-    const angle = el(
-        "select",
-        { id: "angle", on: { change: () => ((scopes.angle = angle.value), scopes.setUnits()) } },
-        Object.entries(ANGLES).map(([name, { title }]) => el("option", { value: name, selected: name === scopes.angle }, title)),
-    );
-    const save = el(
-        "div",
-        { class: "group", role: "group", "aria-label": "Save what is seen" },
-        el("button", { type: "button", class: "tool wide", on: { click: () => scopes.saveTable() } }, icon("save"), "CSV"),
-        el("button", { type: "button", class: "tool wide", on: { click: () => scopes.savePicture() } }, icon("save"), "PNG"),
-    );
-    const labelled = (text, field) => el("label", { class: "inline" }, el("span", {}, text), field);
-    byId("tools").append(pause, labelled("Time", span), zoom, cursors, trigger, which, labelled("Angle", angle), save);
+    const keep = (text, run) => el("button", { type: "button", class: "tool wide", "aria-label": `Save what is seen as ${text}`, on: { click: run } }, icon("save"), text);
+    byId("keep").append(keep("CSV", () => scopes.saveTable()), keep("PNG", () => scopes.savePicture()));
+    byId("tools").append(pause, span, zoom, el("div", { class: "group" }, cursors, trigger), which);
+    scopes.scopes.find((scope) => scope.definition.id === "position").unitText.replaceWith(angleChoice(scopes));
 
     const show = () => {
         pause.replaceChildren(icon(view.paused ? "play" : "pause"), view.paused ? "Run" : "Pause");
@@ -59,6 +49,16 @@ export function makeTools(scopes) {
     };
     show();
     return show;
+}
+
+// The unit of angles, where the position's unit stands.
+function angleChoice(scopes) {
+    const made = el(
+        "select",
+        { id: "angle", class: "unit", "aria-label": "Unit of angles", on: { change: () => ((scopes.angle = made.value), scopes.setUnits()) } },
+        Object.entries(ANGLES).map(([name, { title }]) => el("option", { value: name, selected: name === scopes.angle }, title)),
+    );
+    return made;
 }
 
 function switchTrigger(view) {
