@@ -95,7 +95,11 @@ class Bench:
         self.fault: dict[str, str] | None = None
         self.recording: dict[str, Any] | None = None
         self.refuse = ""
+        self.hold = False
+        self.limits: list[dict[str, str]] = []
         self.received: list[dict[str, Any]] = []
+        self.loop: asyncio.AbstractEventLoop
+        self.pending: dict[str, Any] | None = None
         self.kept = np.empty((0, len(COLUMNS)))
         self.recordings = {
             name: {
@@ -130,7 +134,7 @@ class Bench:
             "fault": self.fault,
             "late": 3,
             "missed": 0,
-            "limits": [{"name": "voltage", "value": 10.0, "unit": "V", "reached": False}],
+            "limits": self.limits,
             "recording": self.recording,
             "command": self.motor.number,
         }
@@ -142,6 +146,11 @@ class Bench:
                     await viewer.send_bytes(message)
                 else:
                     await viewer.send_text(json.dumps(message))
+
+    def drop_all(self) -> None:
+        """Close every viewer's socket, as a server that goes does; called from another thread."""
+        for viewer in list(self.viewers):
+            asyncio.run_coroutine_threadsafe(viewer.close(1001), self.loop)
 
     async def tell_state(self) -> None:
         for viewer in list(self.viewers):
@@ -255,7 +264,7 @@ def app() -> Starlette:
         return FileResponse(str(shipped[request.path_params["name"]]))
 
     async def session(_: Request) -> Response:
-        return JSONResponse({"token": "fake", "operator": False, "device": bench.device, "version": "0.0"})
+        return JSONResponse({"token": "fake", "operator": True, "device": bench.device, "version": "0.0"})
 
     async def preview(request: Request) -> Response:
         asked = await request.json()
@@ -316,8 +325,9 @@ def app() -> Starlette:
                     await bench.tell({"kind": "library"})
                 if asked.get("do") == "stop":
                     await bench.tell({"kind": "stopped", "sentence": "STOP was pressed; the motor gets no voltage"})
-                if bench.pending:
-                    await asyncio.sleep(0.02)
+                if bench.pending is not None:
+                    while bench.hold:
+                        await asyncio.sleep(0.01)
                     await bench.tell(bench.pending)
                 await bench.tell_state()
         bench.viewers.discard(ws)
@@ -354,6 +364,7 @@ def app() -> Starlette:
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        bench.loop = asyncio.get_running_loop()
         going = asyncio.create_task(bench.run())
         yield
         going.cancel()

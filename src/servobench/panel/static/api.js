@@ -18,10 +18,13 @@ export async function bytes(path) {
     return (await checked(await fetch(path))).arrayBuffer();
 }
 
-export async function post(path, body = {}, options = {}) {
-    const headers = { "Content-Type": "application/json", "X-Servobench-Token": token };
-    const answer = await fetch(path, { method: "POST", headers, body: JSON.stringify(body), ...options });
-    return (await checked(answer)).json();
+export const post = (path, body = {}) => send(path, "application/json", JSON.stringify(body));
+
+export const upload = (path, file) => send(path, "application/octet-stream", file);
+
+async function send(path, type, body) {
+    const headers = { "Content-Type": type, "X-Servobench-Token": token };
+    return (await checked(await fetch(path, { method: "POST", headers, body }))).json();
 }
 
 async function checked(answer) {

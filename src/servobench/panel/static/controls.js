@@ -48,6 +48,12 @@ export function makeController(store, commands, controllers) {
         announce(outcome.accepted ? `Controller applied: ${settings.member.title}` : `Controller refused: ${outcome.why}`);
     };
     applied.onRevert = () => showStatus(chip, "applied");
+    store.on("proposed", ({ controller }) => {
+        if (!controller) return;
+        settings.show(controller);
+        edited();
+        if (store.state?.operator && !store.state.enabled) send();
+    });
     store.on("state", (state) => {
         applied.set.disabled = !state.operator;
         if (state.controller && applied.follow(state.controller)) showStatus(chip, "applied");
@@ -102,6 +108,13 @@ export function makeCutoff(store, commands) {
         }, BETWEEN);
     };
     slider.addEventListener("input", () => {
+        tell();
+        send();
+    });
+    store.on("proposed", ({ chain }) => {
+        const cutoff = cutoffOf(chain);
+        if (cutoff === null || !store.state?.operator) return;
+        slider.value = cutoff;
         tell();
         send();
     });

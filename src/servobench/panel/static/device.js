@@ -1,5 +1,6 @@
 // Which device is driven, and with which settings.
 
+import { toast } from "./announcer.js";
 import { byId, el, say } from "./dom.js";
 import { significant } from "./format.js";
 import { SettingsForm } from "./settings.js";
@@ -30,6 +31,10 @@ export function makeDevice(store, commands, devices) {
         } catch (error) {
             byId("device-trouble").textContent = error.message;
         }
+    });
+    store.on("proposed", ({ sample_time }) => {
+        if (!sample_time || !store.state || sample_time === store.state.sample_time) return;
+        toast(`This asks for a sample time of ${significant(1000 * sample_time, 4)} ms; it is set where the device is chosen.`);
     });
     store.on("state", (state) => {
         byId("device").disabled = !state.operator;

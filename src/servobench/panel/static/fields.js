@@ -63,7 +63,7 @@ function list(_, field) {
             if (!Number.isFinite(Number(each))) throw new Error(`${words(field.name)}: “${each}” is no number; separate them by commas`);
             return Number(each);
         });
-    return { input, read, write: (value) => (input.value = (value ?? []).join(", ")) };
+    return { input, read, write: (value) => (input.value = [value ?? []].flat().map((each) => (typeof each === "number" ? each : parseFloat(each))).join(", ")) };
 }
 
 // Signals within a signal: as the text that a file would have.

@@ -50,6 +50,13 @@ export function makeGenerator(store, commands, signals) {
         showStatus(chip, "applied");
         draw();
     };
+    store.on("proposed", ({ signal }) => {
+        if (!signal) return;
+        settings.show(signal);
+        edited();
+        // Of what turns, nothing changes before somebody has looked at it.
+        if (store.state?.operator && !store.state.enabled) send();
+    });
     store.on("state", (state) => {
         applied.set.disabled = !state.operator;
         if (state.signal && applied.follow(state.signal)) {
@@ -58,6 +65,16 @@ export function makeGenerator(store, commands, signals) {
         }
     });
     draw();
+}
+
+// A line through the points; what isn't finite is left out of it.
+function path(x, y) {
+    let begun = false;
+    return x.map((at, k) => {
+        const mark = begun ? "L" : "M";
+        begun = Number.isFinite(y[k]);
+        return begun ? `${mark}${at.toFixed(2)} ${y[k].toFixed(2)}` : "";
+    }).join("");
 }
 
 // The signal as a line over two of its periods, or ten seconds.
@@ -86,12 +103,14 @@ class Preview {
             return turn === this.turn ? error.message : null;
         }
         if (turn !== this.turn) return null;
-        const { t, value, unit } = found;
-        const [low, high] = [Math.min(...value), Math.max(...value)];
+        const { t, unit } = found;
+        const value = found.value.map((v) => v ?? NaN); // JSON has no word for what isn't finite
+        const finite = value.filter(Number.isFinite);
+        const [low, high] = [Math.min(...finite), Math.max(...finite)];
         const [bottom, top] = [Math.min(low, 0), Math.max(high, 0)];
         const x = (time) => (WIDTH * time) / duration;
         const y = (v) => PAD + (HEIGHT - 2 * PAD) * (1 - (v - bottom) / (top - bottom || 1));
-        this.line.setAttribute("d", t.map((time, k) => `${k ? "L" : "M"}${x(time).toFixed(2)} ${y(value[k]).toFixed(2)}`).join(""));
+        this.line.setAttribute("d", path(t.map(x), value.map(y)));
         this.zero.setAttribute("d", `M0 ${y(0).toFixed(2)}H${WIDTH}`);
         const said = `${significant(low, 3)} to ${significant(high, 3)} ${unit} over ${significant(duration, 3)} s`;
         this.caption.textContent = said;

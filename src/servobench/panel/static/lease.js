@@ -15,11 +15,11 @@ export function makeLease(store, commands) {
         if (!there) first = true;
     });
     store.on("state", (state) => {
-        if (first && !state.taken) ask({ do: "lease" });
+        if (first && !state.taken && store.mayDrive) ask({ do: "lease" });
         first = false;
-        button.hidden = !state.operator && state.taken;
+        button.hidden = (!state.operator && state.taken) || !store.mayDrive;
         say(button, state.operator ? "Release" : "Take control");
-        say(byId("lease-text"), state.operator ? "You drive" : state.taken ? "You watch; somebody else drives" : "Nobody drives");
+        say(byId("lease-text"), state.operator ? "You drive" : state.taken ? "You watch; somebody else drives" : store.mayDrive ? "Nobody drives" : "You watch");
         document.body.classList.toggle("watching", !state.operator);
     });
 }

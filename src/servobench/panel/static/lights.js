@@ -2,7 +2,7 @@
 
 import { announce } from "./announcer.js";
 import { byId, el, say } from "./dom.js";
-import { clock } from "./format.js";
+import { clock, significant } from "./format.js";
 
 const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Whiteness" };
 
@@ -28,8 +28,9 @@ export function makeLights(store, commands) {
     store.on("state", (state) => {
         const stalled = state.fault?.code?.includes("stall");
         show("stall", stalled ? "bad" : "ok", stalled ? "the shaft stood still" : "none");
-        const reached = limitsReached(state);
-        show("limits", reached.length ? "warn" : "ok", reached.length ? `at ${reached.join(", ")}` : "within");
+        // Those that hold the voltage back now, each with its sentence.
+        const reached = state.limits ?? [];
+        show("limits", reached.length ? "warn" : "ok", reached.length ? reached.map((limit) => limit.sentence).join(" ") : "within");
         const off = state.missed > 0 ? "bad" : state.late > 0 ? "warn" : "ok";
         show("lateness", off, off === "ok" ? "none" : `${state.late} late, ${state.missed} missed`);
         showRun(store, state);
@@ -39,14 +40,6 @@ export function makeLights(store, commands) {
         show("whiteness", live.white === true ? "ok" : live.white === false ? "warn" : "off", text);
     });
     makeFault(store, commands);
-}
-
-// The limits that hold the voltage back now; a limit is a name or says itself whether it's reached.
-function limitsReached(state) {
-    return (state.limits ?? []).flatMap((limit) => {
-        if (typeof limit === "string") return [limit];
-        return limit.reached ? [limit.sentence ?? limit.name] : [];
-    });
 }
 
 function showRun(store, state) {
@@ -102,6 +95,15 @@ export function makeRecord(store, commands, toast) {
         name.disabled = byId("record-length").disabled = on || !state.operator;
         const spent = on ? recording.samples * state.sample_time : 0;
         say(byId("record-text"), on ? `Stop recording ${clock(spent)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "Record");
+    });
+    // An exercise says how long it is to be recorded.
+    store.on("proposed", ({ duration }) => {
+        if (!duration) return;
+        const length = byId("record-length");
+        if (![...length.options].some((option) => Number(option.value) === duration)) {
+            length.append(el("option", { value: duration }, `${significant(duration, 4)} s`));
+        }
+        length.value = String(duration);
     });
     store.on("library-names", (names) => {
         let number = 1;

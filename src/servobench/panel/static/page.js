@@ -7,7 +7,7 @@ import { makeCompare } from "./compare.js";
 import { makeController, makeCutoff, makeStart } from "./controls.js";
 import { makeDevice } from "./device.js";
 import { byId } from "./dom.js";
-import { mountExtra } from "./extras.js";
+import { makeExtras } from "./extras.js";
 import { decode } from "./frames.js";
 import { makeGenerator } from "./generator.js";
 import { makeLease } from "./lease.js";
@@ -66,6 +66,7 @@ async function begin() {
     const scopes = makeScopes();
     const { socket, commands } = makeConnection(scopes);
     makeStop(socket); // first of all
+    const mountExtra = makeExtras(store);
     const views = makeTabs(byId("views"), (tab) => {
         byId("keep").hidden = tab !== "tab-scopes";
         mountExtra(tab);
@@ -80,7 +81,7 @@ async function begin() {
     makeCutoff(store, commands);
     store.on("stopped", (message) => toast(message.sentence ?? "Stopped"));
     try {
-        await session();
+        store.mayDrive = (await session()).operator;
         const catalogue = await get("/api/catalogue");
         makeGenerator(store, commands, catalogue.signals);
         makeController(store, commands, catalogue.controllers);

@@ -1,6 +1,6 @@
 // The recordings: found, annotated, compared, identified, taken away, deleted and brought back.
 
-import { get, post } from "./api.js";
+import { get, post, upload } from "./api.js";
 import { toast } from "./announcer.js";
 import { byId, el, icon, slug } from "./dom.js";
 import { significant, words } from "./format.js";
@@ -54,11 +54,30 @@ export function makeRecordings(store, compare) {
         if (!found.length) list.append(el("li", { class: "quiet none" }, all.length && sought ? "None found." : "None yet. Record makes one."));
         if (focus) byId(focus)?.focus();
     };
+    makeImport(load);
     search.addEventListener("input", show);
     store.on("library", load);
     store.on("recorded", load);
     compare.onChange = show;
     return load;
+}
+
+// A file of somebody else's becomes a recording.
+function makeImport(load) {
+    const file = byId("import-file");
+    byId("import").addEventListener("click", () => file.click());
+    file.addEventListener("change", async () => {
+        const [chosen] = file.files;
+        file.value = "";
+        if (!chosen) return;
+        try {
+            await upload(`/api/upload?name=${encodeURIComponent(chosen.name)}`, chosen);
+            toast(`Imported ${chosen.name}`);
+            await load();
+        } catch (error) {
+            toast(`${chosen.name}: ${error.message}`);
+        }
+    });
 }
 
 const signalName = (recording) => (typeof recording.signal === "string" ? recording.signal : (recording.signal?.type ?? ""));

@@ -3,7 +3,7 @@
 export class Store {
     constructor() {
         this.state = null;
-        this.catalogue = null;
+        this.mayDrive = true; // whether this page may become the operator's at all
         this.listeners = new Map();
     }
 

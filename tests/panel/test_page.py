@@ -1,0 +1,393 @@
+"""The page itself, in a browser, on the stand-in server: what it shows, sends and says."""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.panel.browser import chromium, served
+
+pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
+pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
+
+from servobench.control.base import CONTROLLERS
+from servobench.signals.base import SIGNALS
+from tests.panel.fake import app
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+class Panel:
+    """One page on one bench; what it asked for and what it complained about is kept."""
+
+    def __init__(self, browser: Any, address: str, bench: Any, **options: Any) -> None:
+        self.bench = bench
+        self.context = browser.new_context(**{"viewport": {"width": 1440, "height": 900}, **options})
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(10_000)
+        self.complaints: list[str] = []
+        self.requests: list[str] = []
+        self.page.on("console", lambda message: message.type == "error" and self.complaints.append(message.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.on("request", lambda request: self.requests.append(request.url))
+        self.page.goto(address)
+        self.page.wait_for_selector("body.ready")
+        self.page.get_by_text("You ").first.wait_for()
+
+    def button(self, name: str | re.Pattern[str]) -> Any:
+        return self.page.get_by_role("button", name=name, exact=isinstance(name, str))
+
+    def tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name).click()
+
+    def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until something holds; fails after ten seconds."""
+        for _ in range(200):
+            if holds():
+                return
+            self.page.wait_for_timeout(50)
+        raise AssertionError("it never came to hold")
+
+    def table(self) -> tuple[list[str], list[list[float]]]:
+        """What is seen, as its CSV has it."""
+        with self.page.expect_download() as download:
+            self.button("Save what is seen as CSV").click()
+        head, *lines = csv.reader(io.StringIO(Path(download.value.path()).read_text("utf-8")))
+        return head, [[float(each) for each in line] for line in lines]
+
+
+@pytest.fixture
+def server() -> Iterator[tuple[str, Any]]:
+    made = app()
+    with served(made) as address:
+        yield address, made.state.bench
+
+
+@pytest.fixture
+def panel(browser: Any, server: tuple[str, Any]) -> Iterator[Panel]:
+    panel = Panel(browser, *server)
+    yield panel
+    panel.context.close()
+
+
+def test_it_begins_without_a_complaint_and_asks_nobody_else(panel: Panel, server: tuple[str, Any]) -> None:
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.enabled)
+    for tab in ("Recordings", "Compare", "Scopes", "Model"):
+        panel.tab(tab)
+    assert panel.complaints == []
+    assert [url for url in panel.requests if not url.startswith((server[0], server[0].replace("http", "ws")))] == []
+
+
+def test_a_setting_is_applied_only_when_the_loop_has_said_so(panel: Panel) -> None:
+    panel.bench.hold = True
+    panel.page.get_by_role("spinbutton", name="Low").fill("2")
+    chip = panel.page.locator("#signal-status")
+    assert chip.inner_text() == "Not sent"
+    panel.button("Apply signal").click()
+    panel.until(lambda: panel.bench.signal["low"] == 2)  # the server has it, and its answer has gone out
+    panel.page.wait_for_timeout(300)
+    assert chip.inner_text() == "Pending"
+    panel.bench.hold = False
+    panel.until(lambda: chip.inner_text().startswith("Applied: tick "))
+
+
+def test_a_refusal_is_shown_with_its_reason(panel: Panel) -> None:
+    panel.bench.refuse = "the gains make the loop unstable"
+    panel.page.get_by_label("Kind of controller").select_option("pid")
+    panel.button("Apply controller").click()
+    chip = panel.page.locator("#controller-status")
+    panel.until(lambda: chip.inner_text() == "Refused: the gains make the loop unstable")
+
+
+def test_enter_in_a_field_applies(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="High").fill("4")
+    panel.page.keyboard.press("Enter")
+    panel.until(lambda: panel.bench.signal.get("high") == 4)
+
+
+def test_what_another_page_applied_is_shown_but_not_over_what_is_being_typed(panel: Panel) -> None:
+    high, low = (panel.page.get_by_role("spinbutton", name=name) for name in ("High", "Low"))
+    panel.bench.signal = {**panel.bench.signal, "high": 7.0}
+    panel.until(lambda: high.input_value() == "7")
+    low.fill("2.5")
+    panel.bench.signal = {**panel.bench.signal, "high": 9.0}
+    panel.page.wait_for_timeout(800)  # two states later
+    assert (low.input_value(), high.input_value()) == ("2.5", "7")
+    panel.button("Back").click()
+    assert (low.input_value(), high.input_value()) == ("1", "9")
+
+
+@pytest.mark.parametrize("where", ["#signal-low", "#cutoff", "#device", "#record-name", "body"])
+def test_escape_stops_wherever_one_is(panel: Panel, where: str) -> None:
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.enabled)
+    if where == "#device":
+        panel.page.locator(where).click()  # its dialog takes Escape for itself, too
+    elif where != "body":
+        panel.page.locator(where).focus()
+    panel.page.keyboard.press("Escape")
+    panel.until(lambda: not panel.bench.motor.enabled)
+
+
+def test_who_watches_can_stop_and_nothing_else(panel: Panel, browser: Any, server: tuple[str, Any]) -> None:
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.enabled)
+    second = Panel(browser, *server)
+    second.page.get_by_text("You watch").wait_for()
+    second.until(lambda: second.page.locator("#start").is_disabled())
+    for name in ("#signal-low", "#controller-type", "#cutoff", "#record", "#device"):
+        assert second.page.locator(name).is_disabled(), name
+    second.button("STOP").click()
+    panel.until(lambda: not panel.bench.motor.enabled)
+    second.context.close()
+
+
+def test_a_fault_is_told_with_its_reason_until_it_is_acknowledged(panel: Panel) -> None:
+    panel.page.evaluate("fetch('/fake/fault', {method: 'POST'})")
+    alert = panel.page.get_by_role("alert").filter(has_text="Fault")
+    alert.wait_for()
+    assert "the shaft stood still for 1 s at 6 V" in alert.inner_text()
+    assert "stood still" in panel.page.locator("[data-light=stall]").inner_text()
+    panel.until(lambda: panel.page.locator("#start").is_disabled())
+    panel.button("Acknowledge").click()
+    panel.until(lambda: panel.bench.fault is None and not alert.is_visible())
+
+
+def test_a_limit_says_what_it_holds_back(panel: Panel) -> None:
+    light = panel.page.locator("[data-light=limits]")
+    panel.until(lambda: "within" in light.inner_text())
+    panel.bench.limits = [{"code": "saturated", "sentence": "The voltage is held at 10 V."}]
+    panel.until(lambda: "held at 10 V" in light.inner_text() and light.get_attribute("data-level") == "warn")
+
+
+def test_the_cut_off_moves_by_keyboard_and_says_its_value(panel: Panel) -> None:
+    slider = panel.page.get_by_role("slider", name="Cut-off")
+    slider.focus()
+    panel.page.keyboard.press("ArrowRight")
+    assert slider.get_attribute("aria-valuetext") == "51 radians per second"
+    panel.until(lambda: panel.bench.chain == "derivative | lowpass 51 rad/s")
+    panel.page.keyboard.press("End")
+    panel.until(lambda: panel.bench.chain == "derivative | lowpass 200 rad/s")
+
+
+def test_the_tab_key_reaches_everything_and_gets_out_again(panel: Panel) -> None:
+    wanted = panel.page.evaluate(
+        """() => {
+            const all = [...document.querySelectorAll('a[href], button, input, select, textarea, summary, [tabindex="0"]')];
+            const reachable = all.filter((e) => e.checkVisibility() && !e.disabled && e.tabIndex >= 0);
+            reachable.forEach((e, k) => (e.dataset.number = k));
+            return reachable.length;
+        }"""
+    )
+    assert wanted > 40
+    reached = set()
+    for _ in range(wanted + 20):
+        panel.page.keyboard.press("Tab")
+        number = panel.page.evaluate("document.activeElement.dataset.number ?? null")
+        if number is None and len(reached) == wanted:
+            break  # out of the page
+        reached.add(number)
+    assert {str(k) for k in range(wanted)} - reached == set()
+
+
+def test_paused_scopes_stand_still(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.page.get_by_label("Time shown").select_option("1")
+    panel.button("Pause").click()
+    first = panel.table()
+    panel.page.wait_for_timeout(300)
+    assert panel.table() == first
+    panel.button("Run").click()
+    panel.page.wait_for_timeout(300)
+    assert panel.table() != first
+
+
+def test_what_is_seen_is_exported_as_it_is(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.page.get_by_label("Time shown").select_option("1")
+    panel.button("Pause").click()
+    panel.button("Voltage, Commanded: shown").click()
+    panel.button("Position").click()
+    head, lines = panel.table()
+    assert head == ["t [s]", "applied [V]", "speed [rad/s]"]
+    assert len(lines) == 1001  # both ends of a second
+    times = [line[0] for line in lines]
+    assert [round(1000 * t) for t in times] == list(range(round(1000 * times[0]), round(1000 * times[0]) + 1001))
+
+
+def test_angles_are_exported_in_the_unit_that_is_seen(panel: Panel) -> None:
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.button("Pause").click()
+    tables = {}
+    for unit in ("rad", "deg", "counts"):
+        panel.page.get_by_label("Unit of angles").select_option(unit)
+        head, lines = panel.table()
+        assert head[-1].endswith(f"[{unit}]")
+        tables[unit] = lines[-1][-1]
+    assert tables["rad"] > 1
+    assert tables["deg"] == pytest.approx(tables["rad"] * 180 / 3.141592653589793, rel=1e-6)
+    assert tables["counts"] == pytest.approx(tables["rad"] * 2048 / (2 * 3.141592653589793), rel=1e-6)
+
+
+def test_the_picture_is_a_png(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 300)
+    with panel.page.expect_download() as download:
+        panel.button("Save what is seen as PNG").click()
+    data = Path(download.value.path()).read_bytes()
+    assert data[:8] == b"\x89PNG\r\n\x1a\n"
+    assert int.from_bytes(data[16:20]) > 500
+
+
+def test_a_trigger_holds_the_edge_at_its_place(panel: Panel) -> None:
+    panel.page.get_by_label("Time shown").select_option("0.5")
+    panel.button("Trigger").click()
+    panel.page.get_by_label("Level").fill("2")
+    panel.page.keyboard.press("Enter")
+    panel.button("Start").click()  # 0 V to 3 V
+    panel.page.locator("#trigger-strip").get_by_text("Triggered").wait_for()
+    head, lines = panel.table()
+    applied = [line[head.index("applied [V]")] for line in lines]
+    # A tenth of half a second before the edge: 50 rows, the crossing lies between two of them.
+    assert applied[:50] == [0.0] * 50
+    assert applied[51:] == [3.0] * len(applied[51:])
+    assert len(applied) in (500, 501)
+
+
+def test_zoom_by_keyboard_halves_what_is_seen(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.page.get_by_label("Time shown").select_option("2")
+    panel.button("Pause").click()
+    _, before = panel.table()
+    panel.page.get_by_role("img", name="Speed over time").focus()
+    panel.page.keyboard.press("+")
+    _, after = panel.table()
+    assert len(after) == pytest.approx(len(before) / 2, abs=2)
+
+
+def test_cursors_tell_times_and_differences_and_move_by_keyboard(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.page.get_by_label("Time shown").select_option("1")
+    panel.button("Pause").click()
+    panel.button("Cursors").click()
+    strip = panel.page.get_by_role("group", name="Cursors")
+    strip.get_by_text("Δt 300 ms").wait_for()
+    panel.page.get_by_role("slider", name="Cursor B").focus()
+    panel.page.keyboard.press("ArrowRight")
+    strip.get_by_text("Δt 301 ms").wait_for()
+    assert strip.get_by_role("row").count() == 1 + 4  # commanded, applied, filtered, position
+
+
+def test_every_signal_and_controller_of_the_library_can_be_set(panel: Panel) -> None:
+    for name in SIGNALS.names():
+        panel.page.get_by_label("Kind of signal").select_option(name)
+        panel.button("Apply signal").click()
+        panel.until(lambda name=name: panel.bench.signal["type"] == name)
+        given = {key: value for key, value in panel.bench.signal.items() if key != "type"}
+        assert SIGNALS[name](**given) == SIGNALS[name](**example(SIGNALS[name])), name
+    for name in CONTROLLERS.names():
+        panel.page.get_by_label("Kind of controller").select_option(name)
+        panel.button("Apply controller").click()
+        panel.until(lambda name=name: panel.bench.controller["type"] == name)
+        given = {key: value for key, value in panel.bench.controller.items() if key != "type"}
+        assert CONTROLLERS[name](**given) == CONTROLLERS[name](), name
+
+
+def example(signal: Any) -> dict[str, Any]:
+    """The settings that have no default, with their examples."""
+    fields = signal.model_fields.items()
+    return {key: field.examples[0] for key, field in fields if field.is_required()}
+
+
+def test_a_signal_that_cannot_be_is_told_before_it_is_sent(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="Low").fill("5")
+    panel.page.locator("#signal .trouble").get_by_text("high = 3 is below low = 5").wait_for()
+
+
+def test_recordings_are_searched_annotated_deleted_and_brought_back(panel: Panel) -> None:
+    panel.tab("Recordings")
+    panel.page.get_by_role("searchbox").fill("LOOSE")
+    panel.until(lambda: panel.page.locator(".recording").count() == 1)
+    panel.button("chirp-slow").click()
+    panel.page.get_by_label("Notes on chirp-slow").fill("the cable was tightened")
+    panel.page.keyboard.press("Tab")
+    panel.until(lambda: panel.bench.recordings["chirp-slow"]["notes"] == "the cable was tightened")
+    panel.page.get_by_role("searchbox").fill("")
+    panel.button("Delete chirp-slow").click()
+    panel.until(lambda: panel.page.locator(".recording").count() == 2)
+    panel.button("Undo").click()
+    panel.until(lambda: panel.page.locator(".recording").count() == 3)
+    assert not panel.bench.recordings["chirp-slow"]["deleted"]
+
+
+def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
+    panel.page.get_by_label("Name of the recording").fill("mine")
+    panel.page.get_by_label("Length").select_option("")
+    panel.button("Record").click()
+    panel.button(re.compile("Stop recording 0:0")).click()
+    panel.tab("Recordings")
+    panel.button("mine").click()
+    panel.button("Identify").click()
+    panel.page.get_by_text("22.04").wait_for()
+    assert panel.page.get_by_role("link", name="Open the report of mine").get_attribute("href") == "/reports/mine"
+
+
+def test_two_recordings_are_laid_over_each_other(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 500)
+    panel.tab("Recordings")
+    panel.page.get_by_label("Compare square-1-3").check()
+    panel.page.get_by_label("Compare prbs-disc").check()
+    panel.page.get_by_role("img", name="Speed of square-1-3 and prbs-disc over time").wait_for()
+
+
+def test_texts_of_others_are_never_markup(browser: Any, server: tuple[str, Any]) -> None:
+    evil = "<img src=x onerror='window.hacked = true'>"
+    bench = server[1]
+    bench.recordings["square-1-3"] |= {"notes": evil, "signal": evil}
+    bench.fault = {"code": "stall", "sentence": evil}
+    panel = Panel(browser, *server)
+    panel.tab("Recordings")
+    panel.button("square-1-3").click()
+    panel.page.get_by_role("alert").filter(has_text=evil).wait_for()
+    assert panel.page.locator("img:not([role]), #recordings img").count() == 0
+    assert panel.page.evaluate("window.hacked") is None
+    panel.context.close()
+
+
+def test_the_page_comes_back_when_the_connection_was_lost(panel: Panel) -> None:
+    panel.page.evaluate("window.stillHere = true")
+    link = panel.page.locator("[data-light=link]")
+    panel.bench.drop_all()
+    panel.until(lambda: "lost" in link.inner_text())
+    panel.until(lambda: "connected" in link.inner_text())
+    panel.page.get_by_text("You drive").wait_for()
+    assert panel.page.evaluate("window.stillHere")
+
+
+def test_readings_are_there_for_who_cannot_see_the_scopes(panel: Panel) -> None:
+    panel.button("Start").click()
+    panel.until(lambda: "3.00 V" in panel.page.locator("#readings").inner_text())
+    panel.button("Speak readings").click()
+    panel.until(lambda: "Voltage, applied 3.00 V" in panel.page.locator("#announcer").inner_text())
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 700), (390, 844)])
+def test_nothing_sticks_out_at_the_side_and_stop_stays_in_view(browser: Any, server: tuple[str, Any], size: tuple[int, int]) -> None:
+    panel = Panel(browser, *server, viewport={"width": size[0], "height": size[1]})
+    assert panel.page.evaluate("document.documentElement.scrollWidth") <= size[0]
+    panel.page.mouse.wheel(0, 5000)
+    panel.page.wait_for_timeout(200)
+    box = panel.page.locator("#stop").bounding_box()
+    assert 0 <= box["y"] and box["y"] + box["height"] <= size[1] and box["height"] >= 44
+    panel.context.close()

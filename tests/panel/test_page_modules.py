@@ -1,0 +1,180 @@
+"""The page's modules that reckon, each held against NumPy or algebra; run in the browser that they are for."""
+
+from __future__ import annotations
+
+import base64
+import math
+from collections.abc import Callable, Iterator
+from typing import Any
+
+import numpy as np
+import pytest
+
+from tests.panel.browser import chromium, served
+
+pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
+pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
+
+from tests.panel.fake import COLUMNS, app, frame  # after the look whether it can be imported
+
+Call = Callable[..., Any]
+
+
+@pytest.fixture(scope="module")
+def call() -> Iterator[Call]:
+    """Runs a function of JavaScript whose first argument is the module named; arguments go as JSON."""
+    with chromium() as browser, served(app()) as address:
+        page = browser.new_page()
+        page.goto(f"{address}/static/icon.svg")  # the same origin, and nothing that runs
+
+        def run(module: str, body: str, argument: Any = None) -> Any:
+            code = f"async (given) => {{ const m = await import('/static/{module}.js'); return ({body})(m, given); }}"
+            return page.evaluate(code, argument)
+
+        yield run
+
+
+def rows(first: int, count: int) -> np.ndarray:
+    """Rows whose every value tells where it stands."""
+    k = np.arange(first, first + count)
+    return np.column_stack([k * 1e-3, *(100 * column + 0.25 * k for column in range(1, len(COLUMNS)))])
+
+
+def text(data: bytes) -> str:
+    return base64.b64encode(data).decode()
+
+
+BYTES = "const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;"
+
+
+def test_a_frame_is_decoded_as_numpy_wrote_it(call: Call) -> None:
+    given = rows(7, 33)
+    body = f"(m, g) => {{ {BYTES} const f = m.decode(bytes(g)); return [f.first, f.count, m.COLUMNS.map((n) => [...f.columns[n]])]; }}"
+    first, count, columns = call("frames", body, text(frame(7, given)))
+    assert (first, count) == (7, 33)
+    np.testing.assert_array_equal(columns[0], given[:, 0])
+    np.testing.assert_array_equal(np.array(columns[1:]), given[:, 1:].T.astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("spoil", "sentence"),
+    [
+        (lambda data: data[:10], "shorter than its header"),
+        (lambda data: b"X" + data[1:], "begin with SVB1"),
+        (lambda data: data[:-4], "expected"),
+        (lambda data: data[:8] + b"\x05\0\0\0" + data[12:], "5 columns; expected 13"),
+    ],
+)
+def test_what_is_no_frame_is_refused_with_a_reason(call: Call, spoil: Any, sentence: str) -> None:
+    body = f"(m, g) => {{ {BYTES} try {{ m.decode(bytes(g)); return ''; }} catch (e) {{ return e.message; }} }}"
+    assert sentence in call("frames", body, text(spoil(frame(0, rows(0, 4)))))
+
+
+RING = BYTES + "const ring = new m.Ring(g.capacity); for (const f of g.frames) ring.append(m.decode(bytes(f)));"
+
+
+def test_the_ring_keeps_the_last_rows_whatever_pieces_they_come_in(call: Call) -> None:
+    sizes = np.random.default_rng(4).integers(0, 90, 60)  # more than the capacity in one piece, too
+    starts = np.concatenate([[0], np.cumsum(sizes)])
+    frames = [text(frame(a, rows(a, b - a))) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    body = f"(m, g) => {{ {RING} const v = ring.view(); return [v.gaps.length, m.COLUMNS.map((n) => [...v[n]])]; }}"
+    gaps, columns = call("frames", body, {"capacity": 64, "frames": frames})
+    last = rows(int(starts[-1]) - 64, 64)
+    assert gaps == 0
+    np.testing.assert_array_equal(columns[0], last[:, 0])
+    np.testing.assert_array_equal(np.array(columns[1:]), last[:, 1:].T.astype(np.float32))
+
+
+def test_missing_rows_leave_a_gap_until_they_are_out_of_the_ring(call: Call) -> None:
+    frames = [text(frame(0, rows(0, 10))), text(frame(15, rows(15, 10)))]
+    body = f"(m, g) => {{ {RING} const before = [...ring.gaps]; ring.append(m.decode(bytes(g.more))); return [before, ring.gaps]; }}"
+    before, after = call("frames", body, {"capacity": 20, "frames": frames, "more": text(frame(25, rows(25, 15)))})
+    assert before == [[9 * 1e-3, 15 * 1e-3]]
+    assert after == []
+
+
+def test_a_run_that_begins_anew_takes_the_place_of_the_one_before(call: Call) -> None:
+    frames = [text(frame(500, rows(500, 10))), text(frame(0, rows(0, 5)))]
+    body = f"(m, g) => {{ {RING} return [ring.count, ring.gaps.length, ring.last]; }}"
+    assert call("frames", body, {"capacity": 20, "frames": frames}) == [5, 0, 4 * 1e-3]
+
+
+def test_the_trigger_finds_where_a_sine_crosses_zero(call: Call) -> None:
+    t = np.arange(0, 3.3, 1e-3) + 0.37e-3
+    y = np.sin(2 * np.pi * t)
+    body = "(m, g) => [true, false].map((rising) => m.lastCrossing(g.t, g.y, {level: 0, rising, hysteresis: 0.1}))"
+    rising, falling = call("trigger", body, {"t": t.tolist(), "y": y.tolist()})
+    # A chord's distance from the sine is at most h²/8 |y''|, with |y''| ≤ (2π)³ h beside the zero; over the slope 2π: 5e-9 s.
+    assert rising == pytest.approx(3.0, abs=1e-8)
+    assert falling == pytest.approx(2.5, abs=1e-8)
+
+
+def test_noise_about_the_level_is_no_crossing(call: Call) -> None:
+    t = np.arange(1000) * 1e-3
+    # Up at 0.2 s, about the level with noise until the end: the last crossing is that rise, if noise triggers nothing.
+    y = np.where(t < 0.2, -1.0, 0.02 * (-1.0) ** np.arange(1000))
+    body = "(m, g) => [0, 0.1].map((hysteresis) => m.lastCrossing(g.t, g.y, {level: 0, rising: true, hysteresis}))"
+    without, with_it = call("trigger", body, {"t": t.tolist(), "y": y.tolist()})
+    assert without > 0.9
+    assert 0.199 <= with_it <= 0.201
+
+
+def test_a_sweep_is_shown_only_when_all_of_it_is_there(call: Call) -> None:
+    t = np.arange(0, 2.1, 1e-3)
+    y = np.where(t % 1.0 >= 0.5, 1.0, -1.0)  # up at 0.5 and 1.5
+    body = "(m, g) => g.spans.map((span) => m.lastSweep({t: g.t, y: g.y}, 'y', {level: 0, rising: true, span, pre: 0.2}))"
+    short, longer, none = call("trigger", body, {"t": t.tolist(), "y": y.tolist(), "spans": [0.7, 1.0, 3.0]})
+    assert short == pytest.approx(1.4995)  # halfway between the rows beside the edge
+    assert longer == pytest.approx(0.4995)  # 0.8 s after 1.5 s are not there yet
+    assert none is None or math.isnan(none)
+
+
+def test_cursors_on_a_straight_line_tell_its_slope(call: Call) -> None:
+    t = np.arange(0, 2, 0.1)
+    body = "(m, g) => m.differences(g.t, [g.t.map((t) => 3 + 2 * t)], 0.25, 1.75)"
+    found = call("cursors", body, {"t": t.tolist()})
+    (row,) = found["rows"]
+    assert found["span"] == 1.5
+    assert found["rate"] == pytest.approx(1 / 1.5)
+    assert [row["a"], row["b"], row["difference"], row["slope"]] == pytest.approx([3.5, 6.5, 3.0, 2.0])
+
+
+def test_a_cursor_beside_the_data_reads_nothing(call: Call) -> None:
+    assert call("cursors", "(m, g) => [-1, 5].map((at) => Number.isNaN(m.valueAt(g, g, at)))", [0.0, 1.0]) == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("chain", "cutoff", "changed"),
+    [
+        ("derivative | lowpass 50 rad/s", 50, "derivative | lowpass 75 rad/s"),
+        ("unwrap | derivative | lowpass 10 Hz", 20 * math.pi, "unwrap | derivative | lowpass 75 rad/s"),
+        ("derivative", None, "derivative | lowpass 75 rad/s"),
+        ("", None, "derivative | lowpass 75 rad/s"),
+    ],
+)
+def test_the_cut_off_of_a_chain_is_read_and_replaced(call: Call, chain: str, cutoff: float | None, changed: str) -> None:
+    found, made = call("controls", "(m, g) => [m.cutoffOf(g), m.withCutoff(g, 75)]", chain)
+    assert found == (None if cutoff is None else pytest.approx(cutoff))
+    assert made == changed
+
+
+def test_figures_have_the_digits_asked_for(call: Call) -> None:
+    given = [0, 0.0898123, -22.0456, 123456, 3.2e-7, None]
+    found = call("format", "(m, g) => g.map((v) => m.significant(v ?? NaN, 3))", given)
+    assert found == ["0", "0.0898", "\u221222.0", "123456", "3.20e\u22127", "–"]
+
+
+def test_the_range_of_a_scope_grows_at_once_and_shrinks_when_most_of_it_is_empty(call: Call) -> None:
+    body = "(m, g) => { const s = new m.Span(); return g.map(([a, b]) => [...s.holding(a, b)]); }"
+    one, same, grown, shrunk = call("span", body, [[0, 10], [1, 9], [0, 20], [0, 5]])
+    assert one == same == pytest.approx([-1.2, 11.2])
+    assert grown == pytest.approx([-2.4, 22.4])
+    assert shrunk == pytest.approx([-0.6, 5.6])
+
+
+def test_two_recordings_of_different_rates_share_an_axis(call: Call) -> None:
+    body = "(m, g) => m.aligned(g, 'y')"
+    t, a, b = call("compare", body, [{"t": [5.0, 6.0, 7.0], "y": [1, 2, 3]}, {"t": [0.0, 0.5, 1.0], "y": [7, 8, 9]}])
+    assert t == [0.0, 0.5, 1.0, 2.0]
+    assert a == [1, None, 2, 3]
+    assert b == [7, 8, 9, None]
