@@ -30,7 +30,8 @@ from tests.panel.fake_catalogue import catalogue
 
 STATIC = Path(__file__).parents[2] / "src" / "servobench" / "panel" / "static"
 COLUMNS = (
-    "t reference commanded applied counts position speed_raw speed current residual late saturated command".split()
+    *("t", "reference", "commanded", "applied", "counts", "position", "speed_raw"),
+    *("speed", "current", "residual", "late", "saturated", "command"),
 )
 SAMPLE_TIME = 0.001
 GAIN, TIME_CONSTANT, COULOMB, COUNTS = 22.0, 0.09, 0.12, 2048
@@ -91,7 +92,11 @@ class Bench:
         self.signal: dict[str, Any] = {"type": "square", "low": 1.0, "high": 3.0, "frequency": 0.4}
         self.controller: dict[str, Any] = {"type": "open_loop"}
         self.chain = "derivative | lowpass 50 rad/s"
-        self.device: dict[str, Any] | None = {"name": "twin", "settings": {}, "title": "QUBE-Servo, simulated"}
+        self.device: dict[str, Any] | None = {
+            "name": "twin",
+            "settings": {},
+            "title": "QUBE-Servo, simulated",
+        }
         self.fault: dict[str, str] | None = None
         self.recording: dict[str, Any] | None = None
         self.refuse = ""
@@ -177,7 +182,11 @@ class Bench:
         elif do == "acknowledge":
             self.fault = None
         elif do == "record":
-            self.recording = {"name": asked.get("name") or "run-4", "samples": 0, "duration": asked.get("duration")}
+            self.recording = {
+                "name": asked.get("name") or "run-4",
+                "samples": 0,
+                "duration": asked.get("duration"),
+            }
         elif do == "end_record":
             self.end_recording()
         elif do in ("set", "start", "halt"):
@@ -209,9 +218,20 @@ class Bench:
     def end_recording(self) -> str:
         name = str((self.recording or {}).get("name"))
         seconds = (self.recording or {}).get("samples", 0) * SAMPLE_TIME
-        entry = {"created": "2026-11-21T10:00:00Z", "duration": seconds, "samples": round(seconds / SAMPLE_TIME)}
+        entry = {
+            "created": "2026-11-21T10:00:00Z",
+            "duration": seconds,
+            "samples": round(seconds / SAMPLE_TIME),
+        }
         kind = str(self.signal["type"])
-        self.recordings[name] = {"name": name, **entry, "signal": kind, "notes": "", "verdict": None, "deleted": False}
+        self.recordings[name] = {
+            "name": name,
+            **entry,
+            "signal": kind,
+            "notes": "",
+            "verdict": None,
+            "deleted": False,
+        }
         self.recording = None
         return name
 
@@ -240,7 +260,11 @@ class Bench:
 
     def live(self, samples: int) -> dict[str, Any]:
         share = 0.3 / np.sqrt(1 + samples / 500)
-        truth = {"gain": (GAIN, "rad/(s·V)"), "time_constant": (TIME_CONSTANT, "s"), "coulomb_voltage": (COULOMB, "V")}
+        truth = {
+            "gain": (GAIN, "rad/(s·V)"),
+            "time_constant": (TIME_CONSTANT, "s"),
+            "coulomb_voltage": (COULOMB, "V"),
+        }
         parameters = {
             name: {"value": v, "interval": [v * (1 - share * k), v * (1 + share * k)], "unit": unit}
             for k, (name, (v, unit)) in enumerate(truth.items(), 1)
@@ -324,7 +348,9 @@ def app() -> Starlette:
                 if asked.get("do") == "end_record":
                     await bench.tell({"kind": "library"})
                 if asked.get("do") == "stop":
-                    await bench.tell({"kind": "stopped", "sentence": "STOP was pressed; the motor gets no voltage"})
+                    await bench.tell(
+                        {"kind": "stopped", "sentence": "STOP was pressed; the motor gets no voltage"}
+                    )
                 if bench.pending is not None:
                     while bench.hold:
                         await asyncio.sleep(0.01)
@@ -401,7 +427,9 @@ def identified(name: str) -> dict[str, Any]:
         "schema": "servobench.result/1",
         "verdict": "trusted",
         "structure": "first_order",
-        "findings": [{"code": "small_swing", "severity": "info", "sentence": "The input has two levels only."}],
+        "findings": [
+            {"code": "small_swing", "severity": "info", "sentence": "The input has two levels only."}
+        ],
         "parameters": {
             key: {"value": v, "sd": sd, "interval": [v - 2 * sd, v + 2 * sd], "level": 0.95, "unit": unit}
             for key, (v, sd, unit) in values.items()

@@ -31,7 +31,12 @@ def _field(name: str, field: Any) -> dict[str, Any]:
 def _member(name: str, member: Any) -> dict[str, Any]:
     sentence = (sys.modules[member.__module__].__doc__ or "").strip().splitlines()[0]
     fields = [_field(field.alias or key, field) for key, field in member.model_fields.items()]
-    return {"name": name, "title": name.replace("_", " ").capitalize(), "sentence": sentence, "fields": fields}
+    return {
+        "name": name,
+        "title": name.replace("_", " ").capitalize(),
+        "sentence": sentence,
+        "fields": fields,
+    }
 
 
 def catalogue() -> dict[str, Any]:
@@ -49,8 +54,18 @@ def catalogue() -> dict[str, Any]:
         "signals": [_member(name, SIGNALS[name]) for name in SIGNALS.names()],
         "controllers": [_member(name, CONTROLLERS[name]) for name in CONTROLLERS.names()],
         "devices": [
-            {"name": "twin", "title": "QUBE-Servo, simulated", "sentence": "The simulated motor.", "fields": [amplitude]},
-            {"name": "replay", "title": "Replay", "sentence": "A recording played as a device.", "fields": []},
+            {
+                "name": "twin",
+                "title": "QUBE-Servo, simulated",
+                "sentence": "The simulated motor.",
+                "fields": [amplitude],
+            },
+            {
+                "name": "replay",
+                "title": "Replay",
+                "sentence": "A recording played as a device.",
+                "fields": [],
+            },
         ],
         "units": {"encoder": ["counts", "deg", "rad"]},
     }

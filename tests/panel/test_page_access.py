@@ -46,11 +46,26 @@ def contrast(a: str, b: str) -> float:
 
 
 TEXTS = [(ink, ground) for ink in ("ink", "quiet", "bad") for ground in ("panel", "ground", "raised")]
-TEXTS += [("ink", "accent-soft"), ("ink", "scope-ground"), ("quiet", "scope-ground"), ("scope-text", "scope-ground")]
-TEXTS += [("accent-ink", "accent"), ("stop-ink", "stop"), ("stop-ink", "stop-over"), ("accent", "panel"), ("bad", "bad-soft"), ("ink", "bad-soft")]
+TEXTS += [
+    ("ink", "accent-soft"),
+    ("ink", "scope-ground"),
+    ("quiet", "scope-ground"),
+    ("scope-text", "scope-ground"),
+]
+TEXTS += [
+    ("accent-ink", "accent"),
+    ("stop-ink", "stop"),
+    ("stop-ink", "stop-over"),
+    ("accent", "panel"),
+    ("bad", "bad-soft"),
+    ("ink", "bad-soft"),
+]
 TRACES = sorted(name for name in LIGHT if name.startswith(("trace-", "compare-")))
 MARKS = [(trace, "scope-ground") for trace in TRACES]
-MARKS += [(mark, "panel") for mark in ("ok", "warn", "bad", "edge", "accent")] + [("edge", "scope-ground"), ("cursor-line", "scope-ground")]
+MARKS += [(mark, "panel") for mark in ("ok", "warn", "bad", "edge", "accent")] + [
+    ("edge", "scope-ground"),
+    ("cursor-line", "scope-ground"),
+]
 
 
 @pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
@@ -65,14 +80,32 @@ def test_marks_and_traces_stand_out_from_their_ground(theme: dict[str, str], mar
     assert contrast(theme[mark], theme[ground]) >= 3
 
 
-# Machado, Oliveira, Fernandes: A physiologically-based model for simulation of color vision deficiency, 2009, table for severity 1.
+# Machado, Oliveira, Fernandes: A physiologically-based model for simulation of color vision deficiency, 2009; severity 1.
 BLINDNESS = {
     "none": np.eye(3),
-    "protanopia": [[0.152286, 1.052583, -0.204868], [0.114503, 0.786281, 0.099216], [-0.003882, -0.048116, 1.051998]],
-    "deuteranopia": [[0.367322, 0.860646, -0.227968], [0.280085, 0.672501, 0.047413], [-0.011820, 0.042940, 0.968881]],
-    "tritanopia": [[1.255528, -0.076749, -0.178779], [-0.078411, 0.930809, 0.147602], [0.004733, 0.691367, 0.303900]],
+    "protanopia": [
+        [0.152286, 1.052583, -0.204868],
+        [0.114503, 0.786281, 0.099216],
+        [-0.003882, -0.048116, 1.051998],
+    ],
+    "deuteranopia": [
+        [0.367322, 0.860646, -0.227968],
+        [0.280085, 0.672501, 0.047413],
+        [-0.011820, 0.042940, 0.968881],
+    ],
+    "tritanopia": [
+        [1.255528, -0.076749, -0.178779],
+        [-0.078411, 0.930809, 0.147602],
+        [0.004733, 0.691367, 0.303900],
+    ],
 }
-TOGETHER = [("commanded", "applied"), ("speed_raw", "speed"), ("reference", "speed"), ("reference", "speed_raw"), ("reference", "position")]
+TOGETHER = [
+    ("commanded", "applied"),
+    ("speed_raw", "speed"),
+    ("reference", "speed"),
+    ("reference", "speed_raw"),
+    ("reference", "position"),
+]
 PAIRS = [(f"trace-{a}", f"trace-{b}") for a, b in TOGETHER] + [("compare-0", "compare-1")]
 
 
@@ -87,7 +120,9 @@ def lab(light: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("theme", [LIGHT, DARK], ids=["light", "dark"])
 @pytest.mark.parametrize("blindness", BLINDNESS)
 @pytest.mark.parametrize(("a", "b"), PAIRS)
-def test_traces_of_one_scope_are_told_apart_whatever_colours_one_sees(theme: dict[str, str], blindness: str, a: str, b: str) -> None:
+def test_traces_of_one_scope_are_told_apart_whatever_colours_one_sees(
+    theme: dict[str, str], blindness: str, a: str, b: str
+) -> None:
     seen = [lab(np.asarray(BLINDNESS[blindness]) @ linear(theme[name])) for name in (a, b)]
     # Ten times what is just noticed (2.3 in CIELAB, Mahy and others 1994); traces differ by dashes and width besides.
     assert np.linalg.norm(seen[0] - seen[1]) >= 23
@@ -105,7 +140,9 @@ def findings(page: Any) -> list[str]:
 
     found = Axe().run(page).response["violations"]
     grave = [each for each in found if each["impact"] in ("serious", "critical")]
-    return [f"{each['id']}: {node['target']} {node['failureSummary']}" for each in grave for node in each["nodes"]]
+    return [
+        f"{each['id']}: {node['target']} {node['failureSummary']}" for each in grave for node in each["nodes"]
+    ]
 
 
 @pytest.mark.parametrize("theme", ["light", "dark"])
@@ -115,7 +152,12 @@ def test_axe_finds_nothing_grave(browser: Any, theme: str, size: tuple[int, int]
     made = app()
     with served(made) as address:
         # axe itself is given to the page, which the page's own policy would forbid.
-        context = browser.new_context(viewport={"width": size[0], "height": size[1]}, color_scheme=theme, bypass_csp=True, reduced_motion="reduce")
+        context = browser.new_context(
+            viewport={"width": size[0], "height": size[1]},
+            color_scheme=theme,
+            bypass_csp=True,
+            reduced_motion="reduce",
+        )
         page = context.new_page()
         page.goto(address)
         page.wait_for_selector("body.ready")
@@ -161,6 +203,15 @@ def test_motion_is_left_out_where_that_is_wished(browser: Any) -> None:
 def test_no_file_of_the_page_makes_markup_of_texts_or_asks_elsewhere() -> None:
     for file in Path(STATIC).iterdir():
         text = file.read_text("utf-8")
-        for forbidden in ("innerHTML", "outerHTML", "insertAdjacentHTML", "document.write", "eval(", "new Function", "style=", "onclick="):
+        for forbidden in (
+            "innerHTML",
+            "outerHTML",
+            "insertAdjacentHTML",
+            "document.write",
+            "eval(",
+            "new Function",
+            "style=",
+            "onclick=",
+        ):
             assert forbidden not in text, (file.name, forbidden)
         assert re.findall(r"https?://(?!www\.w3\.org/)", text) == [], file.name

@@ -15,6 +15,8 @@ from tests.panel.browser import chromium, served
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
+import itertools
+
 from tests.panel.fake import COLUMNS, app, frame  # after the look whether it can be imported
 
 Call = Callable[..., Any]
@@ -44,12 +46,13 @@ def text(data: bytes) -> str:
     return base64.b64encode(data).decode()
 
 
+COLUMNS_OF_F = "m.COLUMNS.map((name) => [...f.columns[name]])"
 BYTES = "const bytes = (text) => Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer;"
 
 
 def test_a_frame_is_decoded_as_numpy_wrote_it(call: Call) -> None:
     given = rows(7, 33)
-    body = f"(m, g) => {{ {BYTES} const f = m.decode(bytes(g)); return [f.first, f.count, m.COLUMNS.map((n) => [...f.columns[n]])]; }}"
+    body = f"(m, g) => {{ {BYTES} const f = m.decode(bytes(g)); return [f.first, f.count, {COLUMNS_OF_F}]; }}"
     first, count, columns = call("frames", body, text(frame(7, given)))
     assert (first, count) == (7, 33)
     np.testing.assert_array_equal(columns[0], given[:, 0])
@@ -66,17 +69,21 @@ def test_a_frame_is_decoded_as_numpy_wrote_it(call: Call) -> None:
     ],
 )
 def test_what_is_no_frame_is_refused_with_a_reason(call: Call, spoil: Any, sentence: str) -> None:
-    body = f"(m, g) => {{ {BYTES} try {{ m.decode(bytes(g)); return ''; }} catch (e) {{ return e.message; }} }}"
+    body = (
+        f"(m, g) => {{ {BYTES} try {{ m.decode(bytes(g)); return ''; }} catch (e) {{ return e.message; }} }}"
+    )
     assert sentence in call("frames", body, text(spoil(frame(0, rows(0, 4)))))
 
 
-RING = BYTES + "const ring = new m.Ring(g.capacity); for (const f of g.frames) ring.append(m.decode(bytes(f)));"
+RING = (
+    BYTES + "const ring = new m.Ring(g.capacity); for (const f of g.frames) ring.append(m.decode(bytes(f)));"
+)
 
 
 def test_the_ring_keeps_the_last_rows_whatever_pieces_they_come_in(call: Call) -> None:
     sizes = np.random.default_rng(4).integers(0, 90, 60)  # more than the capacity in one piece, too
     starts = np.concatenate([[0], np.cumsum(sizes)])
-    frames = [text(frame(a, rows(a, b - a))) for a, b in zip(starts[:-1], starts[1:], strict=True)]
+    frames = [text(frame(a, rows(a, b - a))) for a, b in itertools.pairwise(starts)]
     body = f"(m, g) => {{ {RING} const v = ring.view(); return [v.gaps.length, m.COLUMNS.map((n) => [...v[n]])]; }}"
     gaps, columns = call("frames", body, {"capacity": 64, "frames": frames})
     last = rows(int(starts[-1]) - 64, 64)
@@ -87,8 +94,10 @@ def test_the_ring_keeps_the_last_rows_whatever_pieces_they_come_in(call: Call) -
 
 def test_missing_rows_leave_a_gap_until_they_are_out_of_the_ring(call: Call) -> None:
     frames = [text(frame(0, rows(0, 10))), text(frame(15, rows(15, 10)))]
-    body = f"(m, g) => {{ {RING} const before = [...ring.gaps]; ring.append(m.decode(bytes(g.more))); return [before, ring.gaps]; }}"
-    before, after = call("frames", body, {"capacity": 20, "frames": frames, "more": text(frame(25, rows(25, 15)))})
+    body = f"(m, g) => {{ {RING} const was = [...ring.gaps]; ring.append(m.decode(bytes(g.more))); return [was, ring.gaps]; }}"
+    before, after = call(
+        "frames", body, {"capacity": 20, "frames": frames, "more": text(frame(25, rows(25, 15)))}
+    )
     assert before == [[9 * 1e-3, 15 * 1e-3]]
     assert after == []
 
@@ -140,7 +149,9 @@ def test_cursors_on_a_straight_line_tell_its_slope(call: Call) -> None:
 
 
 def test_a_cursor_beside_the_data_reads_nothing(call: Call) -> None:
-    assert call("cursors", "(m, g) => [-1, 5].map((at) => Number.isNaN(m.valueAt(g, g, at)))", [0.0, 1.0]) == [True, True]
+    assert call(
+        "cursors", "(m, g) => [-1, 5].map((at) => Number.isNaN(m.valueAt(g, g, at)))", [0.0, 1.0]
+    ) == [True, True]
 
 
 @pytest.mark.parametrize(
@@ -152,7 +163,9 @@ def test_a_cursor_beside_the_data_reads_nothing(call: Call) -> None:
         ("", None, "derivative | lowpass 75 rad/s"),
     ],
 )
-def test_the_cut_off_of_a_chain_is_read_and_replaced(call: Call, chain: str, cutoff: float | None, changed: str) -> None:
+def test_the_cut_off_of_a_chain_is_read_and_replaced(
+    call: Call, chain: str, cutoff: float | None, changed: str
+) -> None:
     found, made = call("controls", "(m, g) => [m.cutoffOf(g), m.withCutoff(g, 75)]", chain)
     assert found == (None if cutoff is None else pytest.approx(cutoff))
     assert made == changed
@@ -174,7 +187,9 @@ def test_the_range_of_a_scope_grows_at_once_and_shrinks_when_most_of_it_is_empty
 
 def test_two_recordings_of_different_rates_share_an_axis(call: Call) -> None:
     body = "(m, g) => m.aligned(g, 'y')"
-    t, a, b = call("compare", body, [{"t": [5.0, 6.0, 7.0], "y": [1, 2, 3]}, {"t": [0.0, 0.5, 1.0], "y": [7, 8, 9]}])
+    t, a, b = call(
+        "compare", body, [{"t": [5.0, 6.0, 7.0], "y": [1, 2, 3]}, {"t": [0.0, 0.5, 1.0], "y": [7, 8, 9]}]
+    )
     assert t == [0.0, 0.5, 1.0, 2.0]
     assert a == [1, None, 2, 3]
     assert b == [7, 8, 9, None]
