@@ -342,7 +342,7 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
     panel.page.get_by_label("Name of the recording").fill("mine")
     panel.page.get_by_label("Length").select_option("")
     panel.button("Record").click()
-    panel.button(re.compile("Stop recording 0:0")).click()
+    panel.button(re.compile("End recording 0:0")).click()
     panel.tab("Recordings")
     panel.button("mine").click()
     panel.button("Identify").click()

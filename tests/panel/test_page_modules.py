@@ -193,3 +193,8 @@ def test_two_recordings_of_different_rates_share_an_axis(call: Call) -> None:
     assert t == [0.0, 0.5, 1.0, 2.0]
     assert a == [1, None, 2, 3]
     assert b == [7, 8, 9, None]
+
+
+def test_steps_of_an_axis_are_written_in_full(call: Call) -> None:
+    steps = [100, 5, 2.5, 1, 0.5, 0.25, 0.1, 0.002, 0.1 + 0.2]
+    assert call("format", "(m, g) => g.map(m.decimals)", steps) == [0, 0, 1, 0, 1, 2, 1, 3, 1]

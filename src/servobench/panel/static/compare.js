@@ -3,7 +3,7 @@
 import { bytes } from "./api.js";
 import { byId, el } from "./dom.js";
 import { decode } from "./frames.js";
-import { fixed } from "./format.js";
+import { decimals, fixed } from "./format.js";
 
 const SHOWN = [
     { column: "applied", title: "Applied voltage", unit: "V" },
@@ -93,7 +93,7 @@ function plot(place, { column, title, unit }, names, recordings) {
         cursor: { points: { show: false }, sync: { key: "compare" } },
         axes: [
             { ...axis, size: 24, values: (_, ticks) => ticks.map((v) => `${v} s`) },
-            { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => fixed(v, ticks[1] - ticks[0] < 1 ? 2 : 0)) },
+            { ...axis, size: 58, values: (_, ticks) => ticks.map((v) => fixed(v, decimals(ticks.length > 1 ? ticks[1] - ticks[0] : v))) },
         ],
         series: [{}, ...series],
     };

@@ -17,8 +17,12 @@ export function significant(value, digits = 4) {
     return fixed(value, Math.max(0, digits - 1 - size));
 }
 
-// How many decimals tell steps of that size apart.
-export const decimals = (step) => Math.min(6, Math.max(0, -Math.floor(Math.log10(step) + 1e-9)));
+// How many decimals write a step of an axis in full: 0 for 5, 1 for 2.5, 2 for 0.25.
+export function decimals(step) {
+    let digits = 0;
+    while (digits < 9 && Math.abs(step * 10 ** digits - Math.round(step * 10 ** digits)) > 1e-6) digits += 1;
+    return digits;
+}
 
 export function seconds(value) {
     if (!Number.isFinite(value)) return "–";

@@ -94,7 +94,9 @@ export function makeRecord(store, commands, toast) {
         button.disabled = !state.operator || !state.running;
         name.disabled = byId("record-length").disabled = on || !state.operator;
         const spent = on ? recording.samples * state.sample_time : 0;
-        say(byId("record-text"), on ? `Stop recording ${clock(spent)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "Record");
+        say(byId("record-text"), on ? "End" : "Record");
+        say(byId("record-what"), on ? "recording" : "");
+        say(byId("record-time"), on ? `${clock(spent)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "");
     });
     // An exercise says how long it is to be recorded.
     store.on("proposed", ({ duration }) => {

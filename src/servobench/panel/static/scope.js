@@ -1,12 +1,13 @@
 // One scope: uPlot with a calm frame, a legend whose entries are switches and readings, and lines for cursors and trigger.
 
 import { el, say } from "./dom.js";
-import { fixed } from "./format.js";
+import { decimals, fixed } from "./format.js";
 import { indexAt } from "./frames.js";
 import { Span } from "./span.js";
 
 const FONT = '11px ui-sans-serif, system-ui, "Segoe UI", Roboto, sans-serif';
 const AXIS_WIDTH = 58;
+const DASHES = { dashed: [6, 4], dotted: [2, 3] };
 
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -41,7 +42,7 @@ export class Scope {
 
     entry(trace) {
         trace.reading = el("output", { class: "reading", "aria-live": "off" }, "–");
-        const swatch = el("span", { class: `swatch ${trace.dash ? "dashed" : ""} ${trace.thin ? "thin" : ""}`, "aria-hidden": "true" });
+        const swatch = el("span", { class: `swatch ${trace.line ?? ""}`, "aria-hidden": "true" });
         trace.button = el(
             "button",
             {
@@ -82,8 +83,8 @@ export class Scope {
         const series = this.traces.map((trace) => ({
             label: trace.title,
             stroke: token(`--trace-${trace.column}`),
-            width: (trace.thin ? 1 : 1.75) * 1,
-            dash: trace.dash,
+            width: trace.line === "thin" ? 1 : 1.75,
+            dash: DASHES[trace.line],
             points: { show: false },
             show: trace.shown && trace.there,
             gaps: (plot, _series, _from, _to, found) => [...found, ...this.gapsIn(plot)],
@@ -124,14 +125,12 @@ export class Scope {
     }
 
     times(ticks) {
-        const step = ticks.length > 1 ? ticks[1] - ticks[0] : 1;
-        const digits = Math.max(0, Math.ceil(-Math.log10(step) - 1e-9));
+        const digits = decimals(ticks.length > 1 ? ticks[1] - ticks[0] : 1);
         return ticks.map((time, k) => `${fixed(time - this.shared.origin, digits)}${k === ticks.length - 1 ? " s" : ""}`);
     }
 
     tick(value, ticks) {
-        const step = ticks.length > 1 ? Math.abs(ticks[1] - ticks[0]) : Math.abs(value) || 1;
-        return fixed(value, Math.min(6, Math.max(0, Math.ceil(-Math.log10(step) - 1e-9))));
+        return fixed(value, decimals(ticks.length > 1 ? ticks[1] - ticks[0] : value));
     }
 
     // Draw the rows between two times; `data` is the ring's view or an excerpt.

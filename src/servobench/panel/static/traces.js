@@ -1,4 +1,5 @@
-// Which scopes there are, and which traces each of them has. A trace's colour is a token of the style sheet, `--trace-NAME`.
+// Which scopes there are, and which traces each of them has. A trace's colour is a token of the style sheet, `--trace-NAME`; those
+// of one scope also differ in their line. `follows` is the unit that a reference has to have, to be the scope's.
 
 export const SCOPES = [
     {
@@ -7,7 +8,7 @@ export const SCOPES = [
         unit: "V",
         shown: true,
         traces: [
-            { column: "commanded", title: "Commanded", shown: true, dash: [6, 4] },
+            { column: "commanded", title: "Commanded", shown: true, line: "dashed" },
             { column: "applied", title: "Applied", shown: true },
         ],
     },
@@ -17,8 +18,8 @@ export const SCOPES = [
         unit: "rad/s",
         shown: true,
         traces: [
-            { column: "speed_raw", title: "Raw", shown: false, thin: true },
-            { column: "reference", title: "Reference", shown: true, dash: [2, 3], follows: "rad/s" },
+            { column: "speed_raw", title: "Raw", shown: false, line: "thin" },
+            { column: "reference", title: "Reference", shown: true, line: "dotted", follows: "rad/s" },
             { column: "speed", title: "Filtered", shown: true },
         ],
     },
@@ -28,7 +29,7 @@ export const SCOPES = [
         unit: "angle",
         shown: true,
         traces: [
-            { column: "reference", title: "Reference", shown: true, dash: [2, 3], follows: "rad" },
+            { column: "reference", title: "Reference", shown: true, line: "dotted", follows: "rad" },
             { column: "position", title: "Position", shown: true },
         ],
     },
