@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from servobench.cli.catalogue import default_text, meaning, unit_of, what_it_is
+from servobench.cli.catalogue import default_text, meaning, what_it_is
 from servobench.control.base import CONTROLLERS
 from servobench.devices.base import DEVICES
 from servobench.devices.faults.base import FAULTS
@@ -17,6 +17,7 @@ from servobench.experiment.experiment import DeviceChoice, Experiment, WhenLate
 from servobench.experiment.limits import Limits
 from servobench.experiment.reading import _ExperimentTable
 from servobench.registry import Registry
+from servobench.settings import unit_of
 from servobench.signals.base import SIGNALS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "experiment.md"

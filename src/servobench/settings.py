@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Annotated, Any, Self, TypeAlias
+from typing import Annotated, Any, Self, TypeAlias, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -23,6 +23,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from servobench.errors import UnknownName, UsageError
@@ -57,6 +58,25 @@ class In:
         if "quantities" not in context:
             return value
         return f"{value!r} {context.get(self.si, self.si)}".replace(".0 ", " ")
+
+
+@dataclass(frozen=True)
+class InBy:
+    """Marks a float whose unit hangs on another setting, which stands before it: `units` pairs that one's values with units."""
+
+    setting: str
+    units: tuple[tuple[str, str], ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_before_validator_function(self._read, handler(source))
+
+    def unit(self, value: object) -> str:
+        """Return the unit for a value of the other setting; that of the first where it has a mistake itself."""
+        units = dict(self.units)
+        return units.get(str(value), self.units[0][1])
+
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(given, self.unit((info.data or {}).get(self.setting)))
 
 
 @dataclass(frozen=True)
@@ -143,6 +163,19 @@ PositiveTime: TypeAlias = Annotated[Time, Field(gt=0), Field(ge=1e-9, le=1e9)]
 PositiveFrequency: TypeAlias = Annotated[Frequency, Field(gt=0), Field(ge=1e-9, le=1e9)]
 
 
+def unit_of(field: FieldInfo, settings: BaseModel | None = None) -> str:
+    """Return the unit of a setting, or of the numbers that it holds several of; empty where it has none.
+
+    Of a unit that hangs on another setting only `settings`, which the field belongs to, can tell which one it is.
+    """
+    for mark in (*field.metadata, *_marks(field.annotation)):
+        if isinstance(mark, In):
+            return mark.si
+        if isinstance(mark, InBy) and settings is not None:
+            return mark.unit(getattr(settings, mark.setting))
+    return ""
+
+
 def none_for(word: str) -> BeforeValidator:
     """Read a word as None: a file has no other way to write that there is no value."""
     return BeforeValidator(lambda given: None if isinstance(given, str) and given == word else given)
@@ -174,6 +207,13 @@ def with_units(settings: Settings, units: Mapping[str, str] | None = None) -> di
     `units` has other units for those of the fields: {"V": "rad"} for the levels of a signal that a position follows.
     """
     return settings.model_dump(context={**_WITH_UNITS, **(units or {})}, exclude_none=True)
+
+
+def _marks(annotation: Any) -> list[object]:
+    """What types inside a type are marked with, as the numbers in a tuple are with their unit."""
+    own = list(getattr(annotation, "__metadata__", ()))
+    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
+    return own + [mark for each in inner for mark in _marks(each)]
 
 
 def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDetails:

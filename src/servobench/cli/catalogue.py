@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Mapping
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
@@ -13,7 +13,7 @@ from rich.text import Text
 
 from servobench.cli.layout import show_table, show_wrapped
 from servobench.errors import UnknownName
-from servobench.settings import In
+from servobench.settings import unit_of
 
 
 def show_members(
@@ -64,20 +64,6 @@ def what_it_is(member: type) -> str:
     """Return what a member is: the first line of its file, as a file is one of the kind."""
     said = sys.modules[member.__module__].__doc__ or member.__doc__ or ""
     return (said.strip().splitlines() or [""])[0]
-
-
-def unit_of(field: FieldInfo) -> str:
-    """Return the unit of a setting, empty where it has none."""
-    marks = [mark for mark in field.metadata if isinstance(mark, In)]
-    found = [*marks, *_marks(field.annotation)]
-    return found[0].si if found else ""
-
-
-def _marks(annotation: Any) -> list[In]:
-    """The unit marks in a type, as of the numbers in a tuple."""
-    own = [mark for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, In)]
-    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
-    return own + [mark for each in inner for mark in _marks(each)]
 
 
 def _choices(annotation: Any) -> tuple[object, ...]:

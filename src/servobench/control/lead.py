@@ -58,6 +58,11 @@ class Lead(Settings):
         """The unit of what is followed, rad or rad/s."""
         return UNITS[self.output]
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """Numerator and denominator from the error to the voltage, for a diagram."""
+        return f"{self.gain:g} (1 + s/{self.zero:g})", f"1 + s/{self.pole:g}"
+
     def start(self, sample_time: float, info: DeviceInfo) -> Running:
         """Return the state at rest; raises `UsageError` for a device that doesn't tell the shaft's angle."""
         from servobench.control import kernels

@@ -29,6 +29,11 @@ class OpenLoop(Settings):
         """Volts."""
         return "V"
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """What the reference is multiplied by, for a diagram."""
+        return ("1",)
+
     def start(self, sample_time: float, info: DeviceInfo) -> Bias:
         """Return the state: nothing is added."""
         return None

@@ -57,6 +57,12 @@ class Pid(Settings):
         """The unit of what is followed, rad or rad/s."""
         return UNITS[self.output]
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """The law from the error to the voltage, without the filter of the derivative, for a diagram."""
+        terms = ((self.kp, ""), (self.ki, "/s"), (self.kd, "·s"))
+        return (" + ".join(f"{gain:g}{power}" for gain, power in terms if gain) or "0",)
+
     def start(self, sample_time: float, info: DeviceInfo) -> Running:
         """Return the state at rest; raises `UsageError` for a device that doesn't tell the shaft's angle."""
         from servobench.control import kernels

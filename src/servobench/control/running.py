@@ -8,15 +8,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from typing import Annotated, Any, Literal, NamedTuple, TypeAlias
+from typing import Annotated, Literal, NamedTuple, TypeAlias
 
 import numpy as np
-from pydantic import BeforeValidator, Field, ValidationInfo
+from pydantic import Field
 
 from servobench.channels import Array, DeviceInfo, Sample
 from servobench.errors import UsageError
-from servobench.settings import In, Time
-from servobench.units import quantity
+from servobench.settings import In, InBy, Time
 
 Output: TypeAlias = Literal["position", "speed"]
 UNITS: dict[str, str] = {"position": "rad", "speed": "rad/s"}
@@ -92,14 +91,9 @@ def shaft_of(info: DeviceInfo, law: str) -> Shaft:
     )
 
 
-def gain_unit(position: str, speed: str) -> BeforeValidator:
+def gain_unit(position: str, speed: str) -> InBy:
     """Mark a gain whose unit hangs on what is followed; a field `output` stands before it."""
-    units = {"position": position, "speed": speed}
-
-    def read(given: Any, info: ValidationInfo) -> Any:
-        return quantity(given, units[info.data.get("output", "position")])
-
-    return BeforeValidator(read)
+    return InBy("output", (("position", position), ("speed", speed)))
 
 
 Finite: TypeAlias = Annotated[float, Field(allow_inf_nan=False)]

@@ -64,6 +64,20 @@ class StateFeedback(Settings):
         """The unit of what is followed, rad or rad/s."""
         return UNITS[self.output]
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """The law, for a diagram."""
+        followed = self.speed_gain if self.output == "speed" else self.position_gain
+        forward = followed if self.reference_gain is None else self.reference_gain
+        terms = (
+            (forward, "r"),
+            (-self.position_gain, "θ"),
+            (-self.speed_gain, "ω"),
+            (self.integral_gain, "∫e"),
+        )
+        text = " + ".join(f"{gain:g} {of}" for gain, of in terms if gain)
+        return (text.replace("+ -", "− ").replace("-", "−") or "0",)
+
     def start(self, sample_time: float, info: DeviceInfo) -> Running:
         """Return the state at rest; raises `UsageError` for a device that doesn't tell the shaft's angle."""
         from servobench.control import kernels

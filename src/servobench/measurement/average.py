@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 from typing import ClassVar, Self
 
@@ -29,7 +29,7 @@ class Average:
     linear: ClassVar[bool] = True
     examples: ClassVar[tuple[str, ...]] = ("average 0.103 s", "average 20 ms")
 
-    window: float
+    window: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         check_positive("the time that `average` goes over", self.window, "s")
@@ -38,6 +38,11 @@ class Average:
     def parse(cls, arguments: tuple[str, ...]) -> Self:
         """Return the stage for a time with its unit."""
         return cls(window=quantity_in("s", "average", arguments, cls.examples))
+
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """Numerator and denominator of the transfer function, for a diagram."""
+        return f"1 − e^{{−{number_text(self.window)}·s}}", f"{number_text(self.window)}·s"
 
     def yields(self, kind: Kind) -> Kind:
         """The same as goes in."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
@@ -26,7 +26,7 @@ class Delay:
     linear: ClassVar[bool] = True
     examples: ClassVar[tuple[str, ...]] = ("delay 10 ms", "delay 0.0007 s")
 
-    time: float
+    time: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         check_positive("the time of `delay`", self.time, "s")
@@ -35,6 +35,11 @@ class Delay:
     def parse(cls, arguments: tuple[str, ...]) -> Self:
         """Return the stage for a time with its unit."""
         return cls(time=quantity_in("s", "delay", arguments, cls.examples))
+
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """The transfer function, for a diagram."""
+        return (f"e^{{−{number_text(self.time)}·s}}",)
 
     def yields(self, kind: Kind) -> Kind:
         """The same as goes in."""

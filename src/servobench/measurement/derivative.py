@@ -32,6 +32,11 @@ class Derivative:
             )
         return cls()
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """Numerator and denominator in terms of one sample time T, for a diagram."""
+        return "1 − z^{−1}", "T"
+
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""
         if kind != "position":

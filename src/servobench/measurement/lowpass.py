@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Literal, Self, TypeAlias, get_args
 
 import numpy as np
@@ -43,7 +43,7 @@ class Lowpass:
         "lowpass 50 rad/s tustin",
     )
 
-    cutoff: float
+    cutoff: float = field(metadata={"unit": "rad/s"})
     discretisation: Discretisation = "tustin"
 
     def __post_init__(self) -> None:
@@ -63,6 +63,11 @@ class Lowpass:
                 cutoff = quantity_in("rad/s", "lowpass", arguments[:-1], cls.examples[:2])
                 return cls(cutoff=cutoff, discretisation=discretisation)
         return cls(cutoff=quantity_in("rad/s", "lowpass", arguments, cls.examples[:2]))
+
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """Numerator and denominator of the transfer function, for a diagram."""
+        return number_text(self.cutoff), f"s + {number_text(self.cutoff)}"
 
     def yields(self, kind: Kind) -> Kind:
         """The same as goes in."""

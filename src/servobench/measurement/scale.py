@@ -53,6 +53,11 @@ class Scale:
         """The factor from SI units to SI units; counts stay counts."""
         return self.factor if self.unit is None else self.factor * unit_named(self.unit).factor
 
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """The factor, with its unit if it has one, for a diagram."""
+        return (f"{number_text(self.factor)} {self.unit or ''}".rstrip(),)
+
     def yields(self, kind: Kind) -> Kind:
         """The same as goes in."""
         return kind

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import ClassVar, Self
 
 import numpy as np
@@ -26,7 +26,7 @@ class Tachometer:
     linear: ClassVar[bool] = True
     examples: ClassVar[tuple[str, ...]] = ("tachometer 10 ms", "tachometer 0.0333 s")
 
-    window: float
+    window: float = field(metadata={"unit": "s"})
 
     def __post_init__(self) -> None:
         check_positive("the time that `tachometer` goes over", self.window, "s")
@@ -35,6 +35,11 @@ class Tachometer:
     def parse(cls, arguments: tuple[str, ...]) -> Self:
         """Return the stage for a time with its unit."""
         return cls(window=quantity_in("s", "tachometer", arguments, cls.examples))
+
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """Numerator and denominator of the transfer function, for a diagram."""
+        return f"1 − e^{{−{number_text(self.window)}·s}}", number_text(self.window)
 
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""

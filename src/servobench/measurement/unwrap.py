@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import ClassVar, Self
 
@@ -105,6 +106,13 @@ class Unwrap:
     def si_modulus(self) -> float:
         """The modulus in SI units; counts stay counts."""
         return self.modulus * unit_named(self.unit).factor
+
+    @property
+    def symbol(self) -> tuple[str, ...]:
+        """The modulus, for a diagram."""
+        bits = math.log2(self.modulus)
+        power = f"2^{{{bits:g}}}" if bits.is_integer() else number_text(self.modulus)
+        return (f"mod {power}" if self.unit == "counts" else f"mod {power} {self.unit}",)
 
     def yields(self, kind: Kind) -> Kind:
         """A position, of a position."""
