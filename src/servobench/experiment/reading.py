@@ -103,8 +103,16 @@ def read_experiment(text: str, name: str = "experiment") -> Experiment:
 
     Raises `ExperimentError`, with a line for each mistake.
     """
+    return experiment_of(parsed(text, name), text, name)
+
+
+def experiment_of(tables: dict[str, Any], text: str, name: str) -> Experiment:
+    """Return the experiment that tables describe; `text` is the TOML that they come from, for the lines in messages.
+
+    Raises `ExperimentError`, with a line for each mistake.
+    """
     try:
-        fields = _File.model_validate(_parsed(text, name)).fields()
+        fields = _File.model_validate(tables).fields()
     except ValidationError as error:
         raise explain(error, text, name) from None
     except RecursionError:
@@ -175,8 +183,8 @@ def _decoded(data: bytes, name: str) -> str:
         raise ExperimentError(f"{name}:{line}: this is no UTF-8{utf16}; save the file as UTF-8") from None
 
 
-def _parsed(text: str, name: str) -> dict[str, Any]:
-    """The tables in a TOML text."""
+def parsed(text: str, name: str) -> dict[str, Any]:
+    """Return the tables in a TOML text; raises `ExperimentError` with file and line where it is none."""
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -186,5 +194,7 @@ def _parsed(text: str, name: str) -> dict[str, Any]:
         column = f" (column {place[2]})" if place and place[2] else " (end of the file)"
         reason = said[: place.start()] if place else said
         raise ExperimentError(f"{name}:{line}: this is no TOML: {reason}{column}") from None
+    except RecursionError:
+        raise ExperimentError(f"{name}: arrays or tables are nested too deeply in it") from None
     except ValueError as error:  # a number of thousands of digits
         raise ExperimentError(f"{name}: this can't be read as TOML: {error}") from None

@@ -1,0 +1,160 @@
+"""The check of an answer: right within the tolerance, or what is wrong with it, in words that help."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from servobench.errors import NotIdentifiable, UnitError, UsageError
+from servobench.lab.exercise import Blank, Exercise
+from servobench.lab.expression import Expression, Fact
+from servobench.lab.tolerance import Tolerance
+from servobench.rounding import SPACE, plain, rounded
+from servobench.units import quantity
+
+_LONGEST = 100  # characters of an answer
+_NEAR = 0.05  # relative; nearer than that is a slip or a rounding, no mistake of understanding
+_SAME = 0.005  # relative; how near an answer has to be to a known factor to be put down to it
+
+# The factors that students lose, each with what was likely done; the answer is the right one times the factor.
+_FACTORS: tuple[tuple[float, str], ...] = (
+    (60 / (2 * math.pi), "that factor is 60/2π: it looks like revolutions a minute where rad/s are asked for"),
+    (2 * math.pi / 60, "that factor is 2π/60, which leads from revolutions a minute to rad/s; it isn't due here"),
+    (180 / math.pi, "that factor is 180/π: it looks like degrees in place of radians"),
+    (math.pi / 180, "that factor is π/180: it looks like radians in place of degrees"),
+    (2 * math.pi, "that factor is 2π: between revolutions and radians, or hertz and rad/s, it was taken once too often"),
+    (1 / (2 * math.pi), "that factor is 1/2π: between revolutions and radians, or hertz and rad/s, it is missing"),
+    (0.25, "it is a quarter of it: quadrature gives four counts for each line of the encoder's disc"),
+    (4.0, "it is four times as much: the four counts for each line may have been taken twice"),
+    (2.0, "it is twice as much"),
+    (0.5, "it is half of it"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, kw_only=True)
+class Checked:
+    """Whether an answer is right, and what to say to who gave it."""
+
+    right: bool
+    sentence: str
+
+
+def check(exercise: Exercise, answers: Mapping[str, str], facts: Mapping[str, Fact]) -> dict[str, Checked]:
+    """Return what is to be said of each answer that was given, by the id of its blank.
+
+    Raises `UnknownName` for a blank that the exercise hasn't, and `UsageError`, with the file and line of the rule, for a rule
+    that asks for something that isn't among the facts.
+    """
+    checked = {}
+    for name, text in answers.items():
+        blank = exercise.blank(name)
+        try:
+            checked[name] = check_blank(blank, text, facts)
+        except NotIdentifiable as error:
+            checked[name] = Checked(right=False, sentence=f"Nothing can be said of this answer: {error}")
+        except UsageError as error:
+            raise UsageError(f"{exercise.place(blank)}: blank {blank.id!r}: {error}") from error
+    return checked
+
+
+def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> Checked:
+    """Return what is to be said of an answer to a blank.
+
+    Raises `NotIdentifiable` where the recording behind the facts can't tell the right answer, and `UsageError` for a rule that
+    asks for something that isn't among the facts.
+    """
+    given = _number(blank, text)
+    if isinstance(given, Checked):
+        return given
+    known = Expression(blank.answer).evaluate(facts)
+    allowed = Tolerance(blank.tolerance, blank.unit).around(known)
+    if not math.isfinite(allowed):
+        raise NotIdentifiable(
+            f"the recording doesn't tell `{blank.answer}`: its interval has no end; take an experiment that tells it, or "
+            "another tolerance"
+        )
+    if abs(given - known.value) <= allowed:
+        return Checked(right=True, sentence=_praise(blank, known, allowed))
+    said = _known_mistake(blank, given, facts)
+    if not said:
+        said = " ".join(filter(None, [_difference(given, known.value, blank.unit), blank.hint]))
+    return Checked(right=False, sentence=said)
+
+
+def right_answer(blank: Blank, facts: Mapping[str, Fact]) -> str:
+    """Return the right answer as text with its unit, and by how much it may be off; raises as `check_blank` does."""
+    known = Expression(blank.answer).evaluate(facts)
+    return _told(blank, known, Tolerance(blank.tolerance, blank.unit).around(known))
+
+
+def _number(blank: Blank, text: str) -> float | Checked:
+    """The answer in the blank's unit, or what is wrong with it as a number."""
+    written = text.strip().replace("−", "-")
+    if not written:
+        return Checked(right=False, sentence="There is no answer yet.")
+    if len(written) > _LONGEST:
+        return Checked(right=False, sentence=f"An answer has {_LONGEST} characters at most.")
+    try:
+        return quantity(written, blank.unit or "1")
+    except UnitError as error:
+        example = f' (for example "12.5 {blank.unit}")' if blank.unit else ' (for example "12.5")'
+        reason = str(error).partition(", expected")[0].partition("; expected")[0]
+        return Checked(
+            right=False, sentence=f"This can't be read: {reason}. Enter a number with its unit{example}."
+        )
+
+
+def _told(blank: Blank, known: Fact, allowed: float) -> str:
+    if blank.tolerance == "exact":
+        return f"{plain(known.value, 12)}{SPACE}{blank.unit}".rstrip()
+    return str(rounded(known.value, allowed, blank.unit))
+
+
+def _praise(blank: Blank, known: Fact, allowed: float) -> str:
+    within = "" if blank.tolerance == "exact" else f" What counts as right is {_told(blank, known, allowed)}."
+    return f"Right.{within}"
+
+
+def _known_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str:
+    """What the exercise says to this answer, where it knows it."""
+    for mistake in blank.mistakes:
+        wrong = Expression(mistake.answer).evaluate(facts)
+        allowed = Tolerance(blank.tolerance, blank.unit).around(wrong)
+        if math.isfinite(allowed) and abs(given - wrong.value) <= allowed:
+            return mistake.sentence
+    return ""
+
+
+def _difference(given: float, known: float, unit: str) -> str:
+    """How a wrong answer differs from what is known: its sign, a factor, its order of magnitude, or by how much."""
+    if known == 0:
+        return f"It isn't {plain(given)}{SPACE}{unit}".rstrip() + "."
+    ratio = given / known
+    if ratio == 0:
+        return "It isn't zero."
+    if ratio < 0:
+        what = _size(abs(ratio))
+        return f"The sign is wrong.{' ' + what if what else ''}"
+    return _size(ratio) or "It is close, but further off than it may be."
+
+
+def _size(ratio: float) -> str:
+    """What the size of an answer is off by, as its ratio to the right one; empty where it is within 5 %."""
+    way = "large" if ratio > 1 else "small"
+    if abs(ratio - 1) <= _SAME:
+        return ""
+    if abs(ratio - 1) <= _NEAR:
+        return f"It is close: within 5 %, a little too {way}. Look at how exactly it was read or rounded."
+    power = math.log10(ratio)
+    if round(power) and abs(power - round(power)) < math.log10(1 + _SAME):
+        return (
+            f"The digits are right, the power of ten isn't: it is too {way} by 10^{abs(round(power))}. "
+            "Look at the prefix of the unit, such as ms for s."
+        )
+    for factor, meaning in _FACTORS:
+        if abs(ratio / factor - 1) <= _SAME:
+            return f"It is too {way}: {meaning}."
+    if abs(power) >= 1:
+        return f"It is too {way}: the order of magnitude is wrong."
+    return f"It is too {way}, by more than 5 %; the order of magnitude is right."

@@ -1,0 +1,195 @@
+"""An exercise: one Markdown file with what to do, the experiment to do it with, and blanks to fill in.
+
+The file begins with TOML between two lines of `+++`: `title`, `sentence`, an experiment as in its own file (`[experiment]`,
+`[signal]`, `[controller]`, `[device]`, `[limits]`), and `[[blanks]]`. The text follows, in Markdown.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+from typing import Annotated, Any, Self
+
+from pydantic import Field, ValidationError, model_validator
+
+from servobench.errors import FormatError, UnknownName, UsageError
+from servobench.experiment import Experiment
+from servobench.experiment.lines import line_of, lines_of_keys
+from servobench.experiment.reading import experiment_of, explain, parsed
+from servobench.lab.expression import Expression
+from servobench.lab.tolerance import Tolerance
+from servobench.settings import Settings
+from servobench.units import unit as unit_named
+
+_FENCE = "+++"
+_OWN = ("title", "sentence", "order", "blanks")
+FOLDER = Path(__file__).parent / "exercises"
+
+
+class Mistake(Settings):
+    """A wrong answer that many give, and what is told to who gives it."""
+
+    answer: str
+    """What comes out of it: an expression over facts, as the right answer has one."""
+    sentence: str
+    """What went wrong, in a sentence or two."""
+
+
+class Blank(Settings):
+    """One thing to enter, and the rule that it is checked by."""
+
+    id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    """Name of the blank: small letters, digits and underscores."""
+    label: str
+    """What is asked for."""
+    unit: str = ""
+    """Unit of the answer; an answer without one is taken to be in it."""
+    answer: str
+    """The right answer in that unit: an expression over facts, such as `2 * pi / counts_per_rev`; facts are in SI units."""
+    tolerance: str
+    """How far an answer may be off: `exact`, `interval`, `5 %`, `0.5 ms`, or a sum of the latter three."""
+    hint: str = ""
+    """What helps somebody whose answer is wrong."""
+    mistakes: tuple[Mistake, ...] = ()
+    """Wrong answers that are known."""
+
+    @model_validator(mode="after")
+    def _can_be_checked(self) -> Self:
+        if self.unit:
+            unit_named(self.unit)
+        for text in (self.answer, *(mistake.answer for mistake in self.mistakes)):
+            Expression(text)
+        Tolerance(self.tolerance, self.unit)
+        return self
+
+
+class _Front(Settings):
+    """What an exercise's file says before its text, without the experiment."""
+
+    title: Annotated[str, Field(min_length=1)]
+    sentence: str = ""
+    order: int = 0
+    blanks: Annotated[tuple[Blank, ...], Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _tells_blanks_apart(self) -> Self:
+        names = [blank.id for blank in self.blanks]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"two blanks have the id {twice!r}; give each its own")
+        return self
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Exercise:
+    """What to do (`text`, Markdown), the experiment to do it with, and the blanks; `lines` says where each blank stands."""
+
+    name: str
+    title: str
+    sentence: str
+    order: int
+    text: str
+    experiment: Experiment
+    blanks: tuple[Blank, ...]
+    source: str
+    lines: tuple[int, ...]
+
+    def blank(self, name: str) -> Blank:
+        """Return the blank of that id; raises `UnknownName`."""
+        for blank in self.blanks:
+            if blank.id == name:
+                return blank
+        raise UnknownName("blank", name, [blank.id for blank in self.blanks])
+
+    def place(self, blank: Blank) -> str:
+        """Return where a blank stands, as messages say it: file and line."""
+        return f"{self.source}:{self.lines[self.blanks.index(blank)]}"
+
+
+def exercises(folder: Path = FOLDER) -> tuple[Exercise, ...]:
+    """Return the exercises in a folder, in their order; raises `UsageError`s as `load_exercise` does."""
+    found = [_loaded(path, path.stat().st_mtime_ns) for path in sorted(folder.glob("*.md"))]
+    return tuple(sorted(found, key=lambda exercise: (exercise.order, exercise.name)))
+
+
+def exercise(name: str, folder: Path = FOLDER) -> Exercise:
+    """Return the exercise of that name in a folder; raises `UnknownName`, which lists those that are there."""
+    known = [path.stem for path in folder.glob("*.md")]
+    if name not in known:  # a name is never made into a path, so that none leads out of the folder
+        raise UnknownName("exercise", name, known)
+    path = folder / f"{name}.md"
+    return _loaded(path, path.stat().st_mtime_ns)
+
+
+@lru_cache(maxsize=64)
+def _loaded(path: Path, changed: int) -> Exercise:
+    """The exercise in a file as it was when it was last changed: the same object, so that what was found for it is kept."""
+    return load_exercise(path)
+
+
+def load_exercise(path: Path) -> Exercise:
+    """Return the exercise in a Markdown file; raises `UsageError`s with file and line for each mistake."""
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FormatError(f"{path}: can't be read: {error.strerror or error}") from None
+    try:
+        text = data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise FormatError(f"{path}:{line}: this is no UTF-8; save the file as UTF-8") from None
+    return read_exercise(text, path.stem, str(path))
+
+
+def read_exercise(text: str, name: str, source: str) -> Exercise:
+    """Return the exercise that a text describes; `source` stands for the file in messages.
+
+    Raises `FormatError` where it doesn't begin with TOML between two lines of `+++`, and `ExperimentError` with a line for each
+    mistake in it.
+    """
+    front, body = _divided(text, source)
+    tables = parsed(front, source)
+    own = {key: tables.pop(key) for key in _OWN if key in tables}
+    told = _front(own, front, source)
+    lines = lines_of_keys(front)
+    return Exercise(
+        name=name,
+        title=told.title,
+        sentence=told.sentence,
+        order=told.order,
+        text=body,
+        experiment=experiment_of(tables, front, source),
+        blanks=told.blanks,
+        source=source,
+        lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),
+    )
+
+
+def _divided(text: str, source: str) -> tuple[str, str]:
+    """The TOML, with an empty line for each before it so that lines count as in the file, and the Markdown."""
+    lines = text.replace("\r\n", "\n").split("\n")
+    if lines[0].strip() != _FENCE:
+        raise FormatError(
+            f"{source}:1: expected a line `{_FENCE}`, then title, experiment and blanks as TOML, another `{_FENCE}`, and then "
+            "the text"
+        )
+    end = _first(lines[1:])
+    if end is None:
+        raise FormatError(f"{source}:{len(lines)}: the TOML isn't ended; expected a second line `{_FENCE}`")
+    body = "\n".join(lines[end + 2 :]).strip()
+    if not body:
+        raise FormatError(f"{source}:{end + 2}: there is no text; expected what to do, in Markdown")
+    return "\n".join(["", *lines[1 : end + 1]]), f"{body}\n"
+
+
+def _first(lines: Iterable[str]) -> int | None:
+    return next((number for number, line in enumerate(lines) if line.strip() == _FENCE), None)
+
+
+def _front(own: dict[str, Any], text: str, source: str) -> _Front:
+    try:
+        return _Front.model_validate(own)
+    except (ValidationError, UsageError) as error:
+        raise explain(error, text, source) from None

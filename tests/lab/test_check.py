@@ -1,0 +1,151 @@
+"""Answers: right within the tolerance, and told what is wrong with them otherwise."""
+
+import math
+
+import pytest
+
+from servobench.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.lab.check import check, check_blank, right_answer
+from servobench.lab.exercise import Blank, Mistake, read_exercise
+from servobench.lab.expression import Fact
+from servobench.lab.tolerance import Tolerance
+
+TAU = {"time_constant": Fact(value=0.1, half=0.004)}
+
+
+def blank(**given: object) -> Blank:
+    return Blank(
+        **{"id": "tau", "label": "τ", "unit": "s", "answer": "time_constant", "tolerance": "5 %"} | given  # type: ignore[arg-type]
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "allowed"),
+    [("exact", 0.0), ("interval", 0.004), ("5 %", 0.005), ("2 ms", 0.002), ("interval + 5 % + 2 ms", 0.011)],
+)
+def test_a_tolerance_is_the_sum_of_its_parts(text: str, allowed: float) -> None:
+    # 1e-9 of the value is what decimal digits may lose.
+    assert Tolerance(text, "s").around(TAU["time_constant"]) == pytest.approx(allowed, abs=1.1e-10)
+
+
+def test_a_tolerance_without_a_unit_is_in_that_of_the_blank() -> None:
+    assert Tolerance("5", "s").around(TAU["time_constant"]) == pytest.approx(5, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "about", "-5 %", "0 s", "5 V", "exact + 1 %", "interval interval", "1 % +"]
+)
+def test_a_tolerance_that_is_none_is_refused(text: str) -> None:
+    with pytest.raises(UsageError, match="tolerance"):
+        Tolerance(text, "s")
+
+
+@pytest.mark.parametrize("text", ["0.1", "0.1 s", "100 ms", "0.1049", "95.1ms", " 1e-1 s ", "1.0e5 us"])
+def test_what_is_within_the_tolerance_is_right_in_any_unit_of_its_kind(text: str) -> None:
+    assert check_blank(blank(), text, TAU).right
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("0.1049", "close: within 5 %, a little too large"),
+        ("0.0951", "close: within 5 %, a little too small"),
+        ("-0.1", "The sign is wrong."),
+        ("100", "too large by 10^3"),
+        ("0.0001", "too small by 10^3"),
+        ("0.955", "60/2π"),
+        ("0.01047", "2π/60"),
+        ("5.73", "180/π"),
+        ("0.001745", "π/180"),
+        ("0.6283", "2π"),
+        ("0.0159", "1/2π"),
+        ("0.025", "quadrature"),
+        ("0.2", "twice"),
+        ("0.05", "half"),
+        ("0.13", "too large, by more than 5 %; the order of magnitude is right"),
+        ("3.3", "order of magnitude is wrong"),
+        ("0", "It isn't zero."),
+        ("", "no answer yet"),
+        ("5 V", "is a voltage"),
+        ("0,1", "decimal point"),
+        ("fast", "can't be read"),
+        ("nan", "can't be read"),
+        ("1e999", "can't be read"),
+        ("9" * 200, "characters at most"),
+    ],
+)
+def test_what_is_wrong_is_told(text: str, said: str) -> None:
+    answer = check_blank(blank(tolerance="1 %"), text, TAU)
+
+    assert not answer.right
+    assert said in answer.sentence
+
+
+def test_a_mistake_that_the_exercise_knows_is_told_in_its_words_and_the_hint_otherwise() -> None:
+    rule = blank(
+        hint="Look again.",
+        mistakes=(Mistake(answer="1 / time_constant", sentence="That is the pole."),),
+    )
+
+    assert check_blank(rule, "10", TAU).sentence == "That is the pole."
+    assert check_blank(rule, "0.17", TAU).sentence.endswith("Look again.")
+
+
+def test_a_negative_answer_is_right_with_either_minus() -> None:
+    rule = blank(answer="-1 / time_constant", unit="rad/s")
+
+    assert check_blank(rule, "-10", TAU).right
+    assert check_blank(rule, "\u221210 rad/s", TAU).right
+
+
+def test_the_tolerance_follows_from_what_the_recording_leaves_open() -> None:
+    rule = blank(tolerance="interval")
+
+    assert check_blank(rule, "0.1039", TAU).right
+    assert not check_blank(rule, "0.1041", TAU).right
+    # The pole's interval: 0.004 s times 1/τ² = 100.
+    pole = blank(answer="1 / time_constant", unit="rad/s", tolerance="interval")
+    assert check_blank(pole, "10.39", TAU).right
+    assert not check_blank(pole, "10.41", TAU).right
+
+
+def test_where_nothing_is_known_no_answer_is_called_right_or_wrong() -> None:
+    open_ended = {"time_constant": Fact(value=0.1, half=math.inf)}
+
+    with pytest.raises(NotIdentifiable, match="its interval has no end"):
+        check_blank(blank(tolerance="interval"), "0.1", open_ended)
+
+
+def test_of_an_exact_answer_nothing_is_forgiven() -> None:
+    rule = blank(answer="2048", unit="counts", tolerance="exact")
+
+    assert check_blank(rule, "2048", {}).right
+    assert not check_blank(rule, "2047", {}).right
+    assert check_blank(rule, "2047", {}).sentence == "It is close, but further off than it may be."
+    assert right_answer(rule, {}) == "2048\u00a0counts"
+
+
+FILE = """+++
+title = "T"
+[signal]
+type = "constant"
+[[blanks]]
+id = "one"
+label = "one"
+answer = "gian"
+tolerance = "exact"
++++
+Text.
+"""
+
+
+def test_a_rule_that_asks_for_what_there_is_not_is_told_with_its_file_and_line() -> None:
+    with pytest.raises(
+        UsageError, match=r"mine\.md:5: blank 'one': no fact called 'gian' \(did you mean 'gain'"
+    ):
+        check(read_exercise(FILE, "mine", "mine.md"), {"one": "1"}, {"gain": Fact(value=1.0)})
+
+
+def test_an_answer_to_no_blank_is_refused() -> None:
+    with pytest.raises(UnknownName, match="no blank called 'two'; known: one"):
+        check(read_exercise(FILE, "mine", "mine.md"), {"two": "1"}, {})

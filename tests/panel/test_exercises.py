@@ -1,0 +1,112 @@
+"""What the routes of the exercises answer."""
+
+import asyncio
+import json
+from typing import Any
+
+import httpx
+import pytest
+from starlette.applications import Starlette
+from starlette.routing import Route
+
+from servobench.experiment.experiment import AnyController
+from servobench.lab.exercise import exercise, exercises
+from servobench.panel.exercises import check_exercise, list_exercises, show_exercise
+from servobench.signals.base import AnySignal
+
+APP = Starlette(
+    routes=[
+        Route("/api/exercises", list_exercises),
+        Route("/api/exercises/{name}", show_exercise),
+        Route("/api/exercises/{name}/check", check_exercise, methods=["POST"]),
+    ]
+)
+
+
+def ask(method: str, path: str, **given: Any) -> tuple[int, Any]:
+    async def asked() -> httpx.Response:
+        transport = httpx.ASGITransport(app=APP)
+        async with httpx.AsyncClient(transport=transport, base_url="http://localhost") as client:
+            return await client.request(method, path, **given)
+
+    answer = asyncio.run(asked())
+    return answer.status_code, answer.json()
+
+
+def test_all_exercises_are_listed_in_their_order() -> None:
+    status, listed = ask("GET", "/api/exercises")
+
+    assert status == 200
+    assert [each["name"] for each in listed] == [found.name for found in exercises()]
+    assert {"encoder", "step"} <= {each["name"] for each in listed}
+
+
+@pytest.mark.parametrize("found", exercises(), ids=lambda e: e.name)
+def test_an_exercise_is_shown_without_its_answers_and_its_experiment_can_be_set(found: Any) -> None:
+    from pydantic import TypeAdapter
+
+    status, shown = ask("GET", f"/api/exercises/{found.name}")
+
+    assert status == 200
+    assert [set(blank) for blank in shown["blanks"]] == [{"id", "label", "unit"}] * len(found.blanks)
+    asked = shown["experiment"]
+    assert TypeAdapter(AnySignal).validate_python(asked["signal"]) == found.experiment.signal
+    assert TypeAdapter(AnyController).validate_python(asked["controller"]) == found.experiment.controller
+    assert asked["chain"] == found.experiment.chain
+
+
+def test_answers_are_checked() -> None:
+    status, said = ask(
+        "POST", "/api/exercises/encoder/check", json={"answers": {"counts": "2048", "degrees": "0.7031"}}
+    )
+
+    assert status == 200
+    assert {name: each["right"] for name, each in said["answers"].items()} == {
+        "counts": True,
+        "degrees": False,
+    }
+    assert "too large" in said["answers"]["degrees"]["sentence"]
+
+
+@pytest.mark.parametrize("name", ["nope", "ENCODER", "encoder.md", "..%5csecret", "%00", "%E2%80%AE"])
+def test_an_exercise_that_is_not_there_is_404_with_those_that_are(name: str) -> None:
+    for method, path in (("GET", f"/api/exercises/{name}"), ("POST", f"/api/exercises/{name}/check")):
+        status, said = ask(method, path)
+        assert status == 404
+        assert "no exercise called" in said["error"]
+
+
+@pytest.mark.parametrize(
+    "body",
+    [
+        b"",
+        b"[",
+        b"[]",
+        b"null",
+        b'{"answers": 1}',
+        b'{"answers": {"counts": 2048}}',
+        b"\xff",
+        b"[" * 50_000,
+        b'{"answers": {"nothing": "1"}}',
+    ],
+)
+def test_a_body_that_is_no_answers_is_told(body: bytes) -> None:
+    status, said = ask("POST", "/api/exercises/encoder/check", content=body)
+
+    assert status == 400
+    assert said["error"]
+
+
+def test_a_body_that_is_too_large_is_refused() -> None:
+    status, said = ask("POST", "/api/exercises/encoder/check", content=b" " * 70_000)
+
+    assert status == 413
+    assert said["error"]
+
+
+def test_no_answer_is_among_what_is_sent() -> None:
+    _, shown = ask("GET", "/api/exercises/encoder")
+
+    assert "counts_per_rev" not in json.dumps(shown)
+    assert "8192" not in json.dumps(shown)
+    assert exercise("encoder").blank("wrap").answer not in json.dumps(shown)
