@@ -89,6 +89,8 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
         ('unit = "rad/(s·V)"', 'unit = "furlongs"', r"mine\.md:11: blanks\[0\]: .*furlongs"),
         ('tolerance = "5 %"', 'tolerence = "5 %"', r"mine\.md:16: .*did you mean 'tolerance'"),
         ('label = "Gain"\n', "", r"mine\.md:11: blanks\[0\]\.label: is missing"),
+        ('duration = "2 s"', 'duration = "endless"', r"mine\.md:6: the experiment has to end within 600 s"),
+        ('duration = "2 s"', 'duration = "601 s"', r"mine\.md:6: the experiment has to end within 600 s"),
         ("# What to do\n\nNothing +++ but this.\n", "", r"mine\.md:23: there is no text"),
     ],
 )

@@ -2,6 +2,8 @@
 
 import asyncio
 import json
+from collections.abc import Iterator
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -110,3 +112,59 @@ def test_no_answer_is_among_what_is_sent() -> None:
     assert "counts_per_rev" not in json.dumps(shown)
     assert "8192" not in json.dumps(shown)
     assert exercise("encoder").blank("wrap").answer not in json.dumps(shown)
+
+
+GOOD = """+++
+title = "A lecturer's own"
+[experiment]
+duration = "1 s"
+[signal]
+type = "constant"
+[[blanks]]
+id = "one"
+label = "One"
+answer = "1"
+tolerance = "exact"
++++
+Enter one.
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Iterator[Path]:
+    APP.state.exercises = tmp_path
+    yield tmp_path
+    del APP.state.exercises
+
+
+def test_a_lecturers_folder_takes_the_place_of_ours(folder: Path) -> None:
+    (folder / "mine.md").write_text(GOOD, encoding="utf-8")
+
+    assert [each["title"] for each in ask("GET", "/api/exercises")[1]] == ["A lecturer's own"]
+    assert ask("GET", "/api/exercises/mine")[1]["html"] == "<p>Enter one.</p>\n"
+    status, said = ask("POST", "/api/exercises/mine/check", json={"answers": {"one": "1"}})
+    assert (status, said["answers"]["one"]["right"]) == (200, True)
+
+
+def test_a_file_with_a_mistake_is_told_and_takes_no_other_away(folder: Path) -> None:
+    (folder / "mine.md").write_text(GOOD, encoding="utf-8")
+    (folder / "bad.md").write_text(GOOD.replace('"exact"', '"so so"'), encoding="utf-8")
+
+    good, bad = ask("GET", "/api/exercises")[1]
+
+    assert "error" not in good
+    assert bad["name"] == "bad"
+    assert "bad.md:7" in bad["error"]
+    status, said = ask("GET", "/api/exercises/bad")
+    assert (status, said["error"]) == (400, bad["error"])
+
+
+def test_an_exercise_for_a_motor_that_is_not_here_says_so(folder: Path) -> None:
+    (folder / "mine.md").write_text(
+        GOOD.replace("[[blanks]]", '[device]\nname = "other"\n[[blanks]]'), encoding="utf-8"
+    )
+
+    status, said = ask("POST", "/api/exercises/mine/check", json={"answers": {"one": "1"}})
+
+    assert status == 400
+    assert "only the twin runs without a motor" in said["error"]

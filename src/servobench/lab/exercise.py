@@ -24,6 +24,7 @@ from servobench.settings import Settings
 from servobench.units import unit as unit_named
 
 _FENCE = "+++"
+_LONGEST = 600.0  # seconds of an experiment that is run to check an answer
 _OWN = ("title", "sentence", "order", "blanks")
 FOLDER = Path(__file__).parent / "exercises"
 
@@ -108,15 +109,20 @@ class Exercise:
         return f"{self.source}:{self.lines[self.blanks.index(blank)]}"
 
 
+def names(folder: Path = FOLDER) -> tuple[str, ...]:
+    """Return the names of the exercises in a folder, sorted; their files need not be right."""
+    return tuple(sorted(path.stem for path in folder.glob("*.md")))
+
+
 def exercises(folder: Path = FOLDER) -> tuple[Exercise, ...]:
     """Return the exercises in a folder, in their order; raises `UsageError`s as `load_exercise` does."""
-    found = [_loaded(path, path.stat().st_mtime_ns) for path in sorted(folder.glob("*.md"))]
+    found = [exercise(name, folder) for name in names(folder)]
     return tuple(sorted(found, key=lambda exercise: (exercise.order, exercise.name)))
 
 
 def exercise(name: str, folder: Path = FOLDER) -> Exercise:
     """Return the exercise of that name in a folder; raises `UnknownName`, which lists those that are there."""
-    known = [path.stem for path in folder.glob("*.md")]
+    known = names(folder)
     if name not in known:  # a name is never made into a path, so that none leads out of the folder
         raise UnknownName("exercise", name, known)
     path = folder / f"{name}.md"
@@ -154,13 +160,19 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     own = {key: tables.pop(key) for key in _OWN if key in tables}
     told = _front(own, front, source)
     lines = lines_of_keys(front)
+    experiment = experiment_of(tables, front, source)
+    if experiment.duration is None or experiment.duration > _LONGEST:
+        raise FormatError(
+            f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment has to end within {_LONGEST:g} s, as "
+            'answers are checked by running it; expected a duration such as "10 s"'
+        )
     return Exercise(
         name=name,
         title=told.title,
         sentence=told.sentence,
         order=told.order,
         text=body,
-        experiment=experiment_of(tables, front, source),
+        experiment=experiment,
         blanks=told.blanks,
         source=source,
         lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),

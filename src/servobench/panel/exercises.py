@@ -1,12 +1,14 @@
 """The exercises beside the scopes: what the routes `/api/exercises...` answer.
 
-Whoever serves these has let the request in already; they know nothing of sessions.
+Whoever serves these has let the request in already; they know nothing of sessions. The exercises are those that come along, or
+those in the folder that the application's state names as `exercises`.
 """
 
 from __future__ import annotations
 
 import asyncio
 import json
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from pydantic import TypeAdapter
@@ -16,7 +18,7 @@ from starlette.responses import JSONResponse
 from servobench.errors import ServobenchError, UnknownName, UsageError
 from servobench.experiment.experiment import AnyController, Experiment
 from servobench.lab.check import check
-from servobench.lab.exercise import Exercise, exercise, exercises
+from servobench.lab.exercise import FOLDER, Exercise, exercise, names
 from servobench.lab.facts import facts_of, facts_on_the_twin
 from servobench.lab.markdown import to_html
 from servobench.signals.base import AnySignal
@@ -29,17 +31,15 @@ _NOT_FOUND, _WRONG, _TOO_LARGE = 404, 400, 413
 
 
 async def list_exercises(request: Request) -> JSONResponse:
-    """Answer GET /api/exercises: name, title and sentence of each exercise, in their order."""
-    found = await asyncio.to_thread(exercises)
-    return JSONResponse([{"name": e.name, "title": e.title, "sentence": e.sentence} for e in found])
+    """Answer GET /api/exercises: name, title and sentence of each exercise, in their order; `error` for a file with a mistake."""
+    return JSONResponse(await asyncio.to_thread(_listed, _folder(request)))
 
 
 async def show_exercise(request: Request) -> JSONResponse:
     """Answer GET /api/exercises/{name}: title, text as HTML of ours, blanks without their answers, and the experiment."""
-    try:
-        found = await asyncio.to_thread(exercise, request.path_params["name"])
-    except UnknownName as error:
-        return _error(str(error), _NOT_FOUND)
+    found = await _named(request)
+    if isinstance(found, JSONResponse):
+        return found
     return JSONResponse(
         {
             "name": found.name,
@@ -57,10 +57,9 @@ async def check_exercise(request: Request, recording: Recording | None = None) -
     `recording` is what the student measured, where they say it; otherwise answers are held against the exercise's experiment on
     the simulated motor. Checking may take seconds the first time, in a thread of its own.
     """
-    try:
-        found = await asyncio.to_thread(exercise, request.path_params["name"])
-    except UnknownName as error:
-        return _error(str(error), _NOT_FOUND)
+    found = await _named(request)
+    if isinstance(found, JSONResponse):
+        return found
     body = await _body(request)
     if body is None:
         return _error(f"the answers have more than {_LARGEST_BODY} bytes; send less", _TOO_LARGE)
@@ -70,6 +69,33 @@ async def check_exercise(request: Request, recording: Recording | None = None) -
     except ServobenchError as error:
         return _error(str(error), _WRONG)
     return JSONResponse({"answers": checked})
+
+
+async def _named(request: Request) -> Exercise | JSONResponse:
+    """The exercise that a request names, or the answer that says why there is none."""
+    try:
+        return await asyncio.to_thread(exercise, request.path_params["name"], _folder(request))
+    except UnknownName as error:
+        return _error(str(error), _NOT_FOUND)
+    except ServobenchError as error:
+        return _error(str(error), _WRONG)
+
+
+def _folder(request: Request) -> Path:
+    """Where the exercises lie: in a lecturer's own folder, where the application's state has one as `exercises`."""
+    return Path(getattr(request.app.state, "exercises", FOLDER))
+
+
+def _listed(folder: Path) -> list[dict[str, str]]:
+    found: list[Exercise] = []
+    broken: list[dict[str, str]] = []
+    for name in names(folder):
+        try:
+            found.append(exercise(name, folder))
+        except ServobenchError as error:  # one file with a mistake doesn't take the others away
+            broken.append({"name": name, "title": name, "sentence": "", "error": str(error)})
+    found.sort(key=lambda each: (each.order, each.name))
+    return [*({"name": e.name, "title": e.title, "sentence": e.sentence} for e in found), *broken]
 
 
 def _checked(

@@ -18,12 +18,12 @@ export function mount(element, api) {
 async function list(view) {
   const found = await view.api.get("/api/exercises");
   const entries = html("ul", { class: "exercises-list" });
-  for (const { name, title, sentence } of found) {
+  for (const { name, title, sentence, error } of found) {
     const open = html("button", { class: "exercises-open", type: "button", "data-exercise": name });
     open.append(html("span", { class: "exercises-title" }, title), html("span", { class: "exercises-sentence" }, sentence));
     open.addEventListener("click", () => show(view, name));
     const entry = html("li");
-    entry.append(open);
+    entry.append(error ? html("p", { class: "exercises-failed" }, `${title} can't be read: ${error}`) : open);
     entries.append(entry);
   }
   view.element.replaceChildren(html("h2", {}, "Exercises"), entries);
