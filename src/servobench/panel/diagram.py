@@ -135,7 +135,7 @@ def settings_of(
     other = units or {}
     for name, field in type(settings).model_fields.items():
         unit, value = unit_of(field, settings), getattr(settings, name)
-        sentence = (field.description or "").removesuffix(f" [{unit}].").removesuffix(".")
+        sentence = (field.description or "").removesuffix(f" [{unit}].").removesuffix(".").replace("`", "")
         for path, inner in _members(f"{prefix}{name}", value):
             if isinstance(inner, BaseModel):
                 known = _name_in(SIGNALS, inner)
