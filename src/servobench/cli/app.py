@@ -20,6 +20,7 @@ from servobench.cli.faults import faults
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
+from servobench.cli.panel import panel
 from servobench.cli.recover import recover
 from servobench.cli.run import run
 from servobench.cli.signals import signals
@@ -75,6 +76,7 @@ for command in (
     export,
     convert,
     recover,
+    panel,
     devices,
     faults,
     signals,

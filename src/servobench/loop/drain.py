@@ -16,7 +16,7 @@ from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.finding import Finding, warning
 from servobench.loop.opening import opening
-from servobench.loop.ring import MessageReader, MessageRing, RowReader, RowRing
+from servobench.loop.ring import RECORD_UNTIL, MessageReader, MessageRing, RowReader, RowRing
 from servobench.recording.mcap_file import PART
 from servobench.recording.recording import Event, Recording, Stopped
 from servobench.recording.writer import RecordingWriter, Together
@@ -35,6 +35,8 @@ class Drain:
     """Writes what is in the rings of one run to the native file `path`, from row `row` and event `event` on.
 
     The file is begun when the event "opened" tells which device it is, or with `begun`, what is known of a recording already.
+    With `duration` [s] it is `complete` once it holds the rows that were due for so long from the first one on; without, at the
+    row that the word `RECORD_UNTIL` of the ring says.
     Rows and events that the rings have lost meanwhile are told by an event of their own in the file, and by a finding at its end.
     Raises what `RecordingWriter` raises.
     """
@@ -49,6 +51,7 @@ class Drain:
         begun: Recording | None = None,
         row: int = 0,
         event: int = 0,
+        duration: float | None = None,
     ) -> None:
         self._path = path
         self._experiment = experiment
@@ -61,6 +64,10 @@ class Drain:
         self._time = 0.0
         self._gaps: list[tuple[int, int]] = []  # the first ones
         self._gap_count = self._rows_missed = self._events_missed = 0
+        self._duration = duration
+        self._due: float | None = None  # when the first row that is left out would be due [s]
+        self.complete = False
+        """Whether it holds all that was asked for, though the run goes on."""
         self.begun = False
         self.rows = 0
         """How many rows are in the file."""
@@ -79,8 +86,10 @@ class Drain:
     def take(self) -> None:
         """Write all that is in the rings by now; an event comes before the rows that it concerns, as it was pushed before."""
         until = self._ring.written
+        asked = self._ring.get(RECORD_UNTIL)
         self._take_events()
-        self._take_rows(until)
+        self._take_rows(min(until, asked) if asked else until)
+        self.complete = self.complete or (bool(asked) and self.kept >= asked)
 
     def append(self, rows: Array) -> None:
         """Write rows (N, 1 + C), which come next."""
@@ -162,16 +171,28 @@ class Drain:
 
     def _take_rows(self, until: int) -> None:
         """Write the rows up to that number, and say where some are lost."""
-        while self.begun and self._rows.next < until:
+        while self.begun and not self.complete and self._rows.next < until:
             before = self._rows.next
             rows = self._rows.read(min(MOST_ROWS, until - before))
             lost = self._rows.next - len(rows) - before
             if lost:
                 self._told_missed(ROWS_MISSED, before, lost)
-            if len(rows):
+            if len(rows := self._as_long_as_asked(rows)):
                 self.append(rows[:, : self._width])
             if self._rows.next == before:
                 break
+
+    def _as_long_as_asked(self, rows: Array) -> Array:
+        """The rows that were due before the time that is to be recorded is over."""
+        if self._duration is None or self._scheduled is None or not len(rows):
+            return rows
+        due = rows[:, self._scheduled]
+        if self._due is None:
+            # Half a sample time early: what is due at the end itself belongs to it no more, however it is rounded.
+            self._due = float(due[0]) + self._duration - 0.5 * self._experiment.sample_time
+        within = rows[due < self._due]
+        self.complete = len(within) < len(rows)
+        return within
 
     def _event(self, said: Mapping[str, Any], text: str) -> Event:
         """An event of the loop; one without a tick of its own stands where the rows are."""

@@ -113,10 +113,15 @@ def info_to_json(info: DeviceInfo) -> Any:
     return _adapter(DeviceInfo).dump_python(info, mode="json")
 
 
+def info_from_json(told: Any) -> DeviceInfo:
+    """Return the device's description that `info_to_json` has made JSON of."""
+    info: DeviceInfo = _adapter(DeviceInfo).validate_python(told)
+    return info
+
+
 def info_of(event: Notice) -> DeviceInfo:
     """Return the device's description in the event `opened`."""
-    info: DeviceInfo = _adapter(DeviceInfo).validate_python(event.about["info"])
-    return info
+    return info_from_json(event.about["info"])
 
 
 def ending_to_json(stopped: Stopped, findings: tuple[Finding, ...]) -> dict[str, Any]:

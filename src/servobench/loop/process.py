@@ -18,19 +18,21 @@ from servobench.channels import DeviceInfo
 from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.loop.completion import complete
-from servobench.loop.messages import Command, Notice, info_of, stopped_of
+from servobench.loop.messages import Command, Notice, info_of, info_to_json, stopped_of
 from servobench.loop.opening import opening
-from servobench.loop.recording_process import RecorderProcess, RecorderSpec
+from servobench.loop.recording_process import Late, RecorderProcess, RecorderSpec
 from servobench.loop.ring import (
     LOOP_STATE,
     OPERATOR_HEARTBEAT,
+    RECORD_UNTIL,
     RECORDER_STATE,
+    ROWS_KEPT,
     MessageReader,
     MessageRing,
     RowReader,
     RowRing,
 )
-from servobench.loop.spec import COLUMNS, FAILED, STARTING, LoopSpec, WhenFaulted
+from servobench.loop.spec import COLUMNS, FAILED, NO_RECORDER, STARTING, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
@@ -132,6 +134,35 @@ class LoopProcess:
         """Show that the operator is there."""
         self.ring.set(OPERATOR_HEARTBEAT, time.monotonic_ns())
 
+    def record_from_now(
+        self, path: str | os.PathLike[str], experiment: Experiment, duration: float | None = None
+    ) -> RecorderProcess:
+        """Start a recorder of the rows from the next one on, for `duration` [s] or until `end_recording`, and return it.
+
+        `experiment` is what the recording is to say that was asked for. One at a time. The loop doesn't look at how it goes:
+        whoever asked sees it by the words `RECORDER_STATE` and `ROWS_KEPT` of `ring`.
+        """
+        first = self.ring.written
+        self.ring.set(RECORDER_STATE, NO_RECORDER)
+        self.ring.set(RECORD_UNTIL, 0)
+        self.ring.set(ROWS_KEPT, first)
+        return RecorderProcess(
+            RecorderSpec(
+                rows=self.ring.name,
+                events=self._events.name,
+                path=os.fspath(path),
+                experiment=experiment.to_toml(),
+                loop=self._process.pid,
+                late=Late(
+                    row=first, event=self._events.written, info=info_to_json(self.info), duration=duration
+                ),
+            )
+        )
+
+    def end_recording(self) -> None:
+        """Let the recorder that `record_from_now` started end with the last row that there is now."""
+        self.ring.set(RECORD_UNTIL, max(1, self.ring.written))
+
     @property
     def pid(self) -> int:
         """The number of the loop's process."""
@@ -227,6 +258,7 @@ class LoopProcess:
         """Wait until the run begins, and return what the device is; raises what kept it from beginning."""
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
+            self.here()  # who waits for the run to begin is there
             self._listen()
             if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
                 return info_of(self._told_open)

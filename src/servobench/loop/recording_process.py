@@ -17,15 +17,18 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from tempfile import TemporaryFile
 from threading import Thread
 from types import FrameType, TracebackType
-from typing import IO, Protocol, Self, cast
+from typing import IO, Any, Protocol, Self, cast
 
 from servobench.errors import ServobenchError
-from servobench.experiment import read_experiment
+from servobench.experiment import Experiment, read_experiment
+from servobench.finding import Finding
 from servobench.loop.drain import SILENT, Drain
+from servobench.loop.messages import info_from_json
+from servobench.loop.opening import opening
 from servobench.loop.ring import (
     LOOP_STATE,
     RECORDER_HEARTBEAT,
@@ -48,18 +51,43 @@ TOO_EARLY = Stopped(
 
 
 @dataclass(frozen=True, kw_only=True)
+class Late:
+    """What a recorder has to know that begins in the middle of a run.
+
+    The numbers of the first row and the first event that it records, the device as JSON can hold it, and for how long it records
+    [s], None until the word `RECORD_UNTIL` or the run's end says so.
+    """
+
+    row: int
+    event: int
+    info: Any
+    duration: float | None = None
+
+
+@dataclass(frozen=True, kw_only=True)
 class RecorderSpec:
-    """What a recorder has to know: the names of the rings, the file, the experiment's TOML text, the loop's process if known."""
+    """What a recorder has to know: the names of the rings, the file, the experiment's TOML text, the loop's process if known.
+
+    `late` is None for one that records a run from its first row to its end.
+    """
 
     rows: str
     events: str
     path: str
     experiment: str
     loop: int | None = None
+    late: Late | None = None
 
     def line(self) -> str:
         """Return it as one line of JSON."""
         return json.dumps(asdict(self)) + "\n"
+
+    @classmethod
+    def from_line(cls, line: bytes) -> Self:
+        """Return the spec in a line of ours."""
+        given = json.loads(line)
+        late = given.pop("late")
+        return cls(late=None if late is None else Late(**late), **given)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,13 +128,13 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
     drain: Drain | None = None
     try:
         experiment = read_experiment(spec.experiment, spec.path)
-        drain = Drain(spec.path, experiment, rows, events)
+        drain = _drain(spec, experiment, rows, events)
         # Silence is no news yet while the next row is still to come.
         patience = max(LAST_WORDS, math.ceil(3 * experiment.sample_time / INTERVAL))
         stopped = _followed(drain, rows, signs, patience)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
-        drain.end(*(drain.ended or (stopped, ())))
+        drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, ())))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)
@@ -117,6 +145,36 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
     return Recorded(path=spec.path if drain.begun else None, rows=drain.rows)
 
 
+def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: MessageRing) -> Drain:
+    """What takes the rows and events that are to be recorded."""
+    if spec.late is None:
+        return Drain(spec.path, experiment, rows, events)
+    info = info_from_json(spec.late.info)
+    begun = opening(experiment, info, commanded_live=True, timing=info.timing)
+    before = rows.reader(max(0, spec.late.row - 1)).read(1)
+    if spec.late.row and len(before):
+        column = 1 + [each.channel.name for each in begun.series].index("applied")
+        begun = replace(begun, input_before=float(before[0, column]))
+    return Drain(
+        spec.path,
+        experiment,
+        rows,
+        events,
+        begun=begun,
+        row=spec.late.row,
+        event=spec.late.event,
+        duration=spec.late.duration,
+    )
+
+
+def _as_asked(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
+    """Why a recording ended before its run did; None where it didn't."""
+    if not drain.complete or spec.late is None:
+        return None
+    how_long = "" if spec.late.duration is None else f" for {spec.late.duration:g} s at most"
+    return Stopped(reason="finished", sentence=f"recorded{how_long}, as asked; the run went on"), ()
+
+
 def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped:
     """Write what comes until the loop says how it ended, or will never say it; return what to say then in its place.
 
@@ -124,13 +182,13 @@ def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopp
     nothing comes and nobody is left to say anything.
     """
     looks = patience
-    while looks and drain.ended is None:
+    while looks and drain.ended is None and not drain.complete:
         # Looked at before the rings: who has ended by now has pushed its last word before.
         gone, over = signs.loop_gone(), rows.get(LOOP_STATE) == ENDED
         before = drain.taken
         drain.take()
         _publish(drain, rows)
-        if drain.ended is not None or gone:
+        if drain.ended is not None or drain.complete or gone:
             break
         if over or signs.end_wanted() or (signs.alone() and drain.taken == before):
             looks -= 1
@@ -214,7 +272,7 @@ def _first_line() -> bytes:
 
 def main() -> int:
     """Record as the line on standard input says; say in one line how it went, and return the exit status."""
-    spec = RecorderSpec(**json.loads(_first_line()))
+    spec = RecorderSpec.from_line(_first_line())
     signs = _Process(spec.loop)
     status = 0
     try:

@@ -26,6 +26,7 @@ ROWS_KEPT = 2  # rows that are safe in the file
 OPERATOR_HEARTBEAT = 3  # monotonic time [ns]
 LOOP_STATE = 4  # 0 starting, 1 running, 2 ended
 FAULT = 5  # 0 or 1
+RECORD_UNTIL = 6  # the number of the first row that a late recorder leaves out; 0: none is set
 
 
 class Ring:

@@ -10,7 +10,7 @@ WhenFaulted = Literal["end", "hold"]
 COLUMNS = 16  # of the ring; a row fills the first of them
 
 # What the words RECORDER_STATE and LOOP_STATE of the ring say.
-RECORDING, FAILED, DONE = 1, 2, 3
+NO_RECORDER, RECORDING, FAILED, DONE = 0, 1, 2, 3
 STARTING, RUNNING, ENDED = 0, 1, 2
 
 

@@ -61,6 +61,13 @@ class Derivative:
         """The difference to the sample before, which is the state."""
         return x, 0.0 if state is None else (x - state) / dt
 
+    def block(self, state: float | None, x: Array, dt: Array) -> tuple[float, Array]:
+        """The differences of a block of samples (N,), N at least 1."""
+        y = np.zeros(len(x))
+        known = 1 if state is None else 0
+        y[known:] = np.diff(x, prepend=x[0] if state is None else state)[known:] / dt[known:]
+        return float(x[-1]), y
+
     def __call__(self, x: Array, t: Array) -> Array:
         """All differences at once."""
         y = np.zeros(x.shape)

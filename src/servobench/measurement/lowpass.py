@@ -93,6 +93,17 @@ class Lowpass:
         y = float(decay[0]) * before + float(new[0]) * x + float(old[0]) * x_before
         return (y, x), y
 
+    def block(self, state: tuple[float, float], x: Array, dt: Array) -> tuple[tuple[float, float], Array]:
+        """The recursion over a block of samples (N,), N at least 1; raises `UsageError` where forward Euler diverges."""
+        from servobench.measurement.kernels import first_order_recursion
+
+        before, x_before = state
+        decay, new, old = self._coefficients(dt)
+        drive = new * x + old * np.concatenate([[x_before], x[:-1]])
+        drive[0] += decay[0] * before
+        y = first_order_recursion(decay, drive[:, None])[:, 0]
+        return (float(y[-1]), float(x[-1])), y
+
     def __call__(self, x: Array, t: Array) -> Array:
         """The recursion over a whole record; raises `UsageError` where forward Euler diverges."""
         from servobench.measurement.kernels import first_order_recursion

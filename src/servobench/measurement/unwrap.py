@@ -141,6 +141,15 @@ class Unwrap:
             turns -= round((x - before) / self.si_modulus)
         return (x, turns), x + self.si_modulus * turns
 
+    def block(
+        self, state: tuple[float | None, float], x: Array, dt: Array
+    ) -> tuple[tuple[float, float], Array]:
+        """A block of samples (N,), N at least 1."""
+        before, turns = state
+        d = np.diff(x, prepend=x[0] if before is None else before)
+        all_turns = turns - np.cumsum(np.rint(d / self.si_modulus))
+        return (float(x[-1]), float(all_turns[-1])), x + self.si_modulus * all_turns
+
     def __call__(self, x: Array, t: Array) -> Array:
         """All samples at once."""
         return unwrapped(x, self.si_modulus).count

@@ -1,0 +1,158 @@
+"""`servobench panel`: the front panel, a page in the browser."""
+
+from __future__ import annotations
+
+import socket
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Literal
+
+import typer
+
+if TYPE_CHECKING:
+    from servobench.panel.server import Tls
+
+_LOOPBACK = ("127.0.0.1", "::1", "localhost")
+_EVERYWHERE = ("0.0.0.0", "::")
+
+
+def panel(
+    device: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`."
+        ),
+    ] = None,
+    experiment: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The experiment to begin with: signal, controller, device, limits."
+        ),
+    ] = None,
+    port: Annotated[
+        int | None,
+        typer.Option(metavar="N", min=0, max=65535, help="The port; without, 8765, or any that is free."),
+    ] = None,
+    host: Annotated[
+        str,
+        typer.Option(
+            metavar="ADDRESS",
+            help="The address to listen at. Any but this machine's own (127.0.0.1) needs --tls-cert and --tls-key.",
+        ),
+    ] = "127.0.0.1",
+    tls_cert: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The certificate (PEM) to serve https with.")
+    ] = None,
+    tls_key: Annotated[
+        Path | None, typer.Option(metavar="FILE", help="The certificate's private key (PEM).")
+    ] = None,
+    without_tls: Annotated[
+        bool,
+        typer.Option(
+            "--without-tls",
+            help="Listen at another address without TLS: whoever is on the network can read the token, and drive the motor.",
+        ),
+    ] = False,
+    folder: Annotated[
+        Path,
+        typer.Option(metavar="DIR", help="The folder of the recordings; made where it isn't there."),
+    ] = Path("recordings"),
+    open_browser: Annotated[
+        bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
+    ] = True,
+    viewer: Annotated[
+        bool,
+        typer.Option("--viewer", help="Print a second address, for those who may watch and stop only."),
+    ] = False,
+) -> None:
+    """Drive the motor from a page in the browser: live scopes, recordings, results.
+
+    Without --device and --experiment it is the simulated motor. The address that is printed lets in whoever has it, for
+    twelve hours. The motor turns only while the page that drives it is open. Ctrl-C ends it, with the motor at rest.
+    """
+    from servobench.cli.run import experiment_asked_for
+    from servobench.cli.terminal import messages, say
+    from servobench.errors import UsageError
+
+    tls = _tls(host, tls_cert, tls_key, without_tls)
+    try:
+        from servobench.panel.keys import Keys
+        from servobench.panel.library import Library
+        from servobench.panel.pages import Panel
+        from servobench.panel.server import door_for, listening, run
+        from servobench.panel.session import MotorSession
+    except ModuleNotFoundError as error:
+        raise UsageError(
+            f'the panel needs {error.name}, which isn\'t installed: pip install "servobench[panel]"'
+        ) from None
+    asked = experiment_asked_for(experiment, device, None, None)
+    library, keys = Library(folder), Keys()
+    library.prepare()
+    with listening(host, port) as listener:
+        scheme: Literal["http", "https"] = "http" if tls is None else "https"
+        hosts = _names(host)
+        door = door_for(hosts, listener.getsockname()[1], scheme, keys)
+        base = f"{scheme}://{_shown(hosts[0])}:{listener.getsockname()[1]}/"
+        console = messages()
+
+        def begun() -> None:
+            say(console, f"panel: {base}?token={keys.new('operator')}")
+            if viewer:
+                say(console, f"to watch and stop only: {base}?token={keys.new('viewer')}")
+            say(console, "Ctrl-C ends it, with the motor at rest.")
+            if open_browser:
+                _open(f"{base}?token={keys.new('operator', once=True)}")
+
+        try:
+            run(Panel(motor=MotorSession(asked, library), library=library, door=door), listener, tls, begun)
+        except KeyboardInterrupt:
+            say(console, "\nthe motor is at rest")
+
+
+def _tls(host: str, certificate: Path | None, key: Path | None, without: bool) -> Tls | None:
+    """The certificate, None where there is none to be; raises `UsageError` for what isn't safe and wasn't asked for."""
+    from servobench.errors import UsageError
+
+    if (certificate is None) != (key is None):
+        raise UsageError("--tls-cert and --tls-key go together: give both, or none")
+    for file in (certificate, key):
+        if file is not None and not file.is_file():
+            raise UsageError(f"{file}: there is no such file; give the certificate and its key in PEM")
+    if certificate is None or key is None:
+        if host not in _LOOPBACK and not without:
+            raise UsageError(
+                f"--host {host}: others on the network could read the token and drive the motor. Give --tls-cert and --tls-key, "
+                "or say --without-tls if you know everybody on that network"
+            )
+        return None
+    from servobench.panel.server import Tls
+
+    return Tls(certificate=certificate, key=key)
+
+
+def _names(host: str) -> list[str]:
+    """The names by which a browser may ask for a panel that listens there."""
+    if host in _LOOPBACK:
+        return ["127.0.0.1", "localhost"] if host != "::1" else ["::1", "localhost"]
+    if host not in _EVERYWHERE:
+        return [host]
+    own = socket.gethostname()
+    try:
+        addresses = [str(each[4][0]) for each in socket.getaddrinfo(own, None, type=socket.SOCK_STREAM)]
+    except OSError:  # a machine that doesn't know its own name
+        addresses = []
+    return list(dict.fromkeys([own, socket.getfqdn(), *addresses, "localhost", "127.0.0.1"]))
+
+
+def _shown(host: str) -> str:
+    return f"[{host}]" if ":" in host else host
+
+
+def _open(address: str) -> None:
+    """Open the page where there is a screen for it; the address has a key that works once."""
+    import os
+    import sys
+    import threading
+    import webbrowser
+
+    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
+        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()

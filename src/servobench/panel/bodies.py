@@ -1,0 +1,69 @@
+"""What comes with a request, up to a limit, and what is said in it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import math
+from collections.abc import AsyncIterator
+from typing import Any
+
+from starlette.requests import Request
+
+from servobench.panel.gate import Refused
+
+LARGEST_JSON = 64 * 1024  # bytes
+LARGEST_UPLOAD = 64 * 1024 * 1024  # bytes
+_JSON_TIME = 10.0  # s until it has to be there
+
+
+async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
+    """Yield the body of a request as it comes; raises `Refused` once it has, or says that it has, more than `largest` bytes."""
+    told = request.headers.get("content-length")
+    if told is not None and (not told.isdecimal() or len(told) > 15 or int(told) > largest):
+        raise Refused(413, f"{told} bytes are too many; expected {largest} at most")
+    got = 0
+    async for piece in request.stream():
+        got += len(piece)
+        if got > largest:
+            raise Refused(413, f"more than {largest} bytes came, which is too many")
+        yield piece
+
+
+async def json_object(request: Request) -> dict[str, Any]:
+    """Return the JSON object that came with a request; raises `Refused` for anything else."""
+    body = bytearray()
+    try:
+        async with asyncio.timeout(_JSON_TIME):
+            async for piece in pieces(request, LARGEST_JSON):
+                body += piece
+    except TimeoutError:
+        raise Refused(400, f"the request wasn't complete after {_JSON_TIME:g} s") from None
+    return parsed(bytes(body))
+
+
+def parsed(text: str | bytes) -> dict[str, Any]:
+    """Return the JSON object in a text, numbers finite; raises `Refused` (400) for anything else."""
+    try:
+        found = json.loads(text, parse_constant=_no_number, parse_float=_finite)
+        json.dumps(
+            found, ensure_ascii=False
+        ).encode()  # half a surrogate pair is no text that a file can hold
+    except RecursionError:
+        raise Refused(400, "lists or objects in there are nested too deeply") from None
+    except ValueError as error:  # UnicodeDecodeError is one, too
+        raise Refused(400, f"that is no JSON: {error}") from None
+    if not isinstance(found, dict):
+        raise Refused(400, f"expected a JSON object, not {type(found).__name__}")
+    return found
+
+
+def _no_number(text: str) -> float:
+    raise ValueError(f"{text} is no number")
+
+
+def _finite(text: str) -> float:
+    value = float(text)
+    if not math.isfinite(value):
+        raise ValueError(f"{text} is too large for a number")
+    return value

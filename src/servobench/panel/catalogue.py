@@ -1,0 +1,76 @@
+"""What can be chosen on the page: signals, controllers and devices, each with its settings, as their own models tell them."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterable
+from typing import Any
+
+from annotated_types import Ge, Gt, Le, Lt
+from pydantic import BaseModel, TypeAdapter
+from pydantic.fields import FieldInfo
+
+from servobench.settings import choices_of, unit_of
+
+_UNITS = {"encoder": ["counts", "deg", "rad"]}
+_INITIALS = ("pid", "prbs")
+
+
+def catalogue() -> dict[str, Any]:
+    """Return all that can be chosen, as JSON can hold it."""
+    from servobench.control.base import CONTROLLERS
+    from servobench.devices.base import DEVICES
+    from servobench.signals.base import SIGNALS
+
+    return {
+        "signals": [member(name, SIGNALS[name], SIGNALS[name]) for name in SIGNALS.names()],
+        "controllers": [member(name, CONTROLLERS[name], CONTROLLERS[name]) for name in CONTROLLERS.names()],
+        "devices": [member(name, DEVICES[name], DEVICES[name].Settings) for name in DEVICES.names()],
+        "units": _UNITS,
+    }
+
+
+def member(name: str, kind: type, settings: Any) -> dict[str, Any]:
+    """Return one member of a kind: its name, its title, a sentence, and its settings."""
+    lines = (sys.modules[kind.__module__].__doc__ or kind.__doc__ or name).strip().splitlines()
+    fields: dict[str, FieldInfo] = settings.model_fields if issubclass(settings, BaseModel) else {}
+    return {
+        "name": name,
+        "title": name.upper() if name in _INITIALS else name.replace("_", " ").capitalize(),
+        "sentence": lines[0],
+        "fields": [field_of(key, field) for key, field in fields.items()],
+    }
+
+
+def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
+    """Return one setting: what it is called, its unit, default and bounds, the values to choose from, and what it means."""
+    return {
+        "name": field.alias or key,
+        "unit": unit_of(field),
+        "default": _default(field),
+        "required": field.is_required(),
+        "minimum": _bound(field.metadata, ("ge", Ge), ("gt", Gt), max),
+        "maximum": _bound(field.metadata, ("le", Le), ("lt", Lt), min),
+        "choices": [_plain(choice) for choice in choices_of(field.annotation)],
+        "sentence": field.description or "",
+    }
+
+
+def _default(field: FieldInfo) -> Any:
+    """The default; of a setting that has none, its example."""
+    if field.is_required():
+        return _plain(field.examples[0]) if field.examples else None
+    return _plain(field.get_default(call_default_factory=True))
+
+
+def _plain(value: Any) -> Any:
+    """A value as JSON can hold it."""
+    return TypeAdapter(type(value)).dump_python(value, mode="json", fallback=str)
+
+
+def _bound(metadata: Iterable[Any], closed: tuple[str, type], opened: tuple[str, type], of: Any) -> Any:
+    """The narrowest of the bounds on one side; None where there is none."""
+    found = [
+        getattr(mark, name) for mark in metadata for name, kind in (closed, opened) if isinstance(mark, kind)
+    ]
+    return of(found) if found else None

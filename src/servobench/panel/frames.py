@@ -1,0 +1,185 @@
+"""What scopes show: rows of the loop through the measurement's own stages, and their frame as bytes."""
+
+from __future__ import annotations
+
+import math
+import struct
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import UsageError
+from servobench.measurement.base import Chain
+from servobench.measurement.continued import continued
+from servobench.measurement.derivative import Derivative
+from servobench.measurement.scale import Scale
+from servobench.measurement.unwrap import Unwrap
+from servobench.recording.recording import Recording
+
+COLUMNS = (
+    "t",
+    "reference",
+    "commanded",
+    "applied",
+    "counts",
+    "position",
+    "speed_raw",
+    "speed",
+    "current",
+    "residual",
+    "late",
+    "saturated",
+    "command",
+)
+MAGIC = 0x31425653  # "SVB1"
+KEPT = 10.0  # s; what a new viewer sees at once
+_AS_RECORDED = ("reference", "commanded", "applied", "counts", "current", "late", "saturated", "command")
+_SETTLING = (
+    2.0  # s of positions through which another chain is run before it's shown, so that its start isn't seen
+)
+
+
+def encode(first: int, values: Array) -> bytes:
+    """Return rows (N, 13), the first of them number `first`, as the bytes of a frame, little-endian.
+
+    u32 magic, u32 N, u32 13, u32 0, f64 `first`; then the times as f64 (N,), and each other column of `COLUMNS` as f32 (N,).
+    """
+    header = struct.pack("<IIIId", MAGIC, len(values), len(COLUMNS), 0, float(first))
+    rest = np.ascontiguousarray(values[:, 1:].T, dtype="<f4")
+    return header + values[:, 0].astype("<f8").tobytes() + rest.tobytes()
+
+
+def speed_chain(text: str) -> Chain:
+    """Return the chain from the shaft's position [rad] to the speed that is shown [rad/s], of a chain's text.
+
+    The counts are unwrapped and turned into rad before, so stages that do this in the text aren't done twice. One that leaves a
+    position is followed by the derivative. Raises `UsageError` for a text that is no chain, or one that takes a speed.
+    """
+    stages = tuple(
+        stage
+        for stage in Chain.parse(text).stages
+        if not isinstance(stage, Unwrap) and not (isinstance(stage, Scale) and stage.unit is not None)
+    )
+    chain = Chain(stages)
+    return chain if chain.yields("position") == "speed" else chain + Chain((Derivative(),))
+
+
+@dataclass
+class _Through:
+    """A chain that is being gone through."""
+
+    chain: Chain
+
+    def __post_init__(self) -> None:
+        self._state = self.chain.start()
+
+    def __call__(self, x: Array, dt: Array) -> Array:
+        self._state, y = continued(self.chain, self._state, x, dt)
+        return y
+
+
+class Scope:
+    """Turns the rows of one run into what scopes show, block after block.
+
+    `opened` says what is in a row; `chain` is the text of the measurement chain that the speed goes through. What the device
+    hasn't got is NaN.
+    """
+
+    def __init__(self, opened: Recording, chain: str) -> None:
+        names = ["t", *(series.channel.name for series in opened.series)]
+        self._place = {name: names.index(name) for name in _AS_RECORDED if name in names}
+        counter = opened["counts"].channel
+        self._radians = 2 * math.pi / counter.counts_per_rev if counter.counts_per_rev else math.nan
+        unwrap = () if counter.counter_bits is None else (Unwrap.parse((str(counter.counter_bits), "bit")),)
+        self._unwrap = _Through(Chain(unwrap))
+        self._raw = _Through(Chain((Derivative(),)))
+        self._speed = _Through(speed_chain(chain))
+        self._before: float | None = None
+        self._seen: deque[tuple[Array, Array]] = deque()
+
+    def take(self, rows: Array) -> Array:
+        """Return what rows (N, C) of the ring show, (N, 13) in the order of `COLUMNS`."""
+        shown = np.full((len(rows), len(COLUMNS)), math.nan)
+        if not len(rows):
+            return shown
+        t = rows[:, 0]
+        shown[:, 0] = t
+        for name, place in self._place.items():
+            shown[:, COLUMNS.index(name)] = rows[:, place]
+        dt = np.diff(t, prepend=t[0] if self._before is None else self._before)
+        self._before = float(t[-1])
+        position = self._radians * self._unwrap(rows[:, self._place["counts"]], dt)
+        shown[:, COLUMNS.index("position")] = position
+        shown[:, COLUMNS.index("speed_raw")] = self._raw(position, dt)
+        shown[:, COLUMNS.index("speed")] = self._speed_of(position, dt)
+        self._remember(t, position)
+        return shown
+
+    def look_through(self, chain: str) -> None:
+        """Show the speed through another chain from now on, as it would be had it been there for two seconds."""
+        self._speed = _Through(speed_chain(chain))
+        if self._seen:
+            t = np.concatenate([each for each, _ in self._seen])
+            self._speed_of(np.concatenate([each for _, each in self._seen]), np.diff(t, prepend=t[0]))
+
+    def _speed_of(self, position: Array, dt: Array) -> Array:
+        """The speed; where a filter by forward Euler diverges over a gap there is none, and it starts anew after it."""
+        try:
+            return self._speed(position, dt)
+        except UsageError:
+            self._speed = _Through(self._speed.chain)
+            return np.full(len(position), math.nan)
+
+    def _remember(self, t: Array, position: Array) -> None:
+        self._seen.append((t, position))
+        while self._seen[0][0][-1] < t[-1] - _SETTLING:
+            self._seen.popleft()
+
+
+class History:
+    """The last ten seconds of what was shown, so that each viewer gets everything since the row it has seen last.
+
+    A block is encoded once, and viewers that are as far get the same bytes.
+    """
+
+    def __init__(self) -> None:
+        self._blocks: deque[tuple[int, Array, bytes]] = deque()
+
+    def add(self, first: int, values: Array) -> None:
+        """Take a block of rows (N, 13), N at least 1, the first of them number `first`."""
+        self._blocks.append((first, values, encode(first, values)))
+        while self._blocks[0][1][-1, 0] < values[-1, 0] - KEPT:
+            self._blocks.popleft()
+
+    @property
+    def next(self) -> int:
+        """The number of the row that comes next."""
+        return self._blocks[-1][0] + len(self._blocks[-1][1]) if self._blocks else 0
+
+    @property
+    def time(self) -> float:
+        """The time of the last row [s]."""
+        return float(self._blocks[-1][1][-1, 0]) if self._blocks else 0.0
+
+    def since(self, number: int) -> list[bytes]:
+        """Return the frames with all rows from that number on that are still there; rows that the loop lost divide frames."""
+        wanted = [block for block in self._blocks if block[0] >= number]
+        if len(wanted) < 2:
+            return [block[2] for block in wanted]
+        frames = []
+        together = [wanted[0]]
+        for before, block in pairwise(wanted):
+            if block[0] != before[0] + len(before[1]):
+                frames.append(_joined(together))
+                together = []
+            together.append(block)
+        return [*frames, _joined(together)]
+
+
+def _joined(blocks: list[tuple[int, Array, bytes]]) -> bytes:
+    if len(blocks) == 1:
+        return blocks[0][2]
+    return encode(blocks[0][0], np.concatenate([values for _, values, _ in blocks]))

@@ -1,0 +1,188 @@
+"""Who is let in, and with what: each request is asked where it comes from before anything of ours sees it.
+
+Any page that a browser has open can send requests to a port of the same machine, with our cookie where it is on another port of
+it, and a name that it owns can be made to mean this machine. So the name that was asked for (Host), the page that asks (Origin,
+Sec-Fetch-Site) and a token that no other page can read have to be right, each by itself.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from http.cookies import CookieError, SimpleCookie
+from typing import Any, Literal, TypeAlias
+
+from starlette.datastructures import Headers
+from starlette.responses import JSONResponse
+from starlette.types import ASGIApp, Message, Receive, Scope, Send
+
+from servobench.panel.keys import Keys, Session, same
+
+COOKIE = "servobench_session"
+TOKEN = "x-servobench-token"
+
+Body: TypeAlias = Literal["none", "application/json", "application/octet-stream"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Asks:
+    """What a route asks of a request, beside the right host and no foreign page behind it, which all do.
+
+    `session`: the session's cookie. `own_page`: that a page of ours asks, as the browser says itself. `origin`: that the page's
+    origin is said and is ours. `token`: the session's token in the header X-Servobench-Token. `operates`: that the session isn't
+    a viewer's. `body`: what may come with it.
+    """
+
+    session: bool = True
+    own_page: bool = False
+    origin: bool = False
+    token: bool = False
+    operates: bool = False
+    body: Body = "none"
+
+
+class Refused(Exception):
+    """A request that isn't let in, or asks for what can't be; the status and the sentence that answer it."""
+
+    def __init__(self, status: int, sentence: str) -> None:
+        super().__init__(sentence)
+        self.status = status
+        self.sentence = sentence
+
+
+@dataclass(frozen=True, kw_only=True)
+class Door:
+    """What is let in: the names by which this server may be asked for, with the port as browsers send it, and the keys."""
+
+    hosts: frozenset[str]
+    scheme: Literal["http", "https"]
+    keys: Keys
+
+    def check_host(self, headers: Headers) -> None:
+        """Raise `Refused` for a name that isn't ours, such as one that was made to mean this machine."""
+        given = headers.getlist("host")
+        if len(given) != 1 or given[0].lower() not in self.hosts:
+            raise Refused(
+                421,
+                f"this panel isn't called {', '.join(given) or 'by no name'}; it is at {', '.join(sorted(self.hosts))}",
+            )
+
+    def admit(self, headers: Headers, asks: Asks) -> Session | None:
+        """Return the session of a request whose host is right, None where none is asked for; raises `Refused`."""
+        self._check_page(headers, asks)
+        if asks.body != "none" and headers.get("content-type", "").partition(";")[0].strip() != asks.body:
+            raise Refused(415, f"what is sent here has to be {asks.body}, and say so in its Content-Type")
+        if not asks.session:
+            return None
+        session = self.keys.session(_cookie(headers))
+        if session is None:
+            raise Refused(
+                401, "no session: open the address that the panel printed when it started, with its token"
+            )
+        if asks.token and not same(session.token, headers.get(TOKEN, "")):
+            raise Refused(401, "the session's token is missing or wrong: load the page again")
+        if asks.operates and session.role != "operator":
+            raise Refused(403, "this session may watch, and stop the motor; it can't do this")
+        return session
+
+    def _check_page(self, headers: Headers, asks: Asks) -> None:
+        """Raise `Refused` where another page than ours asks."""
+        site = headers.get("sec-fetch-site")
+        allowed = ("same-origin",) if asks.own_page else ("same-origin", "none", None)
+        if site not in allowed:
+            raise Refused(403, f"a page of this panel has to ask for this, and the browser says {site!r}")
+        origins = headers.getlist("origin")
+        ours = f"{self.scheme}://{headers['host'].lower()}"
+        if (asks.origin and not origins) or any(origin.lower() != ours for origin in origins):
+            raise Refused(
+                403, f"the page of {', '.join(origins) or 'no origin'} can't ask for this; {ours} can"
+            )
+
+
+def _cookie(headers: Headers) -> str:
+    """The session's cookie; empty where there is none, or more than one, of which one isn't ours."""
+    found = []
+    for line in headers.getlist("cookie"):
+        try:
+            found += [morsel.value for name, morsel in SimpleCookie(line).items() if name == COOKIE]
+        except CookieError:  # another program's on this host; no cookie of ours can be told from it
+            return ""
+    return found[0] if len(found) == 1 else ""
+
+
+def page_policy(door: Door) -> str:
+    """Return the content security policy of the panel's pages: nothing that isn't ours, no script or style in the page."""
+    ws = "wss" if door.scheme == "https" else "ws"
+    sockets = " ".join(f"{ws}://{host}" for host in sorted(door.hosts))
+    return (
+        f"default-src 'self'; connect-src 'self' {sockets}; img-src 'self' data: blob:; object-src 'none'; "
+        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+    )
+
+
+REPORT_POLICY = (
+    "sandbox; default-src 'none'; style-src 'unsafe-inline'; img-src data:; base-uri 'none'; form-action 'none'; "
+    "frame-ancestors 'none'"
+)
+"""A report is a page by itself, with its style in it: it may do nothing at all."""
+
+
+class Gate:
+    """The outermost part of the server: asks for the host, of sockets as well, and puts the headers on every answer."""
+
+    def __init__(self, app: ASGIApp, door: Door) -> None:
+        self._app = app
+        self._door = door
+        self._headers = tuple(
+            (name.encode(), value.encode())
+            for name, value in (
+                ("content-security-policy", page_policy(door)),
+                ("referrer-policy", "no-referrer"),
+                ("x-content-type-options", "nosniff"),
+                ("cross-origin-opener-policy", "same-origin"),
+                ("cross-origin-resource-policy", "same-origin"),
+                ("cache-control", "no-store"),
+            )
+        )
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Let a request in, or refuse it."""
+        if scope["type"] == "lifespan":
+            await self._app(scope, receive, send)
+            return
+
+        async def with_headers(message: Message) -> None:
+            if message["type"] in ("http.response.start", "websocket.http.response.start"):
+                message["headers"] = [*_without(message["headers"], self._headers), *message["headers"]]
+            await send(message)
+
+        try:
+            self._door.check_host(Headers(scope=scope))
+        except Refused as refused:
+            await refuse(refused, scope, receive, with_headers)
+            return
+        await self._app(scope, receive, with_headers)
+
+
+def _without(
+    given: Iterable[tuple[bytes, bytes]], ours: tuple[tuple[bytes, bytes], ...]
+) -> list[tuple[bytes, bytes]]:
+    """Our headers, without those that an answer has of its own."""
+    own = {name.lower() for name, _ in given}
+    return [(name, value) for name, value in ours if name not in own]
+
+
+async def refuse(refused: Refused, scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer a request that isn't let in; a socket is closed before it is open, which is a 403."""
+    if scope["type"] == "websocket":
+        await receive()
+        await send({"type": "websocket.close", "code": 4403, "reason": refused.sentence[:100]})
+        return
+    await error_answer(refused)(scope, receive, send)
+
+
+def error_answer(refused: Refused) -> JSONResponse:
+    """Return the answer to a request that is refused."""
+    # What is still to come of its body isn't read: the connection ends with the answer.
+    content: dict[str, Any] = {"error": refused.sentence}
+    return JSONResponse(content, status_code=refused.status, headers={"connection": "close"})

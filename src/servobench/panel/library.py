@@ -1,0 +1,204 @@
+"""The folder of recordings: a folder for each, with what was recorded, what was found, and what somebody noted."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, replace
+from datetime import datetime
+from pathlib import Path
+from tempfile import NamedTemporaryFile
+
+from servobench.errors import StorageError, UnknownName, UsageError
+
+RECORDING = "recording.mcap"
+EXPERIMENT = "experiment.toml"
+RESULT = "result.json"
+REPORT = "report.html"
+ABOUT = "about.json"
+TRASH = ".trash"
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
+_DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
+_LONGEST_NOTES = 10_000
+
+
+@dataclass(frozen=True, kw_only=True)
+class About:
+    """What is known of a recording without reading it: when it was made (local time), its length [s], and what was noted."""
+
+    created: str = ""
+    duration: float = 0.0
+    samples: int = 0
+    signal: str = ""
+    notes: str = ""
+    verdict: str = ""
+
+
+def checked_name(name: object) -> str:
+    """Return a name that a recording may have; raises `UsageError` for any other.
+
+    Up to 64 letters, digits, dots, underscores and hyphens of ASCII, of which the first is a letter or a digit. Names that mean
+    a device to some system (`con`, `nul.txt`), and those that end in a dot, which others drop, are none.
+    """
+    if (
+        not isinstance(name, str)
+        or not _NAME.fullmatch(name)
+        or _DEVICES.fullmatch(name)
+        or name.endswith(".")
+    ):
+        raise UsageError(
+            f"{str(name)[:80]!r} can't be the name of a recording; expected up to 64 letters, digits, dots, _ and -, the first "
+            "a letter or a digit"
+        )
+    return name
+
+
+class Library:
+    """The recordings in one folder. Nothing outside of it is read or written, and nothing in it that is a symbolic link."""
+
+    def __init__(self, folder: str | os.PathLike[str]) -> None:
+        self.folder = Path(folder)
+        self._trash = self.folder / TRASH
+
+    def prepare(self) -> None:
+        """Make the folder where it isn't there; raises `StorageError` where that can't be."""
+        try:
+            self._trash.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise StorageError(
+                f"the folder for recordings {self.folder} can't be made: {error.strerror or error}; give another --folder"
+            ) from error
+
+    def new(self, name: str | None = None) -> Path:
+        """Make a folder for a new recording, called `name` or after the time, and return it.
+
+        Raises `UsageError` for a name that can't be or is taken, `StorageError` where the folder can't be made.
+        """
+        candidates = [checked_name(name)] if name else _times()
+        taken = {each.name.casefold() for each in (*self._entries(self.folder), *self._entries(self._trash))}
+        for candidate in candidates:
+            if candidate.casefold() in taken:
+                continue
+            try:
+                (self.folder / candidate).mkdir()
+            except FileExistsError:
+                continue
+            except OSError as error:
+                raise StorageError(
+                    f"{self.folder / candidate} can't be made: {error.strerror or error}"
+                ) from error
+            return self.folder / candidate
+        raise UsageError(
+            f"there is a recording called {name!r} already, maybe a deleted one; give another name"
+        )
+
+    def list(self) -> list[dict[str, object]]:
+        """Return what is known of each recording, the newest first, those that were deleted as well."""
+        found = [
+            {"name": folder.name, **asdict(about_in(folder)), "deleted": folder.parent == self._trash}
+            for place in (self.folder, self._trash)
+            for folder in self._entries(place)
+            if _file(folder, RECORDING) is not None
+        ]
+        return sorted(found, key=lambda each: (str(each["created"]), str(each["name"])), reverse=True)
+
+    def folder_of(self, name: object) -> Path:
+        """Return the folder of a recording that wasn't deleted; raises `UsageError`, `UnknownName` where there is none."""
+        return self._in(self.folder, name)
+
+    def file(self, name: object, which: str) -> Path:
+        """Return a file of a recording; raises as `folder_of`, and `UnknownName` where it has no such file."""
+        folder = self.folder_of(name)
+        path = _file(folder, which)
+        if path is None:
+            raise UnknownName(f"file of {folder.name}", which, [])
+        return path
+
+    def note(self, name: object, notes: object) -> None:
+        """Keep notes with a recording; raises `UsageError` for what is no text, or too long."""
+        if not isinstance(notes, str) or len(notes) > _LONGEST_NOTES:
+            raise UsageError(f"notes have to be a text of {_LONGEST_NOTES} characters at most")
+        folder = self.folder_of(name)
+        keep_about(folder, replace(about_in(folder), notes=notes))
+
+    def delete(self, name: object) -> None:
+        """Move a recording away, so that `undelete` can bring it back."""
+        self._move(self.folder_of(name), self._trash)
+
+    def undelete(self, name: object) -> None:
+        """Bring a deleted recording back."""
+        self._move(self._in(self._trash, name), self.folder)
+
+    def forget(self, folder: Path) -> None:
+        """Remove a folder that `new` made and nothing was recorded in."""
+        shutil.rmtree(folder)
+
+    def _in(self, place: Path, name: object) -> Path:
+        wanted = checked_name(name)
+        for folder in self._entries(place):
+            if folder.name == wanted:
+                return folder
+        raise UnknownName("recording", wanted, [folder.name for folder in self._entries(place)][:20])
+
+    def _move(self, folder: Path, to: Path) -> None:
+        if (to / folder.name).exists():
+            raise UsageError(f"there is a recording called {folder.name!r} there already")
+        try:
+            folder.rename(to / folder.name)
+        except OSError as error:
+            raise StorageError(f"{folder} can't be moved: {error.strerror or error}") from error
+
+    def _entries(self, place: Path) -> Iterator[Path]:
+        """The folders in there that may be recordings."""
+        try:
+            entries = sorted(os.scandir(place), key=lambda each: each.name)
+        except FileNotFoundError:
+            return
+        for entry in entries:
+            if entry.is_dir(follow_symlinks=False) and _NAME.fullmatch(entry.name):
+                yield place / entry.name
+
+
+def about_in(folder: Path) -> About:
+    """Return what is known of the recording in a folder; a file that somebody has spoilt says nothing."""
+    path = _file(folder, ABOUT)
+    if path is None:
+        return About()
+    try:
+        given = json.loads(path.read_text(encoding="utf-8"))
+        known = {key: type(value)(given[key]) for key, value in asdict(About()).items() if key in given}
+    except (OSError, ValueError, TypeError, RecursionError):
+        return About(notes="(about.json can't be read)")
+    return About(**known)
+
+
+def keep_about(folder: Path, about: About) -> None:
+    """Write what is known of a recording, all of it or nothing; raises `StorageError`."""
+    replace_file(folder / ABOUT, json.dumps(asdict(about), ensure_ascii=False, indent=2) + "\n")
+
+
+def replace_file(path: Path, text: str) -> None:
+    """Write a text file whole, in the place of an earlier one, or leave that as it is; raises `StorageError`."""
+    try:
+        with NamedTemporaryFile("w", encoding="utf-8", dir=path.parent, prefix=".", delete=False) as file:
+            file.write(text)
+        os.replace(file.name, path)
+    except OSError as error:
+        raise StorageError(f"{path} can't be written: {error.strerror or error}") from error
+
+
+def _file(folder: Path, name: str) -> Path | None:
+    """A file in a folder; None where there is none, or a link stands in its place."""
+    path = folder / name
+    return path if path.is_file() and not path.is_symlink() else None
+
+
+def _times() -> Iterator[str]:
+    """Names after the time, that of a second recording in the same second with a number."""
+    name = f"run-{datetime.now():%Y%m%d-%H%M%S}"
+    yield name
+    for again in range(2, 1000):
+        yield f"{name}-{again}"

@@ -1,0 +1,172 @@
+"""What is answered to a page that is loaded, beside its recordings."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from importlib.metadata import PackageNotFoundError, files
+from importlib.resources import files as resources
+from typing import Any
+
+import numpy as np
+from pydantic import TypeAdapter, ValidationError
+from starlette.requests import Request
+from starlette.responses import RedirectResponse, Response
+
+from servobench._version import __version__
+from servobench.errors import UsageError
+from servobench.panel.bodies import json_object
+from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
+from servobench.panel.gate import COOKIE, Asks, Door, Refused
+from servobench.panel.library import Library
+from servobench.panel.session import MotorSession
+from servobench.panel.work import Work, done_elsewhere
+from servobench.signals.base import AnySignal
+
+_TYPES = {
+    ".html": "text/html; charset=utf-8",
+    ".js": "text/javascript; charset=utf-8",
+    ".css": "text/css; charset=utf-8",
+    ".svg": "image/svg+xml",
+    ".png": "image/png",
+}
+UPLOT = ("uPlot.iife.js", "uPlot.min.css")
+_MOST_PREVIEWED = 2000  # points
+_LONGEST_PREVIEW = 3600.0  # s
+
+
+@dataclass(frozen=True, kw_only=True)
+class Panel:
+    """What the answers are made from."""
+
+    motor: MotorSession
+    library: Library
+    door: Door
+    work: Work = field(default=done_elsewhere, repr=False)
+    """Has a piece of work done in another process."""
+
+
+async def front(request: Request, panel: Panel) -> Response:
+    """The page; with a key in the address, the way in."""
+    key = request.query_params.get("token")
+    if key is None:
+        panel.door.admit(request.headers, Asks())
+        return packaged("index.html")
+    session = panel.door.keys.open(key)
+    if session is None:
+        raise Refused(
+            401, "the token in this address is wrong, or over; start the panel anew for another one"
+        )
+    response = RedirectResponse("/", status_code=303)
+    response.set_cookie(
+        COOKIE,
+        session.cookie,
+        httponly=True,
+        samesite="strict",
+        secure=panel.door.scheme == "https",
+        path="/",
+    )
+    return response
+
+
+async def static(request: Request, panel: Panel) -> Response:
+    """A file of the page."""
+    return packaged(request.path_params["name"])
+
+
+async def uplot(request: Request, panel: Panel) -> Response:
+    """A file of uPlot, as its package has it."""
+    name = request.path_params["name"]
+    if name not in UPLOT:
+        raise Refused(404, f"no file of uPlot is called that here; there are {', '.join(UPLOT)}")
+    return Response(_of_uplot(name), media_type=_TYPES[name[name.rindex(".") :]])
+
+
+async def session(request: Request, panel: Panel) -> Response:
+    """What the page needs to know of itself: above all the token that it has to show."""
+    own = request.state.session
+    return as_json(
+        {
+            "token": own.token,
+            "operator": own.role == "operator",
+            "device": panel.motor.device(),
+            "version": __version__,
+        }
+    )
+
+
+async def catalogue(request: Request, panel: Panel) -> Response:
+    """What can be chosen."""
+    return as_json(await asyncio.to_thread(_catalogue))
+
+
+async def preview(request: Request, panel: Panel) -> Response:
+    """A signal as it would be."""
+    given = await json_object(request)
+    unit = panel.motor.experiment.controller.reference_unit
+    t, value = await asyncio.to_thread(_previewed, given)
+    return as_json({"t": t, "value": value, "unit": unit})
+
+
+async def stop(request: Request, panel: Panel) -> Response:
+    """STOP, for everybody who is let in at all."""
+    await json_object(request)
+    panel.motor.stop("STOP was pressed; zero volts are put out")
+    return as_json({"stopped": True})
+
+
+def packaged(name: str) -> Response:
+    """Return a file of the page; raises `Refused` where there is none."""
+    # Compared with the names that there are: none of them leads anywhere else.
+    found = next((each for each in _static_files() if each == name), None)
+    kind = None if found is None else _TYPES.get(found[found.rfind(".") :])
+    if found is None or kind is None:
+        raise Refused(404, "there is no such file")
+    return Response((resources("servobench.panel") / "static" / found).read_bytes(), media_type=kind)
+
+
+def as_json(found: Any) -> Response:
+    """Return an answer in JSON; a number that isn't finite is a fault of ours."""
+    return Response(json.dumps(found, allow_nan=False), media_type="application/json")
+
+
+def _static_files() -> tuple[str, ...]:
+    return tuple(each.name for each in (resources("servobench.panel") / "static").iterdir() if each.is_file())
+
+
+@cache
+def _of_uplot(name: str) -> bytes:
+    try:
+        (found,) = (
+            each for each in files("uplot-python") or () if each.name == name and "static" in each.parts
+        )
+    except PackageNotFoundError:
+        raise UsageError('the panel needs uPlot: pip install "servobench[panel]"') from None
+    return found.read_binary()
+
+
+@cache
+def _catalogue() -> dict[str, Any]:
+    return all_that_can_be_chosen()
+
+
+def _previewed(given: Mapping[str, Any]) -> tuple[list[float], list[float | None]]:
+    """The times and values of a signal over a duration [s]."""
+    duration = given.get("duration", 10.0)
+    if not isinstance(duration, int | float) or not 0 < duration <= _LONGEST_PREVIEW:
+        raise UsageError(f"a preview can't last {duration!r} s; expected a number up to {_LONGEST_PREVIEW:g}")
+    try:
+        signal = TypeAdapter(AnySignal).validate_python(given.get("signal"))
+    except ValidationError as error:
+        raise UsageError(
+            "; ".join(
+                f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
+                for each in error.errors(include_url=False)
+            )
+        ) from None
+    t = np.linspace(0.0, duration, _MOST_PREVIEWED)
+    value = signal(t)
+    return t.tolist(), [v if np.isfinite(v) else None for v in value.tolist()]

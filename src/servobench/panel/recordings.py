@@ -1,0 +1,178 @@
+"""What is answered about recordings."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+from dataclasses import replace
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from starlette.background import BackgroundTask
+from starlette.requests import Request
+from starlette.responses import FileResponse, Response
+
+from servobench.errors import UsageError
+from servobench.panel.bodies import LARGEST_UPLOAD, json_object, pieces
+from servobench.panel.gate import REPORT_POLICY, Refused
+from servobench.panel.library import (
+    RECORDING,
+    REPORT,
+    RESULT,
+    about_in,
+    checked_name,
+    keep_about,
+    replace_file,
+)
+from servobench.panel.pages import Panel, as_json
+from servobench.panel.taking import about
+
+_SUFFIXES = 16  # characters of a file's ending that matter to what it is
+
+
+async def listed(request: Request, panel: Panel) -> Response:
+    """All recordings."""
+    return as_json(await asyncio.to_thread(panel.library.list))
+
+
+async def noted(request: Request, panel: Panel) -> Response:
+    """Notes to one."""
+    given = await json_object(request)
+    panel.library.note(_name(request), given.get("notes"))
+    return _changed(panel)
+
+
+async def deleted(request: Request, panel: Panel) -> Response:
+    """Away with one, where it can be brought back from."""
+    await json_object(request)
+    _check_not_being_made(request, panel)
+    panel.library.delete(_name(request))
+    return _changed(panel)
+
+
+async def undeleted(request: Request, panel: Panel) -> Response:
+    """One is brought back."""
+    await json_object(request)
+    panel.library.undelete(_name(request))
+    return _changed(panel)
+
+
+async def download(request: Request, panel: Panel) -> Response:
+    """One as a file: as it is, or as text."""
+    name = _name(request)
+    native = panel.library.file(name, RECORDING)
+    wanted = request.query_params.get("as", "mcap")
+    if wanted == "mcap":
+        return FileResponse(native, filename=f"{name}.mcap", media_type="application/octet-stream")
+    if wanted != "csv":
+        raise UsageError(f"a recording can't be had as {wanted[:20]!r}; expected mcap or csv")
+    folder = TemporaryDirectory(prefix="servobench-")
+    try:
+        text = Path(folder.name) / f"{name}.csv"
+        await panel.work({"do": "convert", "file": os.fspath(native), "to": os.fspath(text)})
+    except BaseException:
+        folder.cleanup()
+        raise
+    return FileResponse(
+        text,
+        filename=text.name,
+        media_type="text/csv; charset=utf-8",
+        background=BackgroundTask(folder.cleanup),
+    )
+
+
+async def rows(request: Request, panel: Panel) -> Response:
+    """One as scopes show it."""
+    from servobench.panel.replayed import frame_of
+
+    native = panel.library.file(_name(request), RECORDING)
+    return Response(await asyncio.to_thread(frame_of, native), media_type="application/octet-stream")
+
+
+async def identified(request: Request, panel: Panel) -> Response:
+    """What one says about the motor."""
+    given = await json_object(request)
+    structure = given.get("structure", "auto")
+    if not isinstance(structure, str):
+        raise UsageError(f"{structure!r} is no name of a model structure")
+    name = _name(request)
+    native = panel.library.file(name, RECORDING)
+    page = native.parent / REPORT
+    answer = await panel.work(
+        {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
+    )
+    result: dict[str, Any] = answer["result"]
+    replace_file(native.parent / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
+    keep_about(native.parent, replace(about_in(native.parent), verdict=str(result["verdict"])))
+    panel.motor.tell({"kind": "library"})
+    return as_json({**result, "report": f"/reports/{name}"})
+
+
+async def report(request: Request, panel: Panel) -> Response:
+    """The report of one, which may do nothing."""
+    page = panel.library.file(_name(request), REPORT)
+    return FileResponse(
+        page, media_type="text/html; charset=utf-8", headers={"content-security-policy": REPORT_POLICY}
+    )
+
+
+async def uploaded(request: Request, panel: Panel) -> Response:
+    """A file that somebody has, as a recording."""
+    stem, suffix = _stem_and_suffix(request.query_params.get("name", ""))
+    folder = panel.library.new(stem)
+    try:
+        with TemporaryDirectory(prefix=".", dir=folder) as place:
+            file = Path(place) / f"upload{suffix}"
+            await _kept(request, file)
+            await panel.work(
+                {
+                    "do": "import",
+                    "file": os.fspath(file),
+                    "name": stem + suffix,
+                    "to": os.fspath(folder / RECORDING),
+                }
+            )
+        created = datetime.now().isoformat(timespec="seconds")
+        keep_about(folder, await asyncio.to_thread(partial(about, folder / RECORDING, created, "")))
+    except BaseException:
+        panel.library.forget(folder)
+        raise
+    panel.motor.tell({"kind": "library"})
+    return as_json({"name": folder.name})
+
+
+async def _kept(request: Request, file: Path) -> None:
+    """Write the body of a request to a file as it comes, and no more of it than may be."""
+    with file.open("xb") as out:
+        async for piece in pieces(request, LARGEST_UPLOAD):
+            await asyncio.to_thread(out.write, piece)
+    if not file.stat().st_size:
+        raise UsageError("the file is empty")
+
+
+def _stem_and_suffix(name: str) -> tuple[str, str]:
+    """The name of the recording that a file becomes, and the file's ending; raises `UsageError` for names that can't be."""
+    stem, dot, suffix = checked_name(name).rpartition(".")
+    if not stem or len(suffix) > _SUFFIXES:
+        raise UsageError(
+            f"{name!r} has no ending that says what kind of file it is; expected one such as .csv"
+        )
+    return checked_name(stem), dot + suffix.lower()
+
+
+def _name(request: Request) -> str:
+    return checked_name(request.path_params["name"])
+
+
+def _check_not_being_made(request: Request, panel: Panel) -> None:
+    if panel.motor.recorded_now == _name(request):
+        raise Refused(409, "this is being recorded: end that first")
+
+
+def _changed(panel: Panel) -> Response:
+    panel.motor.tell({"kind": "library"})
+    return as_json({})

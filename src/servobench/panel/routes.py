@@ -1,0 +1,121 @@
+"""The table of all routes, each with what it asks for. The server is made from it, so that there is no other way in."""
+
+from __future__ import annotations
+
+from collections.abc import Awaitable, Callable
+from dataclasses import dataclass
+
+from starlette.datastructures import Headers
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import BaseRoute, Route, WebSocketRoute
+from starlette.types import Receive, Scope, Send
+from starlette.websockets import WebSocket
+
+from servobench.errors import DeviceError, ServobenchError, StorageError, UnknownName
+from servobench.panel import pages, recordings
+from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse
+from servobench.panel.pages import Panel
+from servobench.panel.session import Refusal
+from servobench.panel.socket import converse
+
+Answers = Callable[[Request, Panel], Awaitable[Response]]
+
+ANYBODY = Asks(session=False)
+READS = Asks()
+OWN_PAGE = Asks(own_page=True)
+SAYS = Asks(origin=True, token=True, body="application/json")
+CHANGES = Asks(origin=True, token=True, operates=True, body="application/json")
+UPLOADS = Asks(origin=True, token=True, operates=True, body="application/octet-stream")
+SOCKET = Asks(origin=True)  # and the token in its first message
+
+
+@dataclass(frozen=True, kw_only=True)
+class Way:
+    """One way in: the method (`WS` for the socket), the path, what it asks for, and what answers."""
+
+    method: str
+    path: str
+    asks: Asks
+    answer: Answers | None = None
+
+
+TABLE = (
+    Way(method="GET", path="/", asks=ANYBODY, answer=pages.front),
+    Way(method="GET", path="/static/{name}", asks=ANYBODY, answer=pages.static),
+    Way(method="GET", path="/uplot/{name}", asks=ANYBODY, answer=pages.uplot),
+    Way(method="GET", path="/api/session", asks=OWN_PAGE, answer=pages.session),
+    Way(method="GET", path="/api/catalogue", asks=READS, answer=pages.catalogue),
+    Way(method="POST", path="/api/preview", asks=SAYS, answer=pages.preview),
+    Way(method="POST", path="/api/stop", asks=SAYS, answer=pages.stop),
+    Way(method="GET", path="/api/recordings", asks=READS, answer=recordings.listed),
+    Way(method="POST", path="/api/recordings/{name}/notes", asks=CHANGES, answer=recordings.noted),
+    Way(method="POST", path="/api/recordings/{name}/delete", asks=CHANGES, answer=recordings.deleted),
+    Way(method="POST", path="/api/recordings/{name}/undelete", asks=CHANGES, answer=recordings.undeleted),
+    Way(method="GET", path="/api/recordings/{name}/download", asks=READS, answer=recordings.download),
+    Way(method="GET", path="/api/recordings/{name}/rows", asks=READS, answer=recordings.rows),
+    Way(method="POST", path="/api/recordings/{name}/identify", asks=CHANGES, answer=recordings.identified),
+    Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),
+    Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.uploaded),
+    Way(method="WS", path="/ws", asks=SOCKET),
+)
+
+
+def routes(panel: Panel, door: Door, table: tuple[Way, ...] = TABLE) -> list[BaseRoute]:
+    """Return the server's routes: each of the table behind what it asks for."""
+    return [_route(way, panel, door) for way in table]
+
+
+def _route(way: Way, panel: Panel, door: Door) -> BaseRoute:
+    if way.answer is None:
+        return WebSocketRoute(way.path, _Socket(way.asks, panel, door))
+    return Route(way.path, _Answering(way.asks, way.answer, panel, door), methods=[way.method])
+
+
+class _Answering:
+    """Answers requests that bring what is asked for; what goes wrong is a sentence."""
+
+    def __init__(self, asks: Asks, answer: Answers, panel: Panel, door: Door) -> None:
+        self._asks = asks
+        self._answer = answer
+        self._panel = panel
+        self._door = door
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            scope.setdefault("state", {})["session"] = self._door.admit(Headers(scope=scope), self._asks)
+            response = await self._answer(Request(scope, receive), self._panel)
+        except Refused as refused:
+            response = error_answer(refused)
+        except ServobenchError as error:
+            response = error_answer(Refused(_status(error), str(error)))
+        except RecursionError:
+            response = error_answer(Refused(400, "lists or objects in there are nested too deeply"))
+        await response(scope, receive, send)
+
+
+class _Socket:
+    """The socket, behind what it asks for."""
+
+    def __init__(self, asks: Asks, panel: Panel, door: Door) -> None:
+        self._asks = asks
+        self._panel = panel
+        self._door = door
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        try:
+            session = self._door.admit(Headers(scope=scope), self._asks)
+            if session is None:
+                raise Refused(401, "no session")
+        except Refused as refused:
+            await refuse(refused, scope, receive, send)
+            return
+        await converse(WebSocket(scope, receive, send), session, self._panel.motor)
+
+
+def _status(error: ServobenchError) -> int:
+    """The status that an error of ours is answered with."""
+    for kind, status in ((Refusal, 409), (UnknownName, 404), (StorageError, 507), (DeviceError, 409)):
+        if isinstance(error, kind):
+            return status
+    return 400

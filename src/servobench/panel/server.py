@@ -1,0 +1,123 @@
+"""The server: the app that the table of routes makes, and how it is run."""
+
+from __future__ import annotations
+
+import socket
+from collections.abc import AsyncIterator, Callable, Sequence
+from contextlib import asynccontextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import uvicorn
+from starlette.applications import Starlette
+from starlette.types import ASGIApp
+
+from servobench.errors import UsageError
+from servobench.panel.gate import Door, Gate
+from servobench.panel.keys import Keys
+from servobench.panel.pages import Panel
+from servobench.panel.routes import routes
+
+PORT = 8765
+PING_INTERVAL = 0.4  # s
+PING_TIMEOUT = 0.5  # s; a page that doesn't answer for both together is gone
+LARGEST_MESSAGE = 64 * 1024  # bytes, on a socket
+_END_TIME = 2  # s that open pages have when the server ends
+
+
+@dataclass(frozen=True, kw_only=True)
+class Tls:
+    """The files of a certificate and its key."""
+
+    certificate: Path
+    key: Path
+
+
+def app(panel: Panel) -> ASGIApp:
+    """Return the app; its lifespan opens the device and leaves the motor at rest."""
+
+    @asynccontextmanager
+    async def lifespan(_: Starlette) -> AsyncIterator[None]:
+        panel.library.prepare()
+        await panel.motor.begin()
+        try:
+            yield
+        finally:
+            await panel.motor.close()
+
+    inner = Starlette(routes=routes(panel, panel.door), lifespan=lifespan)
+    inner.router.redirect_slashes = False
+    return Gate(inner, panel.door)
+
+
+def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], keys: Keys) -> Door:
+    """Return what is let in: these hosts, with the port as browsers write it."""
+    usual = {"http": 80, "https": 443}[scheme]
+    names = {_bracketed(host).lower() for host in hosts}
+    return Door(
+        hosts=frozenset({f"{name}:{port}" for name in names} | (names if port == usual else set())),
+        scheme=scheme,
+        keys=keys,
+    )
+
+
+def listening(host: str, port: int | None) -> socket.socket:
+    """Return a socket that listens there; without a port at the usual one, or any that is free.
+
+    Raises `UsageError` where that can't be.
+    """
+    for wanted in (port,) if port is not None else (PORT, 0):
+        family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        found = socket.socket(family, socket.SOCK_STREAM)
+        try:
+            if socket.has_dualstack_ipv6() and family == socket.AF_INET6:
+                found.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            found.bind((host, wanted))
+            found.listen(128)
+            return found
+        except OSError as error:
+            found.close()
+            reason = error.strerror or str(error)
+    raise UsageError(
+        f"the panel can't listen at {host}, port {port}: {reason}; give another --port, or --port 0 for any"
+    )
+
+
+def run(panel: Panel, listener: socket.socket, tls: Tls | None, begun: Callable[[], None]) -> None:
+    """Serve until Ctrl-C or SIGTERM; `begun` is called once pages can be loaded. The motor is at rest when this returns."""
+    config = uvicorn.Config(
+        app(panel),
+        log_level="warning",
+        access_log=False,  # an address with a token is nobody's to read
+        server_header=False,
+        lifespan="on",
+        ws="websockets-sansio",
+        ws_max_size=LARGEST_MESSAGE,
+        ws_ping_interval=PING_INTERVAL,
+        ws_ping_timeout=PING_TIMEOUT,
+        ws_per_message_deflate=False,
+        timeout_graceful_shutdown=_END_TIME,
+        proxy_headers=False,
+        limit_concurrency=200,
+        ssl_certfile=None if tls is None else str(tls.certificate),
+        ssl_keyfile=None if tls is None else str(tls.key),
+    )
+    _Server(config, begun).run(sockets=[listener])
+
+
+class _Server(uvicorn.Server):
+    """Uvicorn's server, which says when it has begun."""
+
+    def __init__(self, config: uvicorn.Config, begun: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._begun = begun
+
+    async def startup(self, sockets: list[socket.socket] | None = None) -> None:
+        await super().startup(sockets=sockets)
+        if self.started:
+            self._begun()
+
+
+def _bracketed(host: str) -> str:
+    return f"[{host}]" if ":" in host else host

@@ -1,0 +1,201 @@
+"""The socket of a page: what it may ask for, and what it is sent."""
+
+from __future__ import annotations
+
+import asyncio
+import math
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect
+
+from servobench.errors import ServobenchError, UsageError
+from servobench.panel.bodies import parsed
+from servobench.panel.gate import Refused
+from servobench.panel.keys import Session, same
+from servobench.panel.session import MotorSession, command_from, experiment_from
+from servobench.panel.viewers import Viewer
+
+HELLO_TIME = 5.0  # s in which the first message, with the token, has to come
+NO_TOKEN = 4401  # the code that a socket without the right token is closed with
+FELL_BEHIND = 4408
+
+Said = Mapping[str, Any]
+Answer = dict[str, Any]
+
+
+async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> None:
+    """Serve one page until its socket is closed; the motor is at zero volts then, if it was the operator's."""
+    await socket.accept()
+    if not await _hello(socket, session):
+        await socket.close(NO_TOKEN, "the first message has to be a hello with the session's token")
+        return
+    viewer = Viewer(session.role)
+    motor.join(viewer)
+    sending = asyncio.create_task(_send(socket, viewer, motor))
+    tasks: set[asyncio.Task[None]] = set()
+    try:
+        while True:
+            text = await socket.receive_text()
+            # Each by itself: what takes long doesn't hold a STOP up that comes after it.
+            task = asyncio.create_task(_answered(text, viewer, motor))
+            tasks.add(task)
+            task.add_done_callback(tasks.discard)
+    except (WebSocketDisconnect, KeyError):  # closed; or bytes came, which nobody sends
+        pass
+    finally:
+        motor.leave(viewer)
+        sending.cancel()
+        with suppress(asyncio.CancelledError):
+            await sending
+
+
+async def _hello(socket: WebSocket, session: Session) -> bool:
+    """Whether the first message came in time and has the session's token."""
+    try:
+        async with asyncio.timeout(HELLO_TIME):
+            said = parsed(await socket.receive_text())
+    except (TimeoutError, WebSocketDisconnect, Refused, KeyError):
+        return False
+    token = said.get("token")
+    return said.get("do") == "hello" and isinstance(token, str) and same(session.token, token)
+
+
+async def _send(socket: WebSocket, viewer: Viewer, motor: MotorSession) -> None:
+    """Send what there is to be sent, as fast as the page takes it."""
+    with suppress(WebSocketDisconnect, RuntimeError):  # it is closed, which the other side of this sees
+        while not viewer.lost:
+            for text in await viewer.texts():
+                await socket.send_text(text)
+            history = motor.history
+            frames, viewer.next_row = history.since(viewer.next_row), history.next
+            for frame in frames:
+                await socket.send_bytes(frame)
+        await socket.close(FELL_BEHIND, "this page doesn't take what it is sent; load it again")
+
+
+async def _answered(text: str, viewer: Viewer, motor: MotorSession) -> None:
+    """Do what a message asks for, and answer it."""
+    given: Said = {}
+    try:
+        given = parsed(text)
+        answer = await _done(given, viewer, motor)
+        viewer.tell({"kind": "answer", "id": _id(given), "ok": True, **answer})
+    except (ServobenchError, Refused, RecursionError) as error:
+        viewer.tell({"kind": "answer", "id": _id(given), "ok": False, "error": str(error)})
+
+
+def _id(given: Said) -> str | int | None:
+    """The number or text by which a page knows its message again."""
+    found = given.get("id")
+    return found if isinstance(found, str | int) and len(str(found)) <= 64 else None
+
+
+async def _done(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
+    """Do what a message asks for, if it may, and return what there is to say about it."""
+    name = given.get("do")
+    action = ACTIONS.get(name) if isinstance(name, str) else None
+    if action is None:
+        raise UsageError(f"nothing is called {str(name)[:40]!r}; known: {', '.join(ACTIONS)}")
+    unknown = sorted(set(given) - {"do", "id", *action.takes})
+    if unknown:
+        raise UsageError(
+            f"{name} doesn't take {', '.join(unknown)[:80]}; it takes {', '.join(action.takes) or 'nothing'}"
+        )
+    if action.operates:
+        motor.check_operator(viewer)
+    return await action.carry_out(motor, viewer, given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Action:
+    """What a page may ask for: what it may say with it, whether it has to be the operator's, and what is done."""
+
+    carry_out: Callable[[MotorSession, Viewer, Said], Awaitable[Answer]]
+    takes: tuple[str, ...] = ()
+    operates: bool = True
+
+
+async def _lease(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.take_lease(viewer)
+    return {}
+
+
+async def _release(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.release(viewer)
+    return {}
+
+
+async def _open(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    asked = await asyncio.to_thread(
+        experiment_from, motor.experiment, given.get("device"), given.get("sample_time")
+    )
+    motor.check_operator(viewer)  # a page may have gone meanwhile
+    await motor.open(asked)
+    return {}
+
+
+async def _set(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    changes = {key: given[key] for key in SETTABLE if key in given}
+    if not changes:
+        raise UsageError(f"set changes nothing; say one of {', '.join(SETTABLE)}")
+    return {"number": motor.command(command_from(changes))}
+
+
+async def _start(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    return {"number": motor.start()}
+
+
+async def _halt(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    return {"number": motor.command(command_from({"enabled": False}))}
+
+
+async def _stop(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.stop("STOP was pressed; zero volts are put out")
+    return {}
+
+
+async def _acknowledge(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    return {"number": motor.acknowledge()}
+
+
+async def _record(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    duration, name = given.get("duration"), given.get("name")
+    if duration is not None and not _is_duration(duration):
+        raise UsageError(
+            f"a recording can't last {duration!r} s; expected a number above 0, or null until it's ended"
+        )
+    return {"name": await motor.record(name or None, None if duration is None else float(duration))}
+
+
+async def _end_record(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.end_record()
+    return {}
+
+
+def _is_duration(given: object) -> bool:
+    return (
+        isinstance(given, int | float)
+        and not isinstance(given, bool)
+        and 0 < given <= 1e6
+        and math.isfinite(given)
+    )
+
+
+SETTABLE = ("signal", "controller", "enabled", "chain")
+
+ACTIONS: dict[str, Action] = {
+    "lease": Action(carry_out=_lease, operates=False),
+    "stop": Action(carry_out=_stop, operates=False),
+    "release": Action(carry_out=_release),
+    "open": Action(carry_out=_open, takes=("device", "sample_time")),
+    "set": Action(carry_out=_set, takes=SETTABLE),
+    "start": Action(carry_out=_start),
+    "halt": Action(carry_out=_halt),
+    "acknowledge": Action(carry_out=_acknowledge),
+    "record": Action(carry_out=_record, takes=("duration", "name")),
+    "end_record": Action(carry_out=_end_record),
+}
+"""All that a page can ask for on its socket. STOP and the wish to drive are anybody's; all else is the operator's."""

@@ -1,0 +1,60 @@
+"""One open page: what is to be sent to it, as fast as it takes it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections import deque
+from collections.abc import Mapping
+from typing import Any
+
+from servobench.panel.keys import Role
+
+_MOST_TEXTS = 1000  # that may wait; who is behind by more isn't there
+
+
+class Viewer:
+    """One socket: its texts in a queue, and the number of the row that it gets next.
+
+    Who is slow gets more rows at once, and of states and live figures the newest only; nothing waits for it.
+    """
+
+    def __init__(self, role: Role) -> None:
+        self.role = role
+        self.next_row = 0
+        self.lost = False
+        """Whether so much waits for it that it is given up."""
+        self._texts: deque[str] = deque()
+        self._newest: dict[str, str] = {}
+        self._wake = asyncio.Event()
+
+    def tell(self, message: Mapping[str, Any]) -> None:
+        """Send a message, after those before it."""
+        if len(self._texts) >= _MOST_TEXTS:
+            self.lost = True
+        else:
+            self._texts.append(as_text(message))
+        self._wake.set()
+
+    def show(self, kind: str, text: str) -> None:
+        """Send a text of a kind of which the newest matters only."""
+        self._newest[kind] = text
+        self._wake.set()
+
+    def wake(self) -> None:
+        """There are new rows."""
+        self._wake.set()
+
+    async def texts(self) -> list[str]:
+        """Wait for anything to be sent, and return the texts that wait, what happened before what is."""
+        await self._wake.wait()
+        self._wake.clear()
+        waiting = [*self._texts, *self._newest.values()]
+        self._texts.clear()
+        self._newest.clear()
+        return waiting
+
+
+def as_text(message: Mapping[str, Any]) -> str:
+    """Return a message as JSON; a number that isn't finite is a fault of ours."""
+    return json.dumps(message, allow_nan=False, separators=(",", ":"))

@@ -1,0 +1,135 @@
+"""Work on recordings, which takes seconds, in a process of its own with a lower priority: neither loop nor page waits for it."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import subprocess
+import sys
+from collections.abc import Awaitable, Callable, Mapping
+from contextlib import suppress
+from typing import Any, TypeAlias
+
+import servobench.errors as errors
+from servobench.errors import ServobenchError, UsageError
+
+Work: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[dict[str, Any]]]
+
+PATIENCE = 300.0  # s; then it's ended
+_AT_ONCE = asyncio.Semaphore(1)
+_LONGEST = 16 * 1024 * 1024  # bytes of an answer
+
+
+async def done_elsewhere(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
+
+    `asked` is JSON, whose `do` says which: see `PIECES`.
+    """
+    async with _AT_ONCE:
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-P",
+            "-m",
+            "servobench.panel.work",
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            limit=_LONGEST,
+        )
+        try:
+            async with asyncio.timeout(PATIENCE):
+                said, complaints = await process.communicate(json.dumps(asked).encode())
+        except TimeoutError:
+            raise UsageError(
+                f"this took longer than {PATIENCE:g} s, and was ended; take a shorter recording"
+            ) from None
+        finally:
+            if process.returncode is None:
+                process.kill()
+                await process.wait()
+    try:
+        answer: dict[str, Any] = json.loads(said)
+    except ValueError:  # it was ended before it could say anything, by a lack of memory for instance
+        last = (complaints.decode("utf-8", "replace").strip().splitlines() or ["without a word"])[-1]
+        raise UsageError(
+            f"the process that did this ended with status {process.returncode}: {last[:200]}"
+        ) from None
+    if "error" in answer:
+        kind = getattr(errors, answer["error"], UsageError)
+        simple = kind in (UsageError, errors.FormatError, errors.StorageError, errors.NotIdentifiable)
+        raise (kind if simple else UsageError)(answer["sentence"])
+    return answer
+
+
+def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Identify the recording `file` with the model `structure`, and write the page `report`; return the result."""
+    from servobench.experiment import read_experiment
+    from servobench.identification import identify
+    from servobench.measurement.measure import measure
+    from servobench.recording.reader import read
+    from servobench.report.document import Report
+
+    recording = read(asked["file"])[0]
+    chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
+    result = identify([measure(recording, chain)], structure=asked["structure"])
+    Report([recording], result, command=f"servobench identify {os.path.basename(asked['file'])}").write(
+        asked["report"]
+    )
+    return {"result": result.to_dict()}
+
+
+def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Read the file `file` of any format, and write its recording to the native file `to`; return what is to be known of it."""
+    from dataclasses import replace
+
+    from servobench.formats.base import load, save
+
+    recordings = load(asked["file"])
+    if len(recordings) != 1:
+        raise UsageError(f"the file holds {len(recordings)} recordings; upload a file with one")
+    source = replace(recordings[0].source, name=asked["name"])
+    save(replace(recordings[0], source=source), asked["to"])
+    return {}
+
+
+def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Write the recording in the native file `file` to the file `to`, in the format that its ending says."""
+    from servobench.formats.base import save
+    from servobench.recording.reader import read
+
+    save(read(asked["file"]), asked["to"])
+    return {}
+
+
+PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
+    "identify": identified,
+    "import": imported,
+    "convert": converted,
+}
+
+
+def main() -> int:
+    """Do what standard input asks for, and say on standard output what came out."""
+    if hasattr(os, "nice"):
+        with suppress(OSError):
+            os.nice(10)
+    asked = json.loads(sys.stdin.buffer.read())
+    try:
+        answer = PIECES[asked["do"]](asked)
+    except ServobenchError as error:
+        answer = {"error": type(error).__name__, "sentence": str(error)}
+    except MemoryError:
+        answer = {
+            "error": "UsageError",
+            "sentence": "there is not enough memory for this; take a shorter recording",
+        }
+    except RecursionError:
+        answer = {"error": "FormatError", "sentence": "what is in the file is nested too deeply"}
+    sys.stdout.write(json.dumps(answer, allow_nan=False))
+    sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
