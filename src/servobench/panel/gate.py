@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from http.cookies import CookieError, SimpleCookie
 from typing import Any, Literal, TypeAlias
 
 from starlette.datastructures import Headers
@@ -101,12 +100,8 @@ class Door:
 
 def _cookie(headers: Headers) -> str:
     """The session's cookie; empty where there is none, or more than one, of which one isn't ours."""
-    found = []
-    for line in headers.getlist("cookie"):
-        try:
-            found += [morsel.value for name, morsel in SimpleCookie(line).items() if name == COOKIE]
-        except CookieError:  # another program's on this host; no cookie of ours can be told from it
-            return ""
+    pairs = [pair.strip().partition("=") for line in headers.getlist("cookie") for pair in line.split(";")]
+    found = [value for name, _, value in pairs if name == COOKIE]
     return found[0] if len(found) == 1 else ""
 
 

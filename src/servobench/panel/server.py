@@ -84,10 +84,10 @@ def listening(host: str, port: int | None) -> socket.socket:
     )
 
 
-def run(panel: Panel, listener: socket.socket, tls: Tls | None, begun: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM; `begun` is called once pages can be loaded. The motor is at rest when this returns."""
-    config = uvicorn.Config(
-        app(panel),
+def settings(served: ASGIApp, tls: Tls | None) -> uvicorn.Config:
+    """Return how an app of ours is served."""
+    return uvicorn.Config(
+        served,
         log_level="warning",
         access_log=False,  # an address with a token is nobody's to read
         server_header=False,
@@ -103,7 +103,11 @@ def run(panel: Panel, listener: socket.socket, tls: Tls | None, begun: Callable[
         ssl_certfile=None if tls is None else str(tls.certificate),
         ssl_keyfile=None if tls is None else str(tls.key),
     )
-    _Server(config, begun).run(sockets=[listener])
+
+
+def run(panel: Panel, listener: socket.socket, tls: Tls | None, begun: Callable[[], None]) -> None:
+    """Serve until Ctrl-C or SIGTERM; `begun` is called once pages can be loaded. The motor is at rest when this returns."""
+    _Server(settings(app(panel), tls), begun).run(sockets=[listener])
 
 
 class _Server(uvicorn.Server):

@@ -1,0 +1,121 @@
+"""A panel that is served by a real server in a thread, with a loop that is none."""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+
+import httpx
+import pytest
+import uvicorn
+
+from servobench.experiment import Experiment
+from servobench.panel.keys import Keys, Session
+from servobench.panel.library import Library
+from servobench.panel.pages import Panel
+from servobench.panel.server import app, door_for, listening, settings
+from servobench.panel.session import MotorSession
+from tests.panel.doubles import LoopDouble
+
+PATIENCE = 30.0  # s; on a machine that is busy with other tests
+
+
+@dataclass
+class Clock:
+    """A time that a test moves."""
+
+    now: float = 0.0
+
+    def __call__(self) -> float:
+        return self.now
+
+
+@dataclass
+class Served:
+    """A panel that is served, and what a test wants to look at behind it."""
+
+    panel: Panel
+    keys: Keys
+    clock: Clock
+    port: int
+    loops: list[LoopDouble] = field(default_factory=list)
+
+    @property
+    def origin(self) -> str:
+        return f"http://127.0.0.1:{self.port}"
+
+    @property
+    def loop(self) -> LoopDouble:
+        return self.loops[-1]
+
+    def session(self, role: str = "operator") -> Session:
+        found = self.keys.open(self.keys.new(role))  # type: ignore[arg-type]
+        assert found is not None
+        return found
+
+    def headers(self, session: Session, content: str = "application/json") -> dict[str, str]:
+        """All that a page of ours sends."""
+        return {
+            "origin": self.origin,
+            "sec-fetch-site": "same-origin",
+            "content-type": content,
+            "x-servobench-token": session.token,
+            "cookie": f"servobench_session={session.cookie}",
+        }
+
+    @cached_property
+    def http(self) -> httpx.Client:
+        """A client for many requests; making one takes long."""
+        return self.client()
+
+    def client(self) -> httpx.Client:
+        return httpx.Client(base_url=self.origin, timeout=PATIENCE)
+
+
+def wait_for(what: Callable[[], bool]) -> None:
+    """Wait until something is so; how long doesn't matter, but not for ever."""
+    met = threading.Event()
+    for _ in range(int(PATIENCE / 0.01)):
+        if what():
+            return
+        met.wait(0.01)
+    raise AssertionError("it never came to be so")
+
+
+@pytest.fixture(scope="module")
+def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    loops: list[LoopDouble] = []
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    clock = Clock()
+    keys, library = Keys(clock), Library(tmp_path_factory.mktemp("library"))
+    with listening("127.0.0.1", 0) as listener:
+        port = listener.getsockname()[1]
+        door = door_for(["127.0.0.1", "localhost"], port, "http", keys)
+        panel = Panel(motor=MotorSession(Experiment(), library, loop_of), library=library, door=door)
+        server = uvicorn.Server(settings(app(panel), None))
+        thread = threading.Thread(target=lambda: asyncio.run(server.serve([listener])))
+        thread.start()
+        try:
+            wait_for(lambda: server.started and bool(loops) and loops[0].entered)
+            wait_for(lambda: panel.motor.loop is not None)
+            found = Served(panel=panel, keys=keys, clock=clock, port=port, loops=loops)
+            with found.http:
+                yield found
+        finally:
+            server.should_exit = True
+            thread.join(PATIENCE)
+    assert not thread.is_alive()
+    assert all(loop.left for loop in loops)
+
+
+@pytest.fixture
+def folder(served: Served) -> Path:
+    return served.panel.library.folder

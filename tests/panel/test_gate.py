@@ -1,0 +1,260 @@
+"""Nobody gets in who shouldn't: the table of all routes is walked, with each thing wrong that a request can have wrong."""
+
+from __future__ import annotations
+
+import re
+import socket
+from collections.abc import Iterator
+
+import httpx
+import pytest
+from starlette.applications import Starlette
+from starlette.routing import Route, WebSocketRoute
+from websockets.exceptions import InvalidHandshake, InvalidStatus
+from websockets.sync.client import connect
+
+from servobench.panel.gate import Gate
+from servobench.panel.keys import KEY_TIME, SESSION_TIME, Keys
+from servobench.panel.routes import TABLE, Way
+from servobench.panel.server import app
+from tests.panel.conftest import Clock, Served
+
+HTTP = [way for way in TABLE if way.method != "WS"]
+PRIVATE = [way for way in TABLE if way.asks.session]
+POSTS = [way for way in TABLE if way.method == "POST"]
+
+FOREIGN = {
+    "another host's name": {"host": "evil.test"},
+    "a rebound name with our port": {"host": "evil.test:{port}"},
+    "no port": {"host": "127.0.0.1"},
+    "another port": {"host": "127.0.0.1:1"},
+    "another origin": {"origin": "http://evil.test"},
+    "another port of this machine": {"origin": "http://127.0.0.1:1", "sec-fetch-site": "same-site"},
+    "another port, whatever the browser says": {"origin": "http://127.0.0.1:1"},
+    "another scheme": {"origin": "https://127.0.0.1:{port}"},
+    "a page without an origin": {"origin": "null"},
+    "an origin like ours": {"origin": "http://127.0.0.1:{port}.evil.test"},
+    "our other name's origin": {"origin": "http://localhost:{port}"},
+    "a cross-site request": {"sec-fetch-site": "cross-site"},
+    "a same-site request": {"sec-fetch-site": "same-site"},
+    "an unknown site": {"sec-fetch-site": ""},
+}
+REBOUND = {"host": "evil.test:{port}", "origin": "http://evil.test:{port}", "sec-fetch-site": "same-origin"}
+"""What a page sends whose own name was made to mean this machine: to its browser it's all of one origin."""
+
+
+def path_of(way: Way) -> str:
+    return way.path.replace("{name}", "first")
+
+
+def asked(client: httpx.Client, way: Way, headers: dict[str, str]) -> int:
+    content = b"{}" if way.method == "POST" else None
+    path = path_of(way) + ("?name=first.csv" if way.path == "/api/upload" else "")
+    return client.request(way.method, path, headers=headers, content=content).status_code
+
+
+def socket_opens(served: Served, headers: dict[str, str]) -> bool:
+    """Whether a socket opens with those headers."""
+    given = {name.lower(): value for name, value in headers.items()}
+    origin = given.pop("origin", None)
+    host = given.pop("host", None)
+    # The name in the address is what Host says; the machine is ours all the same.
+    address = f"ws://{host or f'127.0.0.1:{served.port}'}/ws"
+    to = socket.create_connection(("127.0.0.1", served.port))
+    try:
+        with connect(address, sock=to, origin=origin, additional_headers=given, proxy=None):  # type: ignore[arg-type]
+            return True
+    except (InvalidStatus, InvalidHandshake) as error:
+        assert isinstance(error, InvalidStatus), error
+        assert error.response.status_code in (403, 421), error
+        return False
+
+
+def reached(served: Served, way: Way, headers: dict[str, str]) -> bool:
+    if way.method == "WS":
+        return socket_opens(served, headers)
+    served.http.cookies.clear()
+    return asked(served.http, way, headers) not in (401, 403, 415, 421)
+
+
+def right(served: Served, way: Way) -> dict[str, str]:
+    content = way.asks.body if way.asks.body != "none" else "application/json"
+    return served.headers(served.session(), content)
+
+
+def filled(headers: dict[str, str], served: Served) -> dict[str, str]:
+    return {name: value.replace("{port}", str(served.port)) for name, value in headers.items()}
+
+
+def test_the_table_is_all_that_there_is(served: Served) -> None:
+    gate = app(served.panel)
+    assert isinstance(gate, Gate)
+    inner = gate._app
+    assert isinstance(inner, Starlette)
+
+    there = [(route.path, type(route)) for route in inner.routes if isinstance(route, Route | WebSocketRoute)]
+
+    assert len(there) == len(inner.routes) == len(TABLE)
+    assert there == [(way.path, WebSocketRoute if way.method == "WS" else Route) for way in TABLE]
+
+
+def test_what_changes_something_asks_for_everything() -> None:
+    for way in TABLE:
+        if way.method not in ("GET", "WS"):
+            assert way.asks.session
+            assert way.asks.origin
+            assert way.asks.token
+            assert way.asks.body != "none"
+
+
+@pytest.mark.parametrize("way", TABLE, ids=lambda way: f"{way.method} {way.path}")
+def test_a_page_of_ours_gets_in(served: Served, way: Way) -> None:
+    assert reached(served, way, right(served, way))
+
+
+def test_nobody_from_elsewhere_reaches_any_route(served: Served) -> None:
+    got_in = [
+        (way.path, wrong)
+        for way in TABLE
+        for wrong, changes in {**FOREIGN, "rebinding": REBOUND}.items()
+        if reached(served, way, {**right(served, way), **filled(changes, served)})
+    ]
+
+    assert got_in == []
+
+
+def test_without_its_origin_nothing_is_changed_and_no_socket_opens(served: Served) -> None:
+    for way in TABLE:
+        if way.method in ("POST", "WS"):
+            headers = right(served, way)
+            del headers["origin"]
+            assert not reached(served, way, headers), way
+
+
+def wrong_cookies(served: Served) -> Iterator[dict[str, str]]:
+    right = served.session()
+    for value in ("", "wrong", right.cookie[:-1], right.cookie + "x", right.token):
+        yield {"cookie": f"servobench_session={value}"}
+    yield {"cookie": f"servobench_session={right.cookie}; servobench_session={right.cookie}"}
+    yield {"cookie": "servobench_session"}
+    yield {"cookie": "=;;=,"}
+    yield {"cookie": f"other={right.cookie}"}
+
+
+def test_without_a_session_nobody_reaches_what_is_private(served: Served) -> None:
+    got_in = []
+    for way in PRIVATE:
+        for changes in wrong_cookies(served):
+            if reached(served, way, {**right(served, way), **changes}):
+                got_in.append((way.path, changes))
+        headers = right(served, way)
+        del headers["cookie"]
+        if reached(served, way, headers):
+            got_in.append((way.path, {}))
+
+    assert got_in == []
+
+
+def test_a_cookie_alone_changes_nothing(served: Served) -> None:
+    for way in POSTS:
+        session = served.session()
+        for token in (None, "", "wrong", session.cookie, served.session().token):
+            headers = served.headers(session, way.asks.body)
+            if token is None:
+                del headers["x-servobench-token"]
+            else:
+                headers["x-servobench-token"] = token
+            assert not reached(served, way, headers), (way, token)
+
+
+def test_a_session_that_is_over_is_no_session(served: Served) -> None:
+    for way in PRIVATE:
+        headers = right(served, way)
+        served.clock.now += SESSION_TIME + 1
+        assert not reached(served, way, headers), way
+
+
+def test_what_is_sent_has_to_say_what_it_is(served: Served) -> None:
+    for way in POSTS:
+        for content in ("text/plain", "application/x-www-form-urlencoded", "multipart/form-data", ""):
+            headers = {**right(served, way), "content-type": content}
+            assert not reached(served, way, headers), (way, content)
+
+
+def test_a_viewer_changes_nothing_but_may_stop(served: Served) -> None:
+    with served.client() as client:
+        for way in POSTS:
+            headers = served.headers(served.session("viewer"), way.asks.body)
+            status = asked(client, way, headers)
+            assert (status == 403) == (way.path not in ("/api/stop", "/api/preview")), way
+
+
+def test_the_address_opens_a_session_and_is_not_kept_in_the_bar(served: Served) -> None:
+    with served.client() as client:
+        answer = client.get(f"/?token={served.keys.new('operator')}")
+        cookie = answer.headers["set-cookie"]
+
+        assert answer.status_code == 303
+        assert answer.headers["location"] == "/"
+        assert "HttpOnly" in cookie
+        assert "SameSite=strict" in cookie
+        assert client.get("/").status_code == 200  # the cookie came along
+        told = client.get("/api/session", headers={"sec-fetch-site": "same-origin"}).json()
+        assert told["operator"] is True
+        assert told["token"] not in cookie
+
+
+@pytest.mark.parametrize("key", ["", "wrong", "%00", "%ed%a0%80", "x" * 4000])
+def test_a_wrong_address_opens_nothing(served: Served, key: str) -> None:
+    with served.client() as client:
+        answer = client.get(f"/?token={key}")
+
+    assert answer.status_code == 401
+    assert "set-cookie" not in answer.headers
+
+
+def test_keys_expire_and_one_that_is_for_once_opens_once() -> None:
+    clock = Clock()
+    keys = Keys(clock)
+    key, once, late = keys.new("operator"), keys.new("operator", once=True), keys.new("viewer", once=True)
+
+    assert keys.open(once) is not None
+    assert keys.open(once) is None
+    clock.now = 61.0
+    assert keys.open(late) is None
+    assert keys.open(key) is not None
+    clock.now = KEY_TIME
+    assert keys.open(key) is None
+    assert keys.open("") is None
+    assert Keys(clock).open("") is None
+    assert Keys(clock).session("") is None
+
+
+def test_every_answer_says_what_a_page_may_do(served: Served) -> None:
+    with served.client() as client:
+        answers = [
+            client.request(way.method, path_of(way), headers={"host": host})
+            for way in HTTP
+            for host in (f"127.0.0.1:{served.port}", "evil.test")
+        ]
+        answers.append(client.get("/nowhere"))
+
+    for answer in answers:
+        policy = answer.headers["content-security-policy"]
+        assert "default-src 'self'" in policy
+        assert "frame-ancestors 'none'" in policy
+        assert "unsafe" not in policy
+        assert answer.headers["referrer-policy"] == "no-referrer"
+        assert answer.headers["x-content-type-options"] == "nosniff"
+        assert answer.headers["cache-control"] == "no-store"
+        assert "server" not in answer.headers
+        assert not [name for name in answer.headers if name.startswith("access-control")]
+
+
+def test_no_page_of_ours_has_script_or_style_in_it(served: Served) -> None:
+    session = served.session()
+    with served.client() as client:
+        page = client.get("/", headers=served.headers(session)).text
+
+    assert not re.search(r"<style|\sstyle=|\son\w+=|javascript:", page, re.IGNORECASE)
+    assert all("src=" in tag for tag in re.findall(r"<script[^>]*>", page, re.IGNORECASE))

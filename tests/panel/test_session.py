@@ -1,0 +1,362 @@
+"""One motor, one operator, everybody's STOP; in one thread, with a loop that is none."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.panel.library import Library
+from servobench.panel.session import MotorSession, Refusal
+from servobench.panel.socket import ACTIONS, _answered
+from servobench.panel.viewers import Viewer
+from servobench.recording.recording import Stopped
+from servobench.signals.constant import Constant
+from tests.panel.doubles import LoopDouble
+
+
+class Room:
+    """A session with a loop double, and pages that say things."""
+
+    def __init__(self, folder: Path) -> None:
+        self.loops: list[LoopDouble] = []
+        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of)
+
+    def _loop_of(self, experiment: Experiment) -> LoopDouble:
+        self.loops.append(LoopDouble(experiment))
+        return self.loops[-1]
+
+    @property
+    def loop(self) -> LoopDouble:
+        return self.loops[-1]
+
+    async def page(self, role: Any = "operator") -> Viewer:
+        viewer = Viewer(role)
+        self.motor.join(viewer)
+        await heard(viewer)
+        return viewer
+
+    async def say(self, viewer: Viewer, **said: object) -> dict[str, Any]:
+        """Say something, and return the answer."""
+        await _answered(json.dumps({"id": 7, **said}), viewer, self.motor)
+        answers = [message for message in await heard(viewer) if message["kind"] == "answer"]
+        assert [answer["id"] for answer in answers] == [7]
+        return answers[0]
+
+    async def let_news_come(self) -> None:
+        """Wait until the session has heard all that the loop has said so far."""
+        pump = self.motor._pump
+        assert pump is not None
+        said = self.loop._events.written
+        while (
+            pump._events.next < said
+            or self.motor.loop is not None
+            and self.motor.history.next < self.loop.ring.written
+        ):
+            await asyncio.sleep(0.005)
+        await asyncio.sleep(0.05)
+
+
+async def heard(viewer: Viewer) -> list[dict[str, Any]]:
+    """All that waits for a page."""
+    return [json.loads(text) for text in await viewer.texts()]
+
+
+def played(folder: Path, story: Callable[[Room], Awaitable[None]]) -> Room:
+    """Let a story happen in a room."""
+    room = Room(folder)
+
+    async def all_of_it() -> None:
+        await room.motor.open(room.motor.experiment)
+        try:
+            await asyncio.wait_for(story(room), 60)
+        finally:
+            await room.motor.close()
+
+    asyncio.run(all_of_it())
+    assert all(loop.left for loop in room.loops)
+    return room
+
+
+def test_only_the_operator_drives(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one, two, looks_on = await room.page(), await room.page(), await room.page("viewer")
+
+        assert (await room.say(one, do="lease"))["ok"]
+        assert (await room.say(one, do="lease"))["ok"]  # it has it
+        for other in (two, looks_on):
+            refused = await room.say(other, do="lease")
+            assert not refused["ok"]
+        commands = len(room.loop.commands)
+        for name, action in ACTIONS.items():
+            if action.operates:
+                for other in (two, looks_on):
+                    assert "lease" in (await room.say(other, do=name))["error"], name
+        assert len(room.loop.commands) == commands
+
+        assert (await room.say(one, do="release"))["ok"]
+        assert (await room.say(two, do="lease"))["ok"]
+        assert not (await room.say(one, do="start"))["ok"]
+        assert "watch" in (await room.say(looks_on, do="lease"))["error"]
+
+    played(tmp_path, story)
+
+
+def test_of_ten_thousand_commands_of_two_pages_none_come_in_between(tmp_path: Path) -> None:
+    rng = np.random.default_rng(6)
+
+    async def story(room: Room) -> None:
+        pages = [await room.page(), await room.page()]
+        done = 0
+        holder: list[int] = []  # who had the lease when each command came to the loop
+
+        async def press(who: int, wishes: list[float]) -> None:
+            nonlocal done
+            for wish in wishes:
+                page = pages[who]
+                if wish < 0.02:
+                    await _answered(json.dumps({"do": "lease"}), page, room.motor)
+                elif wish < 0.03:
+                    await _answered(json.dumps({"do": "release"}), page, room.motor)
+                    holder.extend([who] * (len(room.loop.commands) - len(holder)))  # its zero volts
+                else:
+                    value = {"type": "constant", "value": float(who)}
+                    await _answered(json.dumps({"do": "set", "signal": value}), page, room.motor)
+                    holder.extend(
+                        [pages.index(room.motor.operator) if room.motor.operator else -1]
+                        * (len(room.loop.commands) - len(holder))
+                    )
+                done += 1
+                if done % 50 == 0:
+                    await asyncio.sleep(0)
+                for each in pages:
+                    each._texts.clear()
+
+        await asyncio.gather(press(0, list(rng.random(5000))), press(1, list(rng.random(5000))))
+
+        assert done == 10_000
+        commands = room.loop.commands
+        from_whom = [
+            int(command.signal.value) if isinstance(command.signal, Constant) else None
+            for command in commands
+        ]
+        assert len(holder) == len(commands) > 3000
+        assert {0, 1} <= set(from_whom)
+        assert [k for k, who in enumerate(from_whom) if who is not None and who != holder[k]] == []
+        # Between two commands of one page and those of the other there is always a release, which is zero volts.
+        last = None
+        for command, who in zip(commands, from_whom, strict=True):
+            if command.enabled is False:
+                last = None
+            elif who is not None:
+                assert last in (None, who)
+                last = who
+
+    played(tmp_path, story)
+
+
+@pytest.mark.parametrize("role", ["operator", "viewer"])
+def test_anybody_stops(tmp_path: Path, role: str) -> None:
+    async def story(room: Room) -> None:
+        one, other = await room.page(), await room.page(role)
+        await room.say(one, do="lease")
+        await room.say(one, do="start")
+        assert room.loop.enabled
+
+        assert (await room.say(other, do="stop"))["ok"]
+
+        assert not room.loop.enabled
+        assert [message["kind"] for message in await heard(one)].count("stopped") == 1
+
+    played(tmp_path, story)
+
+
+def test_the_motor_is_at_zero_volts_as_soon_as_the_operators_page_is_gone(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one, other = await room.page(), await room.page()
+        await room.say(one, do="lease")
+        await room.say(one, do="start")
+
+        room.motor.leave(other)
+        assert room.loop.enabled
+
+        room.motor.leave(one)
+        assert not room.loop.enabled  # at once: before anything else could happen
+
+    played(tmp_path, story)
+
+
+def test_the_loop_hears_that_somebody_is_there_while_it_is_so_or_it_rests(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        assert room.motor._may_go_on  # nobody is there, but it rests
+        await room.say(one, do="lease")
+        await room.say(one, do="start")
+        assert room.motor._may_go_on
+        room.motor.leave(one)
+        # Zero volts were asked for, but not acknowledged yet: where that never happens, the loop ends by itself.
+        assert not room.motor._may_go_on
+        await room.let_news_come()
+        assert room.motor._may_go_on
+
+    played(tmp_path, story)
+
+
+def test_what_was_set_shows_once_the_loop_says_that_it_is_in_force(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        answer = await room.say(
+            page, do="set", chain="derivative | lowpass 80 rad/s", signal={"type": "sine"}
+        )
+        assert room.motor.experiment.chain == "derivative | lowpass 50 rad/s"
+
+        await room.let_news_come()
+
+        messages = await heard(page)
+        applied = [message for message in messages if message["kind"] == "applied"]
+        assert [(each["number"], each["accepted"]) for each in applied] == [(answer["number"], True)]
+        state = messages[-1]
+        assert state["chain"] == "derivative | lowpass 80 rad/s"
+        assert state["signal"]["type"] == "sine"
+
+    played(tmp_path, story)
+
+
+def test_what_the_loop_refuses_stays_as_it_was(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        room.loop.say("command", number=9, accepted=False, what={"signal": {"type": "sine"}}, why="it can't")
+        await room.let_news_come()
+
+        assert room.motor.experiment.signal == Experiment().signal
+
+    played(tmp_path, story)
+
+
+@pytest.mark.parametrize(
+    ("said", "named"),
+    [
+        ({"do": "set", "signal": {"type": "sqare"}}, "square"),
+        ({"do": "set", "signal": {"type": "square", "low": "nan"}}, "low"),
+        ({"do": "set", "chain": "lowpas 50 rad/s"}, "lowpass"),
+        ({"do": "set", "chain": "derivative | derivative"}, "derivative"),
+        ({"do": "set"}, "signal"),
+        ({"do": "set", "speed": 3}, "speed"),
+        ({"do": "fly"}, "known"),
+        ({"do": 3}, "known"),
+        ({"do": ["set"]}, "known"),
+        ({"do": "record", "duration": -1}, "-1"),
+        ({"do": "record", "duration": True}, "True"),
+        ({"do": "record", "name": "../x"}, "name"),
+        ({"do": "record", "name": {"a": 1}}, "name"),
+        ({"do": "end_record"}, "recorded"),
+        ({"do": "open", "device": {"name": "twi"}}, "twin"),
+        ({"do": "open", "device": "twin"}, "device"),
+        ({"do": "open", "sample_time": 0}, "sample_time"),
+        ({"do": "open", "device": {"name": "twin", "settings": {"resistance": -1}}}, "resistance"),
+    ],
+)
+def test_a_mistake_is_answered_with_a_sentence(tmp_path: Path, said: dict[str, Any], named: str) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        commands = len(room.loop.commands)
+
+        answer = await room.say(page, **said)
+
+        assert not answer["ok"]
+        assert named in answer["error"]
+        assert len(room.loop.commands) == commands
+
+    played(tmp_path, story)
+
+
+@pytest.mark.parametrize(
+    "text", ["", "[]", "{", '{"do":"set","x":NaN}', '{"do":1e999}', "[" * 60000, '{"a":' * 9000]
+)
+def test_nonsense_is_answered_and_does_nothing(tmp_path: Path, text: str) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await _answered(text, page, room.motor)
+        (answer,) = [message for message in await heard(page) if message["kind"] == "answer"]
+        assert not answer["ok"]
+        assert answer["id"] is None
+        assert room.loop.commands == []
+
+    played(tmp_path, story)
+
+
+def test_another_device_takes_the_place_of_the_one_before(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        first = room.loop
+        assert (await room.say(page, do="open", sample_time=0.001))["ok"]
+
+        assert first.left
+        assert room.loop is not first
+        assert room.loop.experiment.sample_time == 0.001
+        assert room.loop.experiment.device.settings["timing"] == "host"
+        assert not room.motor.enabled
+
+    played(tmp_path, story)
+
+
+def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_open(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        room.loop.ended = Stopped(reason="device_lost", sentence="the device failed: it was unplugged")
+        while room.motor.loop is not None or not room.loop.left:
+            await asyncio.sleep(0.01)
+
+        messages = await heard(page)
+        assert {"kind": "stopped", "sentence": "the device failed: it was unplugged"} in messages
+        assert "open" in (await room.say(page, do="start"))["error"]
+        assert (await room.say(page, do="open"))["ok"]
+        assert (await room.say(page, do="start"))["ok"]
+
+    played(tmp_path, story)
+
+
+def test_ticks_that_were_late_or_missed_are_counted(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        for k in range(100):
+            room.loop.tick(late=k % 10 == 0, skipped=3 if k == 50 else 0)
+        await room.let_news_come()
+        page = await room.page()
+
+        state = room.motor.state_for(page)
+
+        assert (state["late"], state["missed"]) == (10, 3)
+
+    played(tmp_path, story)
+
+
+def test_a_page_that_takes_nothing_is_given_up_and_holds_nobody_up(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        asleep, awake = await room.page(), await room.page()
+        for _ in range(2000):
+            room.motor.tell({"kind": "library"})
+            await heard(awake)
+
+        assert asleep.lost
+        assert not awake.lost
+
+    played(tmp_path, story)
+
+
+def test_without_a_device_there_is_a_sentence(tmp_path: Path) -> None:
+    motor = MotorSession(Experiment(), Library(tmp_path))
+
+    with pytest.raises(Refusal, match="open one first"):
+        motor.start()
+    with pytest.raises(UsageError, match="nothing is being recorded"):
+        motor.end_record()
