@@ -10,8 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
 from typing import Annotated, Any, Self, TypeAlias, get_args, get_origin
-from typing import Annotated, Any, Literal, Self, TypeAlias, get_args, get_origin
-from typing import Annotated, Any, Self, TypeAlias
 
 from pydantic import (
     BaseModel,
@@ -25,6 +23,7 @@ from pydantic import (
     ValidationError,
     model_validator,
 )
+from pydantic.fields import FieldInfo
 from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
 
 from servobench.errors import UnknownName, UsageError
@@ -213,22 +212,6 @@ def with_units(settings: Settings, units: Mapping[str, str] | None = None) -> di
 def _marks(annotation: Any) -> list[object]:
     """What types inside a type are marked with, as the numbers in a tuple are with their unit."""
     own = list(getattr(annotation, "__metadata__", ()))
-def unit_of(field: FieldInfo) -> str:
-    """Return the unit of a setting, empty where it has none."""
-    found = [*(mark for mark in field.metadata if isinstance(mark, In)), *_marks(field.annotation)]
-    return found[0].si if found else ""
-
-
-def choices_of(annotation: Any) -> tuple[object, ...]:
-    """Return the values that a setting's type allows, where it names them one by one."""
-    if get_origin(annotation) is Literal:
-        return get_args(annotation)
-    return tuple(choice for each in get_args(annotation) for choice in choices_of(each))
-
-
-def _marks(annotation: Any) -> list[In]:
-    """The unit marks in a type, as of the numbers in a tuple."""
-    own = [mark for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, In)]
     inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
     return own + [mark for each in inner for mark in _marks(each)]
 
