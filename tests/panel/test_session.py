@@ -55,9 +55,7 @@ class Room:
         pump = self.motor._pump
         assert pump is not None
         said = self.loop._events.written
-        while pump._events.next < said or (
-            self.motor.loop is not None and self.motor.history.next < self.loop.ring.written
-        ):
+        while pump._events.next < said or self.motor.history.next < self.loop.ring.written:
             await asyncio.sleep(0.005)
         await asyncio.sleep(0.05)
 

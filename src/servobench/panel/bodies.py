@@ -6,28 +6,53 @@ import asyncio
 import json
 import math
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from typing import Any
 
 from starlette.requests import Request
+from starlette.types import Message, Receive
 
 from servobench.panel.gate import Refused
 
 LARGEST_JSON = 64 * 1024  # bytes
 LARGEST_UPLOAD = 64 * 1024 * 1024  # bytes
 _JSON_TIME = 10.0  # s until it has to be there
+_PASSING_TIME = 2.0  # s
 
 
 async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
     """Yield the body of a request as it comes; raises `Refused` once it has, or says that it has, more than `largest` bytes."""
     told = request.headers.get("content-length")
     if told is not None and (not told.isdecimal() or len(told) > 15 or int(told) > largest):
-        raise Refused(413, f"{told} bytes are too many; expected {largest} at most")
+        raise Refused(413, f"{told[:20]} bytes are too many; expected {largest} at most")
     got = 0
     async for piece in request.stream():
         got += len(piece)
         if got > largest:
             raise Refused(413, f"more than {largest} bytes came, which is too many")
         yield piece
+
+
+class Listening:
+    """A request's `receive` that knows whether all of the body has come."""
+
+    def __init__(self, receive: Receive) -> None:
+        self._receive = receive
+        self.over = False
+
+    async def __call__(self) -> Message:
+        """Wait for the next piece."""
+        message = await self._receive()
+        self.over = not message.get("more_body", False)
+        return message
+
+    async def let_pass(self) -> None:
+        """Take what is still on its way, and forget it: who is cut off in the middle of sending sees no answer. Not for ever."""
+        most = LARGEST_UPLOAD
+        with suppress(TimeoutError):
+            async with asyncio.timeout(_PASSING_TIME):
+                while not self.over and most > 0:
+                    most -= len((await self()).get("body", b""))
 
 
 async def json_object(request: Request) -> dict[str, Any]:

@@ -111,6 +111,8 @@ class Scope:
             shown[:, COLUMNS.index(name)] = rows[:, place]
         dt = np.diff(t, prepend=t[0] if self._before is None else self._before)
         self._before = float(t[-1])
+        if math.isnan(self._radians):
+            return shown
         position = self._radians * self._unwrap(rows[:, self._place["counts"]], dt)
         shown[:, COLUMNS.index("position")] = position
         shown[:, COLUMNS.index("speed_raw")] = self._raw(position, dt)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import Any, Literal, TypeAlias
+from typing import Literal, TypeAlias
 
 from starlette.datastructures import Headers
 from starlette.responses import JSONResponse
@@ -178,6 +178,4 @@ async def refuse(refused: Refused, scope: Scope, receive: Receive, send: Send) -
 
 def error_answer(refused: Refused) -> JSONResponse:
     """Return the answer to a request that is refused."""
-    # What is still to come of its body isn't read: the connection ends with the answer.
-    content: dict[str, Any] = {"error": refused.sentence}
-    return JSONResponse(content, status_code=refused.status, headers={"connection": "close"})
+    return JSONResponse({"error": refused.sentence}, status_code=refused.status)

@@ -14,6 +14,7 @@ from starlette.websockets import WebSocket
 
 from servobench.errors import DeviceError, ServobenchError, StorageError, UnknownName
 from servobench.panel import pages, recordings
+from servobench.panel.bodies import Listening
 from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse
 from servobench.panel.pages import Panel
 from servobench.panel.session import Refusal
@@ -82,15 +83,20 @@ class _Answering:
         self._door = door
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        heard = Listening(receive)
         try:
             scope.setdefault("state", {})["session"] = self._door.admit(Headers(scope=scope), self._asks)
-            response = await self._answer(Request(scope, receive), self._panel)
+            response = await self._answer(Request(scope, heard), self._panel)
         except Refused as refused:
             response = error_answer(refused)
         except ServobenchError as error:
             response = error_answer(Refused(_status(error), str(error)))
         except RecursionError:
             response = error_answer(Refused(400, "lists or objects in there are nested too deeply"))
+        if not heard.over:
+            await heard.let_pass()
+        if not heard.over:
+            response.headers["connection"] = "close"
         await response(scope, receive, send)
 
 

@@ -69,7 +69,8 @@ def listening(host: str, port: int | None) -> socket.socket:
     """
     for wanted in (port,) if port is not None else (PORT, 0):
         family = socket.AF_INET6 if ":" in host else socket.AF_INET
-        found = socket.socket(family, socket.SOCK_STREAM)
+        # The protocol is said, as asyncio sends small pieces at once on sockets only that are of TCP by their own word.
+        found = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
         try:
             if socket.has_dualstack_ipv6() and family == socket.AF_INET6:
                 found.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)

@@ -1,0 +1,380 @@
+"""The panel with the real loop in its own process, on the twin: who stops the motor, and how soon, by the loop's own rows."""
+
+from __future__ import annotations
+
+import asyncio
+import json
+import os
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Awaitable, Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import httpx
+import numpy as np
+import pytest
+from websockets.asyncio.client import ClientConnection, connect
+
+from servobench.panel.frames import COLUMNS
+from servobench.recording.reader import read
+
+PATIENCE = 120.0  # s; the first loop compiles its kernels, maybe on a busy machine
+SAMPLE_TIME = 0.002
+
+
+@dataclass
+class Page:
+    """A page without a browser: what it hears, and the rows that it is sent."""
+
+    socket: ClientConnection
+    heard: list[dict[str, Any]] = field(default_factory=list)
+    rows: list[np.ndarray] = field(default_factory=list)
+
+    async def listen_until(self, what: Callable[[], bool]) -> None:
+        while not what():
+            message = await asyncio.wait_for(self.socket.recv(), PATIENCE)
+            if isinstance(message, str):
+                self.heard.append(json.loads(message))
+            else:
+                count = int(np.frombuffer(message, "<u4", 1, 4)[0])
+                t = np.frombuffer(message, "<f8", count, 24)
+                rest = np.frombuffer(message, "<f4", -1, 24 + 8 * count).reshape(-1, count)
+                self.rows.append(np.column_stack([t, *rest]))
+
+    @property
+    def state(self) -> dict[str, Any]:
+        return next((each for each in reversed(self.heard) if each["kind"] == "state"), {})
+
+    async def say(self, **said: object) -> dict[str, Any]:
+        number = len(self.heard) + 1000
+        await self.socket.send(json.dumps({"id": number, **said}))
+        found: list[dict[str, Any]] = []
+
+        def answered() -> bool:
+            found[:] = [each for each in self.heard if each["kind"] == "answer" and each["id"] == number]
+            return bool(found)
+
+        await self.listen_until(answered)
+        return found[0]
+
+    def column(self, name: str) -> np.ndarray:
+        return np.concatenate(self.rows)[:, COLUMNS.index(name)]
+
+
+@dataclass
+class Program:
+    """`servobench panel` as a program."""
+
+    process: subprocess.Popen[str]
+    base: str
+    key: str
+    folder: Path
+
+    async def page(self, stack: list[Any], **wanted: object) -> Page:
+        async with httpx.AsyncClient(base_url=self.base, timeout=PATIENCE) as client:
+            await client.get(f"/?token={self.key}")
+            told = (await client.get("/api/session", headers={"sec-fetch-site": "same-origin"})).json()
+            cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        socket = await connect(
+            self.base.replace("http", "ws") + "/ws",
+            origin=self.base,  # type: ignore[arg-type]
+            additional_headers={"cookie": cookie},
+            max_size=None,
+            open_timeout=PATIENCE,
+            proxy=None,
+            **wanted,  # type: ignore[arg-type]
+        )
+        stack.append(socket)
+        await socket.send(json.dumps({"do": "hello", "token": told["token"]}))
+        page = Page(socket)
+        await page.listen_until(lambda: bool(page.state.get("running")))
+        return page
+
+
+def lines(process: subprocess.Popen[str], wanted: str) -> str:
+    """Wait for a line on standard error that a pattern is found in; return what its group found."""
+    said = ""
+    assert process.stderr is not None
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until and process.poll() is None:
+        if select.select([process.stderr], [], [], 1.0)[0]:
+            said += process.stderr.readline()
+            if found := re.search(wanted, said):
+                return found[1]
+    raise AssertionError(said)
+
+
+@pytest.fixture(scope="module")
+def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
+    folder = tmp_path_factory.mktemp("panel")
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "servobench",
+            "panel",
+            "--no-open",
+            "--port",
+            "0",
+            "--folder",
+            str(folder / "recordings"),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        cwd=folder,
+        start_new_session=True,
+    )
+    try:
+        address = lines(process, r"(http://\S+)")
+        base, _, key = address.partition("/?token=")
+        yield Program(process, base, key, folder / "recordings")
+    finally:
+        process.send_signal(signal.SIGINT)
+        said = process.communicate(timeout=PATIENCE)[1]
+    assert process.returncode == 0, said
+    assert "the motor is at rest" in said
+
+
+def played(story: Callable[[list[Any]], Awaitable[None]]) -> None:
+    async def all_of_it() -> None:
+        sockets: list[Any] = []
+        try:
+            await asyncio.wait_for(story(sockets), 3 * PATIENCE)
+        finally:
+            for each in sockets:
+                await each.close()
+
+    asyncio.run(all_of_it())
+
+
+async def turning(page: Page) -> None:
+    """Drive the motor, until rows show that it's driven."""
+    assert (await page.say(do="lease"))["ok"]
+    signal_ = {"type": "constant", "value": 2.0}
+    assert (await page.say(do="set", signal=signal_))["ok"]
+    assert (await page.say(do="start"))["ok"]
+    await page.listen_until(lambda: bool(page.rows) and float(page.column("applied")[-1]) == 2.0)
+
+
+def ticks_to_rest(page: Page, command: int) -> int:
+    """How many ticks after the first row that had that command in force zero volts were put out, and stayed."""
+    applied, number = page.column("applied"), page.column("command")
+    first = int(np.argmax(number >= command))
+    assert number[first] >= command
+    assert np.all(applied[first:] == 0.0), "the row that has the command has its voltage"
+    return int(np.argmax(applied[first:] == 0.0))
+
+
+def test_stop_by_anybody_is_zero_volts_in_the_tick_that_takes_it(program: Program) -> None:
+    async def story(sockets: list[Any]) -> None:
+        driver, other = await program.page(sockets), await program.page(sockets)
+        await turning(driver)
+
+        await other.say(do="stop")
+        await driver.listen_until(lambda: bool(driver.state) and not driver.state["enabled"])
+        await driver.listen_until(lambda: float(driver.column("applied")[-1]) == 0.0)
+
+        stopped = [
+            each for each in driver.heard if each["kind"] == "applied" and each["what"] == {"enabled": False}
+        ]
+        (command,) = stopped[-1:]
+        assert ticks_to_rest(driver, command["number"]) == 0
+        # The loop looks for commands once a tick, after it has put out the voltage: the next one has it.
+        number, scheduled = driver.column("command"), driver.column("t")
+        k = int(np.argmax(number >= command["number"]))
+        assert scheduled[k] >= scheduled[k - 1]
+        await driver.say(do="release")
+
+    played(story)
+
+
+def test_a_closed_socket_is_zero_volts_within_250_ms_of_the_devices_time(program: Program) -> None:
+    async def story(sockets: list[Any]) -> None:
+        onlooker = await program.page(sockets)
+        driver = await program.page(sockets)
+        await turning(driver)
+        await onlooker.listen_until(
+            lambda: bool(onlooker.rows) and float(onlooker.column("applied")[-1]) == 2.0
+        )
+        ring_time = float(onlooker.column("t")[-1])
+
+        # No goodbye: the line is cut, as where the browser is killed.
+        driver.socket.transport.abort()
+        await onlooker.listen_until(
+            lambda: (
+                any(each["kind"] == "stopped" for each in onlooker.heard)
+                and float(onlooker.column("applied")[-1]) == 0.0
+            )
+        )
+
+        t, applied = onlooker.column("t"), onlooker.column("applied")
+        last_driven = float(t[np.flatnonzero(applied == 2.0)[-1]])
+        # `ring_time` is that of a row that came before the line was cut; it is up to a frame older than the row of that moment.
+        assert last_driven - ring_time <= 0.25
+        state = onlooker.state
+        assert not state["taken"]
+
+    played(story)
+
+
+def test_a_recording_made_in_between_holds_what_was_seen_and_is_identified(program: Program) -> None:
+    async def story(sockets: list[Any]) -> None:
+        page = await program.page(sockets)
+        await turning(page)
+        answer = await page.say(do="record", name="between", duration=0.5)
+        assert answer["ok"], answer
+        refused = await page.say(do="record", duration=1)
+        assert "between" in refused["error"]
+        await page.listen_until(lambda: any(each["kind"] == "recorded" for each in page.heard))
+
+        (recording,) = read(program.folder / "between" / "recording.mcap")
+        due = recording["scheduled"].values
+        assert due[-1] - due[0] == pytest.approx(
+            0.5 - SAMPLE_TIME, abs=10 * SAMPLE_TIME
+        )  # but for ticks that were missed
+        assert recording.input_before == pytest.approx(2.0, abs=0.01)
+        t, counts = page.column("t"), page.column("counts")
+        mine = recording.series[0].t
+        assert mine is not None
+        seen = np.isin(mine, t)
+        assert seen.mean() > 0.9
+        np.testing.assert_array_equal(
+            recording["counts"].values[seen].astype(np.float32), counts[np.searchsorted(t, mine[seen])]
+        )
+        assert "constant" in recording.experiment
+        await page.say(do="release")
+
+    played(story)
+
+
+def test_a_recorder_that_dies_is_a_fault_that_shows_and_stops_the_motor(program: Program) -> None:
+    async def story(sockets: list[Any]) -> None:
+        page = await program.page(sockets)
+        await turning(page)
+        assert (await page.say(do="record", name="killed"))["ok"]
+        await page.listen_until(
+            lambda: page.state["recording"] is not None and page.state["recording"]["samples"] > 0
+        )
+
+        (recorder,) = children(program.process.pid, "recording_process")
+        os.kill(recorder, signal.SIGKILL)
+        await page.listen_until(lambda: page.state["fault"] is not None)
+        await page.listen_until(lambda: not page.state["enabled"])
+
+        assert page.state["fault"]["code"] == "recording-failed"
+        await page.listen_until(lambda: float(page.column("applied")[-1]) == 0.0)
+        assert (await page.say(do="acknowledge"))["ok"]
+        await page.listen_until(lambda: page.state["fault"] is None)
+        # What it had written by then is kept.
+        assert len(read(program.folder / "killed" / "recording.mcap")[0]["counts"].values) > 0
+        await page.say(do="release")
+
+    played(story)
+
+
+def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
+    script = (
+        "import asyncio, json, sys\n"
+        "from websockets.asyncio.client import connect\n"
+        "async def main():\n"
+        "    given = json.loads(sys.argv[1])\n"
+        "    async with connect(given['address'], origin=given['origin'], proxy=None,\n"
+        "                       additional_headers={'cookie': given['cookie']}) as socket:\n"
+        "        await socket.send(json.dumps({'do': 'hello', 'token': given['token']}))\n"
+        "        await socket.send(json.dumps({'do': 'lease', 'id': 1}))\n"
+        "        await socket.send(json.dumps({'do': 'start', 'id': 2}))\n"
+        "        while True:\n"
+        "            message = await socket.recv()\n"
+        "            if isinstance(message, str) and json.loads(message).get('id') == 2:\n"
+        "                print('driving', flush=True)\n"
+        "asyncio.run(main())\n"
+    )
+
+    async def story(sockets: list[Any]) -> None:
+        onlooker = await program.page(sockets)
+        async with httpx.AsyncClient(base_url=program.base, timeout=PATIENCE) as client:
+            await client.get(f"/?token={program.key}")
+            told = (await client.get("/api/session", headers={"sec-fetch-site": "same-origin"})).json()
+            cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        given = {
+            "address": program.base.replace("http", "ws") + "/ws",
+            "origin": program.base,
+            "cookie": cookie,
+            "token": told["token"],
+        }
+        page = subprocess.Popen(
+            [sys.executable, "-c", script, json.dumps(given)], stdout=subprocess.PIPE, text=True
+        )
+        try:
+            assert page.stdout is not None
+            assert (await asyncio.to_thread(page.stdout.readline)).strip() == "driving"
+            await onlooker.listen_until(lambda: bool(onlooker.state["enabled"]))
+            page.send_signal(signal.SIGSTOP)  # it is there, its line is open, and nobody answers
+
+            await onlooker.listen_until(lambda: not onlooker.state["enabled"])
+            assert not onlooker.state["taken"]
+            assert onlooker.state["running"]
+        finally:
+            page.kill()
+            page.communicate()
+
+    played(story)
+
+
+def children(parent: int, named: str) -> list[int]:
+    """The processes that a process has started, by a part of their command line."""
+    found = []
+    for entry in Path("/proc").iterdir():
+        if not entry.name.isdecimal():
+            continue
+        try:
+            stat = (entry / "stat").read_text()
+            line = (entry / "cmdline").read_bytes().decode()
+        except OSError:  # it has ended meanwhile
+            continue
+        if int(stat.rpartition(")")[2].split()[1]) == parent and named in line:
+            found.append(int(entry.name))
+    return found
+
+
+def test_the_servers_death_ends_the_loop(tmp_path: Path) -> None:
+    process = subprocess.Popen(
+        [
+            sys.executable,
+            "-m",
+            "servobench",
+            "panel",
+            "--no-open",
+            "--port",
+            "0",
+            "--folder",
+            str(tmp_path / "r"),
+        ],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        cwd=tmp_path,
+    )
+    try:
+        base, _, key = lines(process, r"(http://\S+)").partition("/?token=")
+
+        async def story(sockets: list[Any]) -> None:
+            page = await Program(process, base, key, tmp_path).page(sockets)
+            await turning(page)
+
+        played(story)
+        (loop,) = children(process.pid, "servobench.loop.child")
+        handle = os.pidfd_open(loop)
+        process.kill()
+        assert select.select([handle], [], [], PATIENCE)[0], "the loop goes on without anybody"
+        os.close(handle)
+    finally:
+        process.kill()
+        process.communicate()
