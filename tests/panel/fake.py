@@ -24,9 +24,9 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from servobench.panel.catalogue import catalogue
 from servobench.signals.base import SIGNALS
 from servobench.signals.square import Square
-from tests.panel.fake_catalogue import catalogue
 
 STATIC = Path(__file__).parents[2] / "src" / "servobench" / "panel" / "static"
 COLUMNS = (
