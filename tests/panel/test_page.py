@@ -335,6 +335,10 @@ def test_recordings_are_searched_annotated_deleted_and_brought_back(panel: Panel
     panel.until(lambda: panel.page.locator(".recording").count() == 2)
     panel.button("Undo").click()
     panel.until(lambda: panel.page.locator(".recording").count() == 3)
+    panel.button("Delete chirp-slow").click()
+    panel.page.get_by_text("Deleted (1)").click()
+    panel.button("Bring chirp-slow back").click()  # long after the undo is gone
+    panel.until(lambda: panel.page.locator(".recording").count() == 3)
     assert not panel.bench.recordings["chirp-slow"]["deleted"]
 
 

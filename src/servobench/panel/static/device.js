@@ -23,7 +23,7 @@ export function makeDevice(store, commands, devices) {
     byId("device-form").addEventListener("submit", async (event) => {
         event.preventDefault();
         try {
-            const { type, ...given } = settings.value();
+            const { type, ...given } = settings.changed();
             const asked = { do: "open", device: { name: type, settings: given }, sample_time: Number(rate.value) / 1000 };
             const outcome = await commands.ask(asked, 60000);
             if (outcome.accepted) dialog.close();
@@ -39,6 +39,6 @@ export function makeDevice(store, commands, devices) {
     store.on("state", (state) => {
         byId("device").disabled = !state.operator;
         say(byId("device-name"), state.device ? (devices.find((each) => each.name === state.device.name)?.title ?? state.device.name) : "none");
-        say(byId("device-rate"), state.sample_time ? `${significant(1 / state.sample_time, 4)} Hz` : "");
+        say(byId("device-rate"), state.sample_time ? `${Number((1 / state.sample_time).toPrecision(4))} Hz` : "");
     });
 }

@@ -4,10 +4,12 @@ import { announce } from "./announcer.js";
 import { byId, el, say } from "./dom.js";
 import { clock, significant } from "./format.js";
 
+const LIT_FOR = 5000; // ms
 const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Whiteness" };
 
 export function makeLights(store, commands) {
     const lights = {};
+    const lateness = makeLateness();
     for (const [name, title] of Object.entries(NAMES)) {
         const reason = el("span", { class: "reason" });
         const element = el("li", { "data-light": name, "data-level": "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("strong", {}, title), reason);
@@ -31,8 +33,7 @@ export function makeLights(store, commands) {
         // Those that hold the voltage back now, each with its sentence.
         const reached = state.limits ?? [];
         show("limits", reached.length ? "warn" : "ok", reached.length ? reached.map((limit) => limit.sentence).join(" ") : "within");
-        const off = state.missed > 0 ? "bad" : state.late > 0 ? "warn" : "ok";
-        show("lateness", off, off === "ok" ? "none" : `${state.late} late, ${state.missed} missed`);
+        show("lateness", lateness(state), state.late || state.missed ? `${state.late} late, ${state.missed} missed` : "none");
         showRun(store, state);
     });
     store.on("live", (live) => {
@@ -40,6 +41,19 @@ export function makeLights(store, commands) {
         show("whiteness", live.white === true ? "ok" : live.white === false ? "warn" : "off", text);
     });
     makeFault(store, commands);
+}
+
+// What was late a while ago is counted, but lights nothing any more.
+function makeLateness() {
+    const since = { late: -Infinity, missed: -Infinity };
+    let before = { late: 0, missed: 0 };
+    return (state) => {
+        const now = performance.now();
+        for (const kind of ["late", "missed"]) if (state[kind] > before[kind]) since[kind] = now;
+        before = { late: state.late, missed: state.missed };
+        if (now - since.missed < LIT_FOR) return "bad";
+        return now - since.late < LIT_FOR ? "warn" : "ok";
+    };
 }
 
 function showRun(store, state) {

@@ -5,6 +5,8 @@ import { toast } from "./announcer.js";
 import { byId, el, icon, slug } from "./dom.js";
 import { significant, words } from "./format.js";
 
+const DELETED = "/deleted"; // no recording's name has a slash
+
 export function makeRecordings(store, compare) {
     const list = byId("recordings");
     const search = byId("search");
@@ -29,12 +31,14 @@ export function makeRecordings(store, compare) {
             return null;
         }
     };
+    const bringBack = async (name) => {
+        if (await act(name, "undelete")) await load();
+    };
     const remove = async (name) => {
         if (!(await act(name, "delete"))) return;
         compare.drop(name);
         await load();
-        const undo = async () => (await act(name, "undelete")) && load();
-        toast(`Deleted ${name}`, { title: "Undo", run: undo });
+        toast(`Deleted ${name}`, { title: "Undo", run: () => bringBack(name) });
     };
     const identify = async (name, button) => {
         button.disabled = true;
@@ -43,7 +47,7 @@ export function makeRecordings(store, compare) {
         if (result) results.set(name, result);
         await load();
     };
-    const actions = { act, remove, identify, open, results, compare, load };
+    const actions = { act, remove, bringBack, identify, open, results, compare, load };
     const show = () => {
         // A note that is being written isn't taken from under a person's hands.
         if (list.contains(document.activeElement) && document.activeElement.tagName === "TEXTAREA") return;
@@ -52,6 +56,8 @@ export function makeRecordings(store, compare) {
         const found = all.filter((each) => !each.deleted && `${each.name} ${each.notes ?? ""} ${signalName(each)}`.toLowerCase().includes(sought));
         list.replaceChildren(...found.map((each) => entry(each, actions)));
         if (!found.length) list.append(el("li", { class: "quiet none" }, all.length && sought ? "None found." : "None yet. Record makes one."));
+        const deleted = all.filter((each) => each.deleted);
+        if (deleted.length) list.append(deletedOnes(deleted, actions));
         if (focus) byId(focus)?.focus();
     };
     makeImport(load);
@@ -114,11 +120,26 @@ function entry(recording, actions) {
         "aria-label": `Compare ${name}`,
         on: { change: () => actions.compare.toggle(name) },
     });
-    const facts = el("p", { class: "facts quiet" }, [facts_of(recording)], verdictMark(recording.verdict));
+    const facts = el("p", { class: "facts quiet" }, factsOf(recording), verdictMark(recording.verdict));
     return el("li", { class: "recording" }, el("div", { class: "head" }, top, el("label", { class: "tick" }, compared, el("span", { "aria-hidden": "true" }, "Compare"))), facts, body);
 }
 
-function facts_of(recording) {
+// What was deleted is kept for a while, and can be had back at any time.
+function deletedOnes(recordings, actions) {
+    const rows = recordings.map(({ name }) =>
+        el(
+            "li",
+            { class: "row between" },
+            el("span", { class: "quiet" }, name),
+            el("button", { type: "button", class: "plain", "aria-label": `Bring ${name} back`, on: { click: () => actions.bringBack(name) } }, "Bring back"),
+        ),
+    );
+    const summary = el("summary", {}, `Deleted (${rows.length})`);
+    const opened = { set: { open: actions.open.has(DELETED) }, on: { toggle: ({ target }) => actions.open[target.open ? "add" : "delete"](DELETED) } };
+    return el("li", { class: "deleted" }, el("details", opened, summary, el("ul", {}, rows)));
+}
+
+function factsOf(recording) {
     const created = new Date(recording.created);
     const when = Number.isNaN(created.valueOf()) ? "" : created.toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" });
     return [signalName(recording), `${significant(recording.duration, 3)} s`, when].filter(Boolean).join("  ·  ");

@@ -47,6 +47,14 @@ export class SettingsForm {
         return made;
     }
 
+    // Those that aren't as they would be without a word.
+    changed() {
+        const value = this.value();
+        const defaults = Object.fromEntries(this.member.fields.map((field) => [field.name, field.default]));
+        const same = (name) => name in defaults && JSON.stringify(defaults[name]) === JSON.stringify(value[name]);
+        return Object.fromEntries(Object.entries(value).filter(([name]) => !same(name)));
+    }
+
     show(value) {
         if (!this.members.some((each) => each.name === value.type)) return;
         this.choice.value = value.type;
