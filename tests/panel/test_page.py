@@ -409,3 +409,54 @@ def test_nothing_sticks_out_at_the_side_and_stop_stays_in_view(
     assert box["y"] + box["height"] <= size[1]
     assert box["height"] >= 44
     panel.context.close()
+
+
+EXERCISE = """export function mount(element, api) {
+    const load = document.createElement("button");
+    load.textContent = "Load";
+    load.addEventListener("click", () => api.set({
+        signal: {type: "sine", amplitude: 2}, controller: {type: "pid", kp: 2}, chain: "derivative | lowpass 80 rad/s",
+        duration: 7, sample_time: 0.002,
+    }));
+    element.append(load);
+}"""
+
+
+@pytest.fixture
+def exercise(panel: Panel) -> Panel:
+    """A page whose exercises are one button."""
+    module, style = "**/static/exercises.js", "**/static/exercises.css"
+    panel.page.route(module, lambda route: route.fulfill(body=EXERCISE, content_type="text/javascript"))
+    panel.page.route(style, lambda route: route.fulfill(body="", content_type="text/css"))
+    panel.tab("Exercises")
+    return panel
+
+
+def test_an_exercise_puts_its_experiment_before_the_operator(exercise: Panel) -> None:
+    bench = exercise.bench
+    exercise.button("Load").click()
+    exercise.until(lambda: bench.signal["type"] == "sine" and bench.controller["type"] == "pid")
+    exercise.until(lambda: bench.chain == "derivative | lowpass 80 rad/s")
+    assert bench.signal["amplitude"] == bench.controller["kp"] == 2
+    assert [asked["sample_time"] for asked in bench.received if asked["do"] == "open"] == [0.002]
+    assert exercise.page.get_by_label("Length").input_value() == "7"
+
+
+def test_an_exercise_changes_nothing_that_turns(exercise: Panel) -> None:
+    exercise.button("Start").click()
+    exercise.until(lambda: exercise.bench.motor.enabled)
+    exercise.page.get_by_text("Driving").wait_for()
+    exercise.button("Load").click()
+    exercise.until(lambda: exercise.page.locator("#signal-status").inner_text() == "Not sent")
+    exercise.page.wait_for_timeout(500)
+    assert (exercise.bench.signal["type"], exercise.bench.controller["type"]) == ("square", "open_loop")
+    assert not [asked for asked in exercise.bench.received if asked["do"] == "open"]
+
+
+def test_a_part_that_is_not_there_is_told_and_takes_nothing_away(panel: Panel) -> None:
+    panel.page.route("**/static/diagram.js", lambda route: route.abort())
+    panel.tab("Block diagram")
+    panel.page.get_by_text("This part can't be shown").wait_for()
+    panel.tab("Scopes")
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.enabled)

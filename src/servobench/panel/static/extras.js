@@ -5,9 +5,21 @@ import { byId, el } from "./dom.js";
 
 const EXTRAS = { "tab-diagram": "diagram", "tab-exercises": "exercises" };
 
-export function makeExtras(store) {
+// Put an experiment before the operator. What turns isn't changed: there, signal and controller wait to be applied.
+async function propose(store, commands, experiment) {
+    const { operator, enabled, device, sample_time } = store.state ?? {};
+    const wanted = experiment.sample_time;
+    if (operator && !enabled && wanted && wanted !== sample_time) {
+        const asked = { do: "open", device: { name: device.name, settings: device.settings }, sample_time: wanted };
+        const outcome = await commands.ask(asked, 60000);
+        if (!outcome.accepted) throw new Error(outcome.why);
+    }
+    store.emit("proposed", experiment);
+}
+
+export function makeExtras(store, commands) {
     const mounted = new Map(); // name -> what mount returned
-    const api = { get, post, set: async (experiment) => store.emit("proposed", experiment) };
+    const api = { get, post, set: (experiment) => propose(store, commands, experiment) };
 
     const mountExtra = async (tab) => {
         const name = EXTRAS[tab];

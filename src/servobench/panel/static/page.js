@@ -66,7 +66,7 @@ async function begin() {
     const scopes = makeScopes();
     const { socket, commands } = makeConnection(scopes);
     makeStop(socket); // first of all
-    const mountExtra = makeExtras(store);
+    const mountExtra = makeExtras(store, commands);
     const views = makeTabs(byId("views"), (tab) => {
         byId("keep").hidden = tab !== "tab-scopes";
         mountExtra(tab);
