@@ -60,7 +60,8 @@ export function makeCompare(show) {
         for (const plot of plots) plot.destroy();
         plots = [];
         const keys = names.map((name, k) => el("span", { class: `key key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name));
-        place.replaceChildren(names.length ? el("p", { class: "keys" }, keys) : el("p", { class: "quiet none" }, "Tick one or two recordings to see them here."));
+        const hint = el("p", { class: "quiet none" }, "Tick one or two recordings to see them here.");
+        place.replaceChildren(names.length ? el("p", { class: "keys" }, keys) : hint);
         if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, recordings));
     };
     document.addEventListener("theme", draw);
@@ -77,7 +78,8 @@ async function rowsOf(name, kept) {
 function plot(place, { column, title, unit }, names, recordings) {
     const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.join(" and ")} over time` });
     place.append(el("section", { class: "scope" }, el("header", {}, el("h3", {}, title), el("span", { class: "unit" }, unit)), holder));
-    const axis = { stroke: token("--scope-text"), font: "11px system-ui, sans-serif", ticks: { show: false }, grid: { stroke: token("--scope-grid"), width: 1 } };
+    const grid = { stroke: token("--scope-grid"), width: 1 };
+    const axis = { stroke: token("--scope-text"), font: "11px system-ui, sans-serif", ticks: { show: false }, grid };
     const series = names.map((name, k) => ({
         label: name,
         stroke: token(`--compare-${k}`),

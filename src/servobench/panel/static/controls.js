@@ -6,13 +6,16 @@ import { significant } from "./format.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
 
+const OPENING = 60000; // ms; a device may have to be found, and a simulated one's kernels to be compiled
+
 export function makeStart(store, commands) {
     const button = byId("start");
     const chip = byId("start-status");
     button.addEventListener("click", async () => {
         const { running, enabled, device, sample_time } = store.state;
         if (!running) {
-            const opened = await track(chip, commands, { do: "open", device: { name: device?.name ?? "twin", settings: device?.settings ?? {} }, sample_time }, 60000);
+            const again = { do: "open", device: { name: device.name, settings: device.settings }, sample_time };
+            const opened = await track(chip, commands, again, OPENING);
             if (!opened.accepted) return;
         }
         const outcome = await track(chip, commands, { do: running && enabled ? "halt" : "start" });
@@ -22,7 +25,7 @@ export function makeStart(store, commands) {
         const turning = state.running && state.enabled;
         say(button, turning ? "Halt" : "Start");
         button.classList.toggle("halts", turning);
-        button.disabled = !state.operator || Boolean(state.fault);
+        button.disabled = !state.operator || Boolean(state.fault) || !state.device;
     });
 }
 

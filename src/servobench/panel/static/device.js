@@ -9,7 +9,8 @@ export function makeDevice(store, commands, devices) {
     const dialog = byId("device-dialog");
     const settings = new SettingsForm({ prefix: "device", label: "Device", members: devices, onEdit: () => {} });
     const rate = el("input", { type: "number", id: "device-sample-time", min: 0.1, step: "any", value: 1 });
-    const field = el("div", { class: "field" }, el("label", { for: "device-sample-time" }, "Sample time"), el("span", { class: "entry" }, rate, el("span", { class: "unit" }, "ms")));
+    const entry = el("span", { class: "entry" }, rate, el("span", { class: "unit" }, "ms"));
+    const field = el("div", { class: "field" }, el("label", { for: "device-sample-time" }, "Sample time"), entry);
     byId("device-fields").append(settings.element, field);
 
     byId("device").addEventListener("click", () => {

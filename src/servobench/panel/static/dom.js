@@ -32,6 +32,9 @@ export function icon(name) {
     return drawing;
 }
 
+// The shape of a light or a verdict; which one it is follows from `data-level` of what holds it.
+export const shape = () => el("span", { class: "shape", "aria-hidden": "true" });
+
 // Put a text where another stands; leaves the page alone where it is the same, so that readers aren't told twice.
 export function say(element, text) {
     if (element.textContent !== text) element.textContent = text;

@@ -3,6 +3,9 @@
 import { el, slug } from "./dom.js";
 import { meaning, words } from "./format.js";
 
+// A value as a number, whether it came as one or as a text with its unit.
+const plain = (value) => (typeof value === "number" ? value : parseFloat(value));
+
 const isTable = (value) => value !== null && typeof value === "object" && !(Array.isArray(value) && value.every((v) => typeof v !== "object"));
 
 // {element, read, write}; `read` gives undefined for a field that was left empty, and throws what is wrong with a text.
@@ -14,7 +17,7 @@ export function makeField(prefix, field) {
     if (hint.textContent) made.input.setAttribute("aria-describedby", hint.id);
     const unit = field.unit ? el("span", { class: "unit", "aria-hidden": "true" }, field.unit) : null;
     const label = el("label", { for: id }, words(field.name), field.unit ? el("span", { class: "hide" }, ` in ${field.unit}`) : null);
-    const element = el("div", { class: `field ${made.input.type === "checkbox" ? "check" : ""}` }, label, el("span", { class: "entry" }, made.input, unit), hint);
+    const element = el("div", { class: "field" }, label, el("span", { class: "entry" }, made.input, unit), hint);
     made.write(field.default);
     return { name: field.name, element, read: made.read, write: made.write };
 }
@@ -48,7 +51,7 @@ function number(_, field) {
         if (input.validity.badInput) throw new Error(`${words(field.name)}: not a number`);
         return input.value === "" ? undefined : Number(input.value);
     };
-    return { input, read, write: (value) => (input.value = value == null ? "" : String(typeof value === "number" ? value : parseFloat(value))) };
+    return { input, read, write: (value) => (input.value = value == null ? "" : String(plain(value))) };
 }
 
 function text() {
@@ -63,7 +66,7 @@ function list(_, field) {
             if (!Number.isFinite(Number(each))) throw new Error(`${words(field.name)}: “${each}” is no number; separate them by commas`);
             return Number(each);
         });
-    return { input, read, write: (value) => (input.value = [value ?? []].flat().map((each) => (typeof each === "number" ? each : parseFloat(each))).join(", ")) };
+    return { input, read, write: (values) => (input.value = (values ?? []).map(plain).join(", ")) };
 }
 
 // Signals within a signal: as the text that a file would have.

@@ -19,7 +19,13 @@ export function makeLease(store, commands) {
         first = false;
         button.hidden = (!state.operator && state.taken) || !store.mayDrive;
         say(button, state.operator ? "Release" : "Take control");
-        say(byId("lease-text"), state.operator ? "You drive" : state.taken ? "You watch; somebody else drives" : store.mayDrive ? "Nobody drives" : "You watch");
+        say(byId("lease-text"), who(state, store.mayDrive));
         document.body.classList.toggle("watching", !state.operator);
     });
+}
+
+function who({ operator, taken }, mayDrive) {
+    if (operator) return "You drive";
+    if (taken) return "You watch; somebody else drives";
+    return mayDrive ? "Nobody drives" : "You watch";
 }

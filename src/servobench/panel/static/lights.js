@@ -1,7 +1,7 @@
 // The lights: each a shape, a word and its reason, so that nobody needs to see a colour. Also the fault, and what to do about it.
 
 import { announce } from "./announcer.js";
-import { byId, el, say } from "./dom.js";
+import { byId, el, say, shape } from "./dom.js";
 import { clock, significant } from "./format.js";
 
 const LIT_FOR = 5000; // ms
@@ -12,7 +12,7 @@ export function makeLights(store, commands) {
     const lateness = makeLateness();
     for (const [name, title] of Object.entries(NAMES)) {
         const reason = el("span", { class: "reason" });
-        const element = el("li", { "data-light": name, "data-level": "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("strong", {}, title), reason);
+        const element = el("li", { "data-light": name, "data-level": "off" }, shape(), el("strong", {}, title), reason);
         lights[name] = { element, reason };
         byId("lights").append(element);
     }
@@ -46,10 +46,10 @@ export function makeLights(store, commands) {
 // What was late a while ago is counted, but lights nothing any more.
 function makeLateness() {
     const since = { late: -Infinity, missed: -Infinity };
-    let before = { late: 0, missed: 0 };
+    let before = null;
     return (state) => {
         const now = performance.now();
-        for (const kind of ["late", "missed"]) if (state[kind] > before[kind]) since[kind] = now;
+        for (const kind of ["late", "missed"]) if (before && state[kind] > before[kind]) since[kind] = now;
         before = { late: state.late, missed: state.missed };
         if (now - since.missed < LIT_FOR) return "bad";
         return now - since.late < LIT_FOR ? "warn" : "ok";

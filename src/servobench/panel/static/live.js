@@ -1,6 +1,6 @@
 // The live model: each parameter with its interval, drawn as a whisker that shrinks as the data come in.
 
-import { byId, el, say } from "./dom.js";
+import { byId, el, say, shape } from "./dom.js";
 import { significant, words } from "./format.js";
 import { toast } from "./announcer.js";
 
@@ -64,7 +64,7 @@ function makeWish(store, commands) {
     const name = el("select", { id: "wish-name" }, NAMES.map((each) => el("option", { value: each }, words(each))));
     const share = el("input", { id: "wish-share", type: "number", min: 0.01, max: 50, step: "any", value: 1 });
     const button = el("button", { type: "submit", class: "plain" }, "Set");
-    const state = el("p", { class: "enough", "data-level": "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("span", { role: "status" }, "No wish set"));
+    const state = el("p", { class: "enough", "data-level": "off" }, shape(), el("span", { role: "status" }, "No wish set"));
     const form = el(
         "form",
         { class: "wish", novalidate: true },

@@ -8,7 +8,8 @@ const SPOKEN_EVERY = 5000; // ms
 
 export function makeReadings(scopes) {
     const list = byId("readings");
-    const speak = el("button", { type: "button", class: "tool", id: "speak", "aria-pressed": "false", "aria-label": "Speak readings", title: "Speak readings to a screen reader" }, icon("speak"));
+    const names = { "aria-label": "Speak readings", title: "Speak readings to a screen reader" };
+    const speak = el("button", { type: "button", class: "tool", id: "speak", "aria-pressed": "false", ...names }, icon("speak"));
     byId("keep").append(speak);
     let timer = 0;
     const places = new Map();

@@ -2,7 +2,7 @@
 
 import { get, post, upload } from "./api.js";
 import { toast } from "./announcer.js";
-import { byId, el, icon, slug } from "./dom.js";
+import { byId, el, icon, shape, slug } from "./dom.js";
 import { significant, words } from "./format.js";
 
 const DELETED = "/deleted"; // no recording's name has a slash
@@ -121,7 +121,8 @@ function entry(recording, actions) {
         on: { change: () => actions.compare.toggle(name) },
     });
     const facts = el("p", { class: "facts quiet" }, factsOf(recording), verdictMark(recording.verdict));
-    return el("li", { class: "recording" }, el("div", { class: "head" }, top, el("label", { class: "tick" }, compared, el("span", { "aria-hidden": "true" }, "Compare"))), facts, body);
+    const tick = el("label", { class: "tick" }, compared, el("span", { "aria-hidden": "true" }, "Compare"));
+    return el("li", { class: "recording" }, el("div", { class: "head" }, top, tick), facts, body);
 }
 
 // What was deleted is kept for a while, and can be had back at any time.
@@ -145,11 +146,12 @@ function factsOf(recording) {
     return [signalName(recording), `${significant(recording.duration, 3)} s`, when].filter(Boolean).join("  ·  ");
 }
 
+const SEVERITIES = { warning: "warn", refusal: "bad" };
 const LEVELS = { trusted: "ok", doubtful: "warn", refused: "bad" };
 
 function verdictMark(verdict) {
     if (!verdict) return null;
-    return el("span", { class: "verdict", "data-level": LEVELS[verdict] ?? "off" }, el("span", { class: "shape", "aria-hidden": "true" }), words(verdict));
+    return el("span", { class: "verdict", "data-level": LEVELS[verdict] ?? "off" }, shape(), words(verdict));
 }
 
 function details(recording, id, actions) {
@@ -162,7 +164,8 @@ function details(recording, id, actions) {
         set: { value: recording.notes ?? "" },
         on: { change: () => actions.act(name, "notes", { notes: notes.value }) },
     });
-    const identify = el("button", { type: "button", class: "plain", id: `${id}-identify`, on: { click: () => actions.identify(name, identify) } }, "Identify");
+    const identify = el("button", { type: "button", class: "plain", id: `${id}-identify` }, "Identify");
+    identify.addEventListener("click", () => actions.identify(name, identify));
     const row = el(
         "div",
         { class: "row" },
@@ -188,7 +191,9 @@ function identified(recording, result) {
             el("span", { class: "interval" }, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "no interval"),
         ),
     );
-    const findings = (result.findings ?? []).map((each) => el("li", { "data-level": { warning: "warn", refusal: "bad" }[each.severity] ?? "off" }, el("span", { class: "shape", "aria-hidden": "true" }), el("span", {}, each.sentence)));
+    const findings = (result.findings ?? []).map(({ severity, sentence }) =>
+        el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, sentence)),
+    );
     return el(
         "div",
         { class: "result" },

@@ -95,7 +95,14 @@ export class Scope {
             scales: { x: { time: false, auto: false }, y: { auto: false } },
             padding: [6, 16, last ? 0 : 6, 0],
             axes: [
-                { ...axis, size: last ? 24 : 0, gap: 4, splits: (_plot, _axis, min, max, step) => this.marks(min, max, step), values: (_, ticks) => (last ? this.times(ticks) : ticks.map(() => "")), space: 70 },
+                {
+                    ...axis,
+                    size: last ? 24 : 0,
+                    gap: 4,
+                    space: 70,
+                    splits: (_plot, _axis, min, max, step) => this.marks(min, max, step),
+                    values: (_, ticks) => (last ? this.times(ticks) : ticks.map(() => "")),
+                },
                 { ...axis, size: AXIS_WIDTH, gap: 6, space: 26, values: (_, ticks) => ticks.map((v) => this.tick(v, ticks)) },
             ],
             cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false, sync: { key: "scopes" } },

@@ -21,7 +21,8 @@ export function makeTriggerStrip(scopes) {
         { on: { change: () => change(() => (trigger.trace = trace.value)) } },
         Object.entries(TRIGGERS).map(([name, title]) => el("option", { value: name, selected: name === trigger.trace }, title)),
     );
-    const level = el("input", { type: "number", step: "any", value: trigger.level, on: { change: () => change(() => (trigger.level = Number(level.value))) } });
+    const level = el("input", { type: "number", step: "any", value: trigger.level });
+    level.addEventListener("change", () => change(() => (trigger.level = Number(level.value))));
     const edge = el(
         "select",
         { on: { change: () => change(() => (trigger.rising = edge.value === "rising")) } },

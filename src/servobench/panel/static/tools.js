@@ -36,7 +36,10 @@ export function makeTools(scopes) {
         { class: "group which", role: "group", "aria-label": "Scopes shown" },
         scopes.scopes.map((scope) => shownSwitch(scopes, scope)),
     );
-    const keep = (text, run) => el("button", { type: "button", class: "tool wide", "aria-label": `Save what is seen as ${text}`, on: { click: run } }, icon("save"), text);
+    const keep = (text, run) => {
+        const label = `Save what is seen as ${text}`;
+        return el("button", { type: "button", class: "tool wide", "aria-label": label, on: { click: run } }, icon("save"), text);
+    };
     byId("keep").append(keep("CSV", () => scopes.saveTable()), keep("PNG", () => scopes.savePicture()));
     byId("tools").append(pause, span, zoom, el("div", { class: "group" }, cursors, trigger), which);
     scopes.scopes.find((scope) => scope.definition.id === "position").unitText.replaceWith(angleChoice(scopes));
