@@ -99,8 +99,8 @@ class LoopDouble:
         self.ring.push([*row, *[0.0] * (COLUMNS - len(row))])
         self._tick += 1
 
-    def record_from_now(
-        self, path: str, experiment: Experiment, duration: float | None = None
+    def record_from(
+        self, first: int, path: str, experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:
         raise NotImplementedError("the double records nothing")
 

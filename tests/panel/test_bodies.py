@@ -14,6 +14,7 @@ from servobench.panel.bodies import LARGEST_JSON, LARGEST_UPLOAD, parsed
 from servobench.panel.gate import Refused
 from servobench.panel.routes import TABLE
 from tests.panel.conftest import Served, wait_for
+from tests.panel.test_gate import path_of
 
 SAYING = [way for way in TABLE if way.asks.body == "application/json"]
 MOST_MEMORY = 64 * 1024 * 1024
@@ -43,7 +44,7 @@ def test_a_json_body_that_is_too_large_is_refused_on_every_route(served: Served)
     large = b'{"notes": "' + b"x" * LARGEST_JSON + b'"}'
     for way in SAYING:
         headers = served.headers(served.session())
-        path = way.path.replace("{name}", "first")
+        path = path_of(way)
         assert served.http.post(path, headers=headers, content=large).status_code == 413, path
 
 
@@ -87,7 +88,7 @@ def test_json_that_is_none_or_too_deep_is_refused_on_every_route(served: Served,
     for way in SAYING:
         if way.path == "/api/stop" and text.startswith(b'{"signal":' * 400 + b"1"):
             continue  # STOP looks at nothing that comes along
-        path = way.path.replace("{name}", "first")
+        path = path_of(way)
         answer = served.http.post(path, headers=served.headers(served.session()), content=text)
         assert answer.status_code in (400, 404), path
         assert answer.json()["error"]

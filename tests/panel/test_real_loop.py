@@ -12,7 +12,8 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from dataclasses import dataclass, field
+from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -20,32 +21,45 @@ import httpx
 import numpy as np
 import pytest
 from websockets.asyncio.client import ClientConnection, connect
+from websockets.exceptions import ConnectionClosed
 
 from servobench.panel.frames import COLUMNS
 from servobench.recording.reader import read
 
-PATIENCE = 120.0  # s; the first loop compiles its kernels, maybe on a busy machine
+PATIENCE = 20.0  # s; the first loop compiles its kernels, maybe on a busy machine
 SAMPLE_TIME = 0.002
 
 
-@dataclass
 class Page:
-    """A page without a browser: what it hears, and the rows that it is sent."""
+    """A page without a browser: what it hears, and the rows that it is sent. It always listens, as a browser does."""
 
-    socket: ClientConnection
-    heard: list[dict[str, Any]] = field(default_factory=list)
-    rows: list[np.ndarray] = field(default_factory=list)
+    def __init__(self, socket: ClientConnection) -> None:
+        self.socket = socket
+        self.heard: list[dict[str, Any]] = []
+        self.rows: list[np.ndarray] = []
+        self._news = asyncio.Event()
+        self._listening = asyncio.create_task(self._listen())
+
+    async def _listen(self) -> None:
+        with suppress(ConnectionClosed):
+            async for message in self.socket:
+                if isinstance(message, str):
+                    self.heard.append(json.loads(message))
+                else:
+                    count = int(np.frombuffer(message, "<u4", 1, 4)[0])
+                    t = np.frombuffer(message, "<f8", count, 24)
+                    rest = np.frombuffer(message, "<f4", -1, 24 + 8 * count).reshape(-1, count)
+                    self.rows.append(np.column_stack([t, *rest]))
+                self._news.set()
 
     async def listen_until(self, what: Callable[[], bool]) -> None:
         while not what():
-            message = await asyncio.wait_for(self.socket.recv(), PATIENCE)
-            if isinstance(message, str):
-                self.heard.append(json.loads(message))
-            else:
-                count = int(np.frombuffer(message, "<u4", 1, 4)[0])
-                t = np.frombuffer(message, "<f8", count, 24)
-                rest = np.frombuffer(message, "<f4", -1, 24 + 8 * count).reshape(-1, count)
-                self.rows.append(np.column_stack([t, *rest]))
+            await asyncio.wait_for(self._news.wait(), PATIENCE)
+            self._news.clear()
+
+    def last(self, name: str) -> float:
+        """The newest value of a column; NaN before there is one."""
+        return float(self.rows[-1][-1, COLUMNS.index(name)]) if self.rows else float("nan")
 
     @property
     def state(self) -> dict[str, Any]:
@@ -160,7 +174,7 @@ async def turning(page: Page) -> None:
     signal_ = {"type": "constant", "value": 2.0}
     assert (await page.say(do="set", signal=signal_))["ok"]
     assert (await page.say(do="start"))["ok"]
-    await page.listen_until(lambda: bool(page.rows) and float(page.column("applied")[-1]) == 2.0)
+    await page.listen_until(lambda: page.last("applied") == 2.0)
 
 
 def ticks_to_rest(page: Page, command: int) -> int:
@@ -179,7 +193,7 @@ def test_stop_by_anybody_is_zero_volts_in_the_tick_that_takes_it(program: Progra
 
         await other.say(do="stop")
         await driver.listen_until(lambda: bool(driver.state) and not driver.state["enabled"])
-        await driver.listen_until(lambda: float(driver.column("applied")[-1]) == 0.0)
+        await driver.listen_until(lambda: driver.last("applied") == 0.0)
 
         stopped = [
             each for each in driver.heard if each["kind"] == "applied" and each["what"] == {"enabled": False}
@@ -200,17 +214,14 @@ def test_a_closed_socket_is_zero_volts_within_250_ms_of_the_devices_time(program
         onlooker = await program.page(sockets)
         driver = await program.page(sockets)
         await turning(driver)
-        await onlooker.listen_until(
-            lambda: bool(onlooker.rows) and float(onlooker.column("applied")[-1]) == 2.0
-        )
-        ring_time = float(onlooker.column("t")[-1])
+        await onlooker.listen_until(lambda: onlooker.last("applied") == 2.0)
 
         # No goodbye: the line is cut, as where the browser is killed.
+        ring_time = onlooker.last("t")
         driver.socket.transport.abort()
         await onlooker.listen_until(
             lambda: (
-                any(each["kind"] == "stopped" for each in onlooker.heard)
-                and float(onlooker.column("applied")[-1]) == 0.0
+                any(each["kind"] == "stopped" for each in onlooker.heard) and onlooker.last("applied") == 0.0
             )
         )
 
@@ -269,7 +280,7 @@ def test_a_recorder_that_dies_is_a_fault_that_shows_and_stops_the_motor(program:
         await page.listen_until(lambda: not page.state["enabled"])
 
         assert page.state["fault"]["code"] == "recording-failed"
-        await page.listen_until(lambda: float(page.column("applied")[-1]) == 0.0)
+        await page.listen_until(lambda: page.last("applied") == 0.0)
         assert (await page.say(do="acknowledge"))["ok"]
         await page.listen_until(lambda: page.state["fault"] is None)
         # What it had written by then is kept.
@@ -290,8 +301,7 @@ def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
         "        await socket.send(json.dumps({'do': 'hello', 'token': given['token']}))\n"
         "        await socket.send(json.dumps({'do': 'lease', 'id': 1}))\n"
         "        await socket.send(json.dumps({'do': 'start', 'id': 2}))\n"
-        "        while True:\n"
-        "            message = await socket.recv()\n"
+        "        async for message in socket:\n"
         "            if isinstance(message, str) and json.loads(message).get('id') == 2:\n"
         "                print('driving', flush=True)\n"
         "asyncio.run(main())\n"

@@ -19,6 +19,7 @@ from servobench.panel.socket import ACTIONS, _answered
 from servobench.panel.viewers import Viewer
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
+from servobench.signals.sine import Sine
 from tests.panel.doubles import LoopDouble
 
 
@@ -222,6 +223,21 @@ def test_what_was_set_shows_once_the_loop_says_that_it_is_in_force(tmp_path: Pat
         state = messages[-1]
         assert state["chain"] == "derivative | lowpass 80 rad/s"
         assert state["signal"]["type"] == "sine"
+
+    played(tmp_path, story)
+
+
+def test_start_begins_the_signal_that_was_asked_for_last_though_the_loop_has_not_answered_yet(
+    tmp_path: Path,
+) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        await room.say(page, do="set", signal={"type": "sine"})
+        await room.say(page, do="start")
+
+        assert room.loop.commands[-1].enabled
+        assert isinstance(room.loop.commands[-1].signal, Sine)
 
     played(tmp_path, story)
 

@@ -134,15 +134,14 @@ class LoopProcess:
         """Show that the operator is there."""
         self.ring.set(OPERATOR_HEARTBEAT, time.monotonic_ns())
 
-    def record_from_now(
-        self, path: str | os.PathLike[str], experiment: Experiment, duration: float | None = None
+    def record_from(
+        self, first: int, path: str | os.PathLike[str], experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:
-        """Start a recorder of the rows from the next one on, for `duration` [s] or until `end_recording`, and return it.
+        """Start a recorder of the rows from number `first` on, for `duration` [s] or until `end_recording`, and return it.
 
         `experiment` is what the recording is to say that was asked for. One at a time. The loop doesn't look at how it goes:
         whoever asked sees it by the words `RECORDER_STATE` and `ROWS_KEPT` of `ring`.
         """
-        first = self.ring.written
         self.ring.set(RECORDER_STATE, NO_RECORDER)
         self.ring.set(RECORD_UNTIL, 0)
         self.ring.set(ROWS_KEPT, first)
@@ -160,7 +159,7 @@ class LoopProcess:
         )
 
     def end_recording(self) -> None:
-        """Let the recorder that `record_from_now` started end with the last row that there is now."""
+        """Let the recorder that `record_from` started end with the last row that there is now."""
         self.ring.set(RECORD_UNTIL, max(1, self.ring.written))
 
     @property

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal, get_args, get_origin
+from typing import Any, Literal, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
-from servobench.settings import In
+from servobench.settings import unit_of
 
 _UNITS = {"encoder": ["counts", "deg", "rad"]}
 _INITIALS = ("pid", "prbs")
@@ -46,7 +46,7 @@ def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
     """Return one setting: what it is called, its unit, default and bounds, the values to choose from, and what it means."""
     return {
         "name": field.alias or key,
-        "unit": _unit_of(field),
+        "unit": unit_of(field),
         "default": _default(field),
         "required": field.is_required(),
         "minimum": _bound(field.metadata, ("ge", Ge), ("gt", Gt), max),
@@ -74,19 +74,6 @@ def _bound(metadata: Iterable[Any], closed: tuple[str, type], opened: tuple[str,
         getattr(mark, name) for mark in metadata for name, kind in (closed, opened) if isinstance(mark, kind)
     ]
     return of(found) if found else None
-
-
-def _unit_of(field: FieldInfo) -> str:
-    """The unit of a setting, empty where it has none."""
-    found = [*(mark for mark in field.metadata if isinstance(mark, In)), *_marks(field.annotation)]
-    return found[0].si if found else ""
-
-
-def _marks(annotation: Any) -> list[In]:
-    """The unit marks in a type, as of the numbers in a tuple."""
-    own = [mark for mark in getattr(annotation, "__metadata__", ()) if isinstance(mark, In)]
-    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
-    return own + [mark for each in inner for mark in _marks(each)]
 
 
 def _choices(annotation: Any) -> tuple[object, ...]:

@@ -17,9 +17,13 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from servobench._version import __version__
+from servobench.channels import DeviceInfo
 from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.measurement.base import Chain
 from servobench.panel.bodies import json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
+from servobench.panel.exercises import check_exercise, list_exercises, show_exercise
 from servobench.panel.gate import COOKIE, Asks, Door, Refused
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
@@ -118,6 +122,29 @@ async def stop(request: Request, panel: Panel) -> Response:
     return as_json({"stopped": True})
 
 
+async def drawn(request: Request, panel: Panel) -> Response:
+    """The block diagram of what goes on at the moment."""
+    loop, experiment = panel.motor.loop, panel.motor.experiment
+    if loop is None:
+        raise Refused(409, "no device is open: open one first")
+    return as_json(await asyncio.to_thread(_drawn, experiment, loop.info))
+
+
+async def exercise_list(request: Request, panel: Panel) -> Response:
+    """The exercises."""
+    return await list_exercises(request)
+
+
+async def exercise(request: Request, panel: Panel) -> Response:
+    """One exercise."""
+    return await show_exercise(request)
+
+
+async def exercise_checked(request: Request, panel: Panel) -> Response:
+    """Whether what somebody found out is right."""
+    return await check_exercise(request)
+
+
 def packaged(name: str) -> Response:
     """Return a file of the page; raises `Refused` where there is none."""
     # Compared with the names that there are: none of them leads anywhere else.
@@ -146,6 +173,13 @@ def _of_uplot(name: str) -> bytes:
     except PackageNotFoundError:
         raise UsageError('the panel needs uPlot: pip install "servobench[panel]"') from None
     return found.read_binary()
+
+
+def _drawn(experiment: Experiment, info: DeviceInfo) -> dict[str, Any]:
+    from servobench.panel.diagram import diagram
+    from servobench.panel.placement import drawing
+
+    return drawing(diagram(experiment, info, Chain.parse(experiment.chain)))
 
 
 @cache

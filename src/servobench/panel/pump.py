@@ -54,10 +54,10 @@ class Loop(Protocol):
         """Show that the operator is there."""
         ...
 
-    def record_from_now(
-        self, path: str, experiment: Experiment, duration: float | None = None
+    def record_from(
+        self, first: int, path: str, experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:
-        """Start a recorder of the rows from the next one on."""
+        """Start a recorder of the rows from number `first` on."""
         ...
 
     def end_recording(self) -> None:

@@ -58,6 +58,10 @@ TABLE = (
     Way(method="POST", path="/api/recordings/{name}/identify", asks=CHANGES, answer=recordings.identified),
     Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),
     Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.uploaded),
+    Way(method="GET", path="/api/diagram", asks=READS, answer=pages.drawn),
+    Way(method="GET", path="/api/exercises", asks=READS, answer=pages.exercise_list),
+    Way(method="GET", path="/api/exercises/{name}", asks=READS, answer=pages.exercise),
+    Way(method="POST", path="/api/exercises/{name}/check", asks=SAYS, answer=pages.exercise_checked),
     Way(method="WS", path="/ws", asks=SOCKET),
 )
 

@@ -55,6 +55,7 @@ class MotorSession:
         self.viewers: set[Viewer] = set()
         self.operator: Viewer | None = None
         self.history = History()
+        self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
         self._loop_of = loop_of
         self._context: AbstractContextManager[Loop] | None = None
         self.loop: Loop | None = None
@@ -91,6 +92,7 @@ class MotorSession:
         async with self._changing:
             await self._close_loop()
             self.experiment = for_panel(experiment)
+            self._signal = self.experiment.signal
             context = self._loop_of(self.experiment)
             loop = await asyncio.to_thread(context.__enter__)
             self._context, self.loop = context, loop
@@ -185,11 +187,13 @@ class MotorSession:
         number = loop.command(command)
         if command.enabled:
             self._last_enable = number
+        if command.signal is not None:
+            self._signal = command.signal
         return number
 
     def start(self) -> int:
         """Let the controller's voltage through; the signal begins at its own time 0."""
-        return self.command(Command(enabled=True, signal=self.experiment.signal))
+        return self.command(Command(enabled=True, signal=self._signal))
 
     def stop(self, sentence: str) -> None:
         """Put out zero volts, whoever asks."""
@@ -310,7 +314,9 @@ class MotorSession:
             }
         )
         self._heard = max(self._heard, about["number"] or 0)
-        if about["accepted"]:
+        if not about["accepted"]:
+            self._signal = self.experiment.signal
+        else:
             taken = Command(**about["what"])
             if taken.enabled is not None:
                 self.enabled = taken.enabled

@@ -33,7 +33,7 @@ class Taking:
         """Start the recorder; raises `StorageError`."""
         replace_file(self.folder / EXPERIMENT, self._experiment.to_toml())
         self._recorder = await asyncio.to_thread(
-            self.loop.record_from_now, str(self.folder / RECORDING), self._experiment, self.duration
+            self.loop.record_from, self._first, str(self.folder / RECORDING), self._experiment, self.duration
         )
 
     @property
@@ -46,7 +46,7 @@ class Taking:
     @property
     def samples(self) -> int:
         """How many rows are in the file."""
-        return max(0, self.loop.ring.get(ROWS_KEPT) - self._first)
+        return 0 if self._recorder is None else max(0, self.loop.ring.get(ROWS_KEPT) - self._first)
 
     def state(self) -> dict[str, Any]:
         """Return how far it is, as the pages see it."""
