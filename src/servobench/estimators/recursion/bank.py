@@ -1,0 +1,200 @@
+"""Kalman filters side by side, one for each noise level, and what they make of the parameters together.
+
+Each filter has seen the means of blocks of [J r], the Jacobian and the residual at a reference, and keeps the sum of the products
+of their innovations: that is all that the best change of the parameters, its covariance and the likelihood of the noise
+level need, however many samples there were. The levels are those of `estimators.disturbance`: q/r, from a torque that never
+shows to one that drowns the noise within a sample. Blocks come in a few lengths, as there: short beside τ, and
+beside the memory of the filter that turns out to be the likeliest.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.channels import Array
+from servobench.estimators.recursion import kernels
+
+LEVELS_APART = 0.7  # in ln(q/r): a level in between makes less than a tenth of a standard deviation
+_SHORT = 0.33  # of τ: the longest block
+_LEAST = 0.35  # of a block: the shortest memory of its filters
+_MOST = 8.0  # of a block: the longest memory of the filters of all but the longest blocks
+_FINER = 0.7  # of a block: a likelier memory than this asks for shorter blocks
+_LONGEST = 1000.0  # τ: a memory that is as good as endless
+_KNOWN = 1e-14  # of the largest eigenvalue: a direction about which nothing is known
+
+
+@dataclass(frozen=True, eq=False)
+class Bank:
+    """Filters and their sums, changed in place by `kernels.stream`: B lengths of blocks, F filters, 8 columns [J r].
+
+    `freedom` (F,) counts the start states that were swept out of the sums; the rest is described at the kernel.
+    """
+
+    sample_time: float
+    sizes: NDArray[np.int64]
+    filters: NDArray[np.int64]
+    ratio: Array
+    blocks: Array
+    totals: Array
+    p: Array
+    angle: Array
+    speed: Array
+    products: Array
+    logarithms: Array
+    freedom: Array
+
+    @classmethod
+    def beginning(cls, tau: float, sample_time: float) -> Self:
+        """Return filters that have seen nothing, for a time constant and a sample time [s]."""
+        sizes, levels = [max(int(_SHORT * tau / sample_time), 1)], []
+        while sizes[-1] > 1:
+            sizes.append(sizes[-1] // 2)
+        for n, size in enumerate(sizes):
+            longest = max(_LONGEST * tau, 100 * sample_time) if n == 0 else _MOST * size * sample_time
+            low, high = (4 * np.log(memory) for memory in (longest, _LEAST * size * sample_time))
+            count = 1 + int(np.ceil((low - high) / LEVELS_APART))
+            levels.append(sample_time * np.exp(-low + LEVELS_APART * np.arange(count)))
+        ratio = np.concatenate(levels)
+        blocks = np.zeros((len(sizes), 5))
+        blocks[:, kernels.BEFORE] = np.nan
+        width, count = kernels.WIDTH, len(ratio)
+        return cls(
+            sample_time=sample_time,
+            sizes=np.array(sizes, dtype=np.int64),
+            filters=np.concatenate([[0], np.cumsum([len(some) for some in levels])]).astype(np.int64),
+            ratio=ratio,
+            blocks=blocks,
+            totals=np.zeros((len(sizes), width)),
+            p=np.zeros((count, 3)),
+            angle=np.zeros((count, width)),
+            speed=np.zeros((count, width)),
+            products=np.zeros((count, width, width)),
+            logarithms=np.zeros(count),
+            freedom=np.zeros(count),
+        )
+
+    def likeliest(self, free: NDArray[np.bool_]) -> Likeliest | None:
+        """Return what the filters make of the `free` (7,) parameters; None where there are too few blocks to say anything."""
+        for n in range(len(self.sizes)):
+            found = self._of_blocks(n, free)
+            if found is None:
+                return None
+            memory = (self.sample_time / self.ratio[found.filter]) ** 0.25
+            if memory >= _FINER * self.sizes[n] * self.sample_time:
+                return found
+        return found
+
+    def _of_blocks(self, n: int, free: NDArray[np.bool_]) -> Likeliest | None:
+        """The same for one length of blocks."""
+        here = slice(int(self.filters[n]), int(self.filters[n + 1]))
+        products = full(self.products[here])
+        informed = np.flatnonzero(free & (np.diagonal(products, axis1=1, axis2=2)[:, :-1] > 0).all(axis=0))
+        means = self.blocks[n, kernels.MEANS] - self.freedom[here] - len(informed)
+        if not len(informed) or means.min() < len(informed):
+            return None
+        inverse, information = _inverses(products[np.ix_(range(len(products)), informed, informed)])
+        g = products[:, informed, -1]
+        change = np.einsum("fij,fj->fi", inverse, g)
+        squares = products[:, -1, -1] - np.einsum("fi,fi->f", g, change)
+        variance = np.maximum(squares / means, 1e-300)
+        deviance = means * np.log(variance) + self.logarithms[here] + information
+        best = int(np.argmin(deviance))
+        weight = np.exp(-0.5 * (deviance - deviance[best]))
+        weight /= weight.sum()
+        mean = weight @ change
+        apart = change - mean
+        covariance = np.einsum("f,fij->ij", weight * variance, inverse) + (apart * weight[:, None]).T @ apart
+        return Likeliest(
+            filter=here.start + best,
+            blocks=n,
+            means=float(means[best]),
+            variance=float(variance[best]),
+            informed=informed,
+            change=_in_place(mean, informed),
+            covariance=_in_place(covariance, informed),
+            inverse=_in_place(inverse[best], informed),
+            deviance=float(deviance[best]),
+        )
+
+    def shifted(self, change: Array) -> None:
+        """Move the reference of all that was seen by a change (7,): r becomes r - J change."""
+        for rows in (self.totals, self.angle, self.speed):
+            rows[:, -1] -= rows[:, :-1] @ change
+        self.products[:] = moved(full(self.products), change)
+
+    def start_again(self) -> None:
+        """Let the start state of what was seen go: what it makes of the other parameters is kept, a new one comes."""
+        products = full(self.products)
+        own = np.array([5, 6])
+        rest = np.setdiff1d(np.arange(kernels.WIDTH), own)
+        for f, m in enumerate(products):
+            inverse, information = _inverses(m[np.ix_(own, own)][None])
+            swept = m[np.ix_(rest, rest)] - m[np.ix_(rest, own)] @ inverse[0] @ m[np.ix_(own, rest)]
+            self.products[f] = 0.0
+            self.products[f][np.ix_(rest, rest)] = swept
+            self.logarithms[f] += information[0]
+            self.freedom[f] += np.count_nonzero(np.diag(m)[own])
+        self.totals[:], self.p[:], self.angle[:], self.speed[:] = 0.0, 0.0, 0.0, 0.0
+        self.blocks[:, : kernels.BEFORE] = 0.0
+        self.blocks[:, kernels.BEFORE] = np.nan
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Likeliest:
+    """What the filters of the blocks that suit make of the parameters.
+
+    `filter` is the likeliest one, with r as `variance` and H⁻¹ as `inverse` (7, 7). `change` (7,) and `covariance` (7, 7) are the
+    mean and the covariance of the mixture over all noise levels, each with its likelihood; `informed` are the columns of which
+    the data say something, and `means` the degrees of freedom that are left.
+    """
+
+    filter: int
+    blocks: int
+    means: float
+    variance: float
+    informed: NDArray[np.int64]
+    change: Array
+    covariance: Array
+    inverse: Array
+    deviance: float
+
+
+def full(products: Array) -> Array:
+    """Return symmetric matrices (..., W, W) of which the upper triangles are given."""
+    upper = np.triu(products)
+    return np.asarray(upper + np.swapaxes(np.triu(products, 1), -1, -2), dtype=np.float64)
+
+
+def moved(products: Array, change: Array) -> Array:
+    """Return [J r]'[J r] (..., 8, 8) after r has become r - J change."""
+    to = np.eye(kernels.WIDTH)
+    to[:-1, -1] = -change
+    return np.asarray(to.T @ products @ to, dtype=np.float64)
+
+
+def _in_place(x: Array, at: NDArray[np.int64]) -> Array:
+    """A vector or a matrix over some columns as one over all seven, zero elsewhere."""
+    size = kernels.WIDTH - 1
+    if x.ndim == 1:
+        out = np.zeros(size)
+        out[at] = x
+        return out
+    square = np.zeros((size, size))
+    square[np.ix_(at, at)] = x
+    return square
+
+
+def _inverses(h: Array) -> tuple[Array, Array]:
+    """H⁻¹ and ln |H| of matrices (F, P, P), from scaled parameters; those without any information are left out of both."""
+    size = np.diagonal(h, axis1=1, axis2=2)
+    scale = np.where(size > 0, 1.0 / np.sqrt(np.where(size > 0, size, 1.0)), 0.0)
+    both = scale[:, :, None] * scale[:, None, :]
+    values, vectors = np.linalg.eigh(h * both + np.eye(h.shape[1]) * (size <= 0)[:, :, None])
+    values = np.maximum(values, _KNOWN * values[:, -1:])
+    inverse = np.einsum("fij,fj,fkj->fik", vectors, 1.0 / values, vectors) * both
+    logarithms = np.log(values).sum(axis=1) + np.log(np.where(size > 0, size, 1.0)).sum(axis=1)
+    return np.asarray(inverse), np.asarray(logarithms)

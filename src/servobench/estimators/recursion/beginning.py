@@ -1,0 +1,123 @@
+"""Where the recursive estimator begins: a reference from the samples so far, good enough for one step to lead to the minimum."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.channels import Array
+from servobench.errors import NotIdentifiable
+from servobench.estimators.output_error import best_minimum, simulated
+from servobench.estimators.recursion.motion import Motion, Samples, possible, unknowns
+from servobench.measurement.dataset import Dataset
+from servobench.models.base import STRUCTURES
+from servobench.models.first_order import ONE_WAY, FirstOrder
+from servobench.models.kernels import COLUMNS, COULOMB, DELAY
+from servobench.models.search import turns_both_ways
+from servobench.recording.recording import Source
+
+SETTLED = 0.3  # standard deviations that the reference may be off
+_ROUNDS = 4
+_KNOWN = 0.5  # standard deviation of ln K and ln τ, before there is an estimate
+_TRAVEL = 50.0  # steps of the encoder that a motor must have made
+
+
+@dataclass(frozen=True, kw_only=True)
+class Setting:
+    """What is known of a run before it begins; `structure` is None where the one that friction has is to be taken."""
+
+    quantum: float | None
+    sample_time: float
+    delay: float = 0.0
+    input_before: float = 0.0
+    structure: FirstOrder | None = None
+    input_unit: str = "V"
+    position_unit: str = "rad"
+
+    def unknowns(self, motion: Motion) -> tuple[NDArray[np.bool_], bool]:
+        """Return which columns (7,) of a motion are to be found, and whether its u_c is friction alone, so not negative."""
+        both_ways = bool(motion.friction) and (self.structure is not None or motion.both_ways)
+        return unknowns(motion.friction, both_ways), both_ways
+
+    def dataset(self, samples: Samples) -> Dataset:
+        """Return samples as the dataset that other estimators work on."""
+        return Dataset(
+            name="live", t_input=samples.t_in, u=samples.u, input_unit=self.input_unit, input_before=self.input_before,
+            t_output=samples.t, y=samples.y, output_unit=self.position_unit, kind="position", quantum=self.quantum,
+            delay=self.delay, source=Source(name="live"),
+        )  # fmt: skip
+
+
+def begun(setting: Setting, samples: Samples, starts: Array | None = None) -> Motion | None:
+    """Return the motion through all samples at the reference where its estimate is, found from the output-error fit.
+
+    `starts` is a vector to begin that fit from, in place of the structure's guesses. None where the samples don't tell gain and
+    time constant yet, to half of their size.
+    """
+    data = setting.dataset(samples)
+    if np.ptp(samples.y) <= _TRAVEL * (setting.quantum or 0.0) or np.ptp(samples.u) == 0:
+        return None
+    try:
+        reference, friction = _by_output_error(setting, data, starts)
+    except NotIdentifiable:
+        return None  # too little to go by so far: more samples come
+    return gone_through(setting, samples, reference, friction)
+
+
+def start_state(setting: Setting, samples: Samples, motion: Motion) -> Array:
+    """Return a motion's reference (7,) with the start state of a new record that begins with these samples."""
+    structure = _structure(setting, motion.friction)
+    p = motion.reference.copy()
+    p[DELAY] -= setting.delay
+    data = replace(setting, input_before=float(samples.u[0])).dataset(samples)
+    own = simulated(structure, p[structure.columns], data).nuisance
+    return np.concatenate([motion.reference[: COLUMNS - 2], own])
+
+
+def _structure(setting: Setting, friction: float) -> FirstOrder:
+    found = setting.structure or STRUCTURES["first_order_coulomb" if friction else "first_order_one_way"]
+    assert isinstance(found, FirstOrder)
+    return found
+
+
+def _by_output_error(setting: Setting, data: Dataset, starts: Array | None) -> tuple[Array, float]:
+    """The reference (7,) that output error finds, and whether it has friction."""
+    structure = _structure(setting, 1.0)
+    guesses = [starts] if starts is not None else structure.guesses([data])
+    free = np.ones(len(guesses[0]), dtype=bool)
+    names = [parameter.name for parameter in structure.parameters]
+    if setting.structure is None and not turns_both_ways([data]):
+        # Turning one way, nobody can tell offset and friction apart.
+        at = names.index("offset_voltage")
+        free[at] = False
+        guesses = [np.where(np.arange(len(guess)) == at, 0.0, guess) for guess in guesses]
+    theta = best_minimum(structure, [data], guesses, free).theta
+    if not free.all() and theta[names.index("coulomb_voltage")] <= 0:
+        # An offset that drives the motor on: friction that is negative.
+        structure = _structure(setting, 0.0)
+        theta = best_minimum(structure, [data], structure.guesses([data])).theta
+    return structure.vector(theta, data), float(structure.friction)
+
+
+def gone_through(setting: Setting, samples: Samples, reference: Array, friction: float) -> Motion | None:
+    """Return the motion through all samples, from a reference (7,) that is moved until it is where the estimate is.
+
+    None where gain and time constant can't be told to half of their size, or where that leads nowhere.
+    """
+    for _ in range(_ROUNDS):
+        motion = Motion.beginning(reference, friction, setting.sample_time)
+        motion.take(samples, setting.input_before, np.zeros(COLUMNS))
+        free, is_brake = setting.unknowns(motion)
+        found = motion.answer(free)
+        if found is None:
+            return None
+        sd = np.sqrt(np.diag(found.covariance))
+        if not np.isfinite(sd).all() or (sd[:2] > _KNOWN * np.abs(reference[:2])).any():
+            return None
+        change = possible(found.change, found, reference, setting.sample_time, is_brake)
+        if np.all(np.abs(change) <= SETTLED * sd):
+            return motion
+        reference = reference + change
+    return None
