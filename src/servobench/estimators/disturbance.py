@@ -29,7 +29,9 @@ _FINE = np.linspace(-1.0, 1.0, 13)
 _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
 _SHORT = 0.33  # of τ: the longest block
-_QUICK = 1.0  # of the filter's memory: the longest block
+_QUICK = (
+    0.5  # of the filter's memory: the longest block; with one of 1.0 the answer depends on where blocks begin
+)
 
 
 @dataclass(frozen=True, kw_only=True)

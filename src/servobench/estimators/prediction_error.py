@@ -92,7 +92,7 @@ class PredictionError:
                 break
             found, blocks = _profiled(structure, data, theta, found)
         covariance = found.widened(covariance)
-        records, disturbance = _with_innovations(structure, data, theta, found.disturbance)
+        records, disturbance = with_innovations(structure, data, theta, found.disturbance)
         return replace(
             start,
             model=replace(start.model, theta=theta[: len(covariance)]),
@@ -173,10 +173,10 @@ def _columns(structure: Structure, data: Dataset, theta: Array) -> Array:
     return np.column_stack([data.y - prediction.y, prediction.jacobian])
 
 
-def _with_innovations(
+def with_innovations(
     structure: Structure, data: Sequence[Dataset], theta: Array, disturbance: Disturbance
 ) -> tuple[tuple[FittedRecord, ...], Disturbance]:
-    """The simulated records with the innovations of each sample, and the disturbance with a sample's noise."""
+    """Return the simulated records with the innovations of each sample, and the disturbance with a sample's noise."""
     records = simulations(structure, data, theta)
     moving = [
         structure.sliding(np.concatenate([theta[: len(structure.parameters)], record.nuisance]), record.data)

@@ -9,9 +9,10 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable, UsageError
-from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
-from servobench.estimators.disturbance import Disturbance, whitened
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
+from servobench.estimators.disturbance import Disturbance
 from servobench.estimators.output_error import simulated
+from servobench.estimators.prediction_error import with_innovations
 from servobench.estimators.recursion.bank import Likeliest
 from servobench.estimators.recursion.beginning import SETTLED, Setting, begun, gone_through, start_state
 from servobench.estimators.recursion.motion import NOTHING, Motion, Samples, possible
@@ -27,7 +28,14 @@ _KEPT = 20_000  # samples that may still be gone through again
 _FIRST = 200  # samples, before a first look
 _LATER = 0.3  # of the samples so far: so many more before the reference is looked at again
 _SETTLES = 2.0  # time constants, after which a start state can be told
-_PLACES = {"gain": 0, "time_constant": 1, "coulomb_voltage": COULOMB, "offset_voltage": OFFSET, "delay": DELAY}
+_AT_ONCE = 1000  # samples of a record
+_PLACES = {
+    "gain": 0,
+    "time_constant": 1,
+    "coulomb_voltage": COULOMB,
+    "offset_voltage": OFFSET,
+    "delay": DELAY,
+}
 
 
 class Recursive:
@@ -39,18 +47,15 @@ class Recursive:
     filters side by side after Magill 1965). The first reference is that of `output_error`. While the first 20,000 samples last,
     the run is gone through again whenever it has become 1.3 times as long; later the reference moves on from where it is.
 
-    `setting` says what is known beforehand; without a structure the Coulomb voltage is what friction and offset take together while
-    the motor turns one way only, and the offset is found once it has turned both ways. Memory and cost for each sample are
+    `setting` says what is known beforehand; without a structure the Coulomb voltage is what friction and offset take together
+    while the motor turns one way only, and the offset is found once it has turned both ways. Memory and cost for each sample are
     bounded. Nothing is forgotten: a motor that changes is for `white` to notice, and for a new object to follow.
     """
 
     def __init__(self, setting: Setting) -> None:
-        if not (np.isfinite(setting.sample_time) and setting.sample_time > 0):
-            raise UsageError(f"the sample time is {setting.sample_time!r} s; expected a finite number above 0")
-        if setting.quantum is not None and not (np.isfinite(setting.quantum) and setting.quantum > 0):
-            raise UsageError(f"the encoder's step is {setting.quantum!r}; expected a finite number above 0, or None")
         self.setting = setting
         self._input_before = setting.input_before
+        self._before_again: float | None = None
         self.samples = 0
         self._last = -np.inf
         self._kept: list[Samples] | None = []
@@ -74,7 +79,7 @@ class Recursive:
 
     def take_samples(self, samples: Samples) -> Array:
         """Take samples of the position [rad] and of the input, each at its own times, as `take` does."""
-        _check(samples, self._last)
+        samples.check(self._last)
         if not len(samples.t):
             return np.empty(0)
         self.samples += len(samples.t)
@@ -82,22 +87,20 @@ class Recursive:
         self._found = None
         if self._kept is not None:
             self._kept.append(samples)
-        if self._waiting is not None:
-            self._waiting.append(samples)
-            residual = self._begin_again()
-        else:
-            residual = np.empty(0) if self._motion is None else self._follow(samples)
+        residual = np.empty(0) if self._motion is None else self._follow(self._motion, samples)
         if self.samples >= self._next:
             self.look_again()
         return residual
 
-    def start_again(self) -> None:
+    def start_again(self, input_before: float | None = None) -> None:
         """Say that the next row doesn't follow the last one: rows were lost, and with them what the input was meanwhile.
 
-        What is known of the parameters stays; where the motor is, and how fast, is found anew.
+        What is known of the parameters stays; where the motor is, and how fast, is found anew. `input_before` is what held just
+        before the next row, where that is known [V].
         """
         self._last = -np.inf
         self._found = None
+        self._before_again = input_before
         if self._motion is None:
             self._kept = []
             return
@@ -218,32 +221,119 @@ class Recursive:
         change = possible(found.change, found, motion.reference, self.setting.sample_time, is_brake)
         return motion.reference + change
 
-    def _follow(self, samples: Samples) -> Array:
-        assert self._motion is not None
-        return self._motion.take(samples, self._input_before, self._off)
-
-    def _begin_again(self) -> Array:
-        """Follow the motor again after rows were lost, once there are enough new ones to tell how it moves."""
-        assert self._motion is not None and self._waiting is not None
-        samples = reduce(Samples.then, self._waiting, NOTHING)
-        self._waiting = [samples]
-        if samples.t[-1] - samples.t[0] < _SETTLES * self._motion.reference[1]:
-            return np.empty(0)
-        self._waiting, self._input_before = None, float(samples.u[0])
-        self._motion.reference = start_state(self.setting, samples, self._motion)
-        return self._follow(samples)
+    def _follow(self, motion: Motion, samples: Samples) -> Array:
+        """Follow the motor; again after rows were lost, once there are enough new ones to tell how it moves."""
+        if self._waiting is not None:
+            self._waiting.append(samples)
+            samples = reduce(Samples.then, self._waiting, NOTHING)
+            if samples.t[-1] - samples.t[0] < _SETTLES * motion.reference[1]:
+                return np.empty(0)
+            before = self._before_again
+            self._waiting, self._input_before = None, float(samples.u[0]) if before is None else before
+            motion.reference = start_state(self.setting, samples, motion, self._input_before)
+        return motion.take(samples, self._input_before, self._off)
 
 
-def _check(samples: Samples, last: float) -> None:
-    """Raise `UsageError` for samples that nothing can be made of."""
-    for t, x, what in ((samples.t, samples.y, "position"), (samples.t_in, samples.u, "input")):
-        if t.ndim != 1 or t.shape != x.shape:
-            raise UsageError(f"the {what} has values of shape {x.shape} and times of shape {t.shape}; expected (N,) both")
-        if not (np.isfinite(t).all() and np.isfinite(x).all()):
-            raise UsageError(f"the {what} has values that are not finite; leave those rows out")
-        if (np.diff(t) <= 0).any():
-            raise UsageError(f"the times of the {what} don't increase everywhere")
-    if len(samples.t) and not samples.t[0] > last:
-        raise UsageError(
-            f"a row at {samples.t[0]:g} s came after one at {last:g} s; give the rows in order, or start again"
+class RecursiveFit:
+    """The member `recursive`: gives a record to `Recursive` as if it came in while the motor ran, and says what it said last.
+
+    Several records follow each other, each with its own start state; a reference is found from the first.
+    """
+
+    abilities = Abilities(
+        method="follows the motor sample by sample, with filters for random torques of many sizes side by side; runs live too",
+        noise="a random torque on the motor, and white noise of the measurement; both levels are found",
+        interval="covers under a random torque, and at any time while the motor runs",
+        position=True,
+        speed=False,
+        chain=False,
+        irregular_times=True,
+        several_records=True,
+        closed_loop=True,
+        delay=True,
+        friction=True,
+        disturbance=True,
+    )
+
+    def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+        """Return a refusal for data that aren't a plain position, or a structure that isn't a first-order motor."""
+        if not isinstance(structure, FirstOrder):
+            return refusal(
+                "estimator-unsuited",
+                "recursive follows first-order motors only; prediction_error can do others.",
+            )
+        if not all(is_plain(record) or record.chain.linear for record in data):
+            return refusal(
+                "estimator-unsuited",
+                "recursive works on a plain position; output_error can work behind a chain.",
+            )
+        return hindrance("recursive", self.abilities, structure, data)
+
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the fit after the last sample; raises `NotIdentifiable` where nothing could be told by then."""
+        lacking = self.supports(structure, data)
+        if lacking is not None or not isinstance(structure, FirstOrder):
+            raise NotIdentifiable(
+                lacking.sentence.rstrip(".") if lacking else "recursive follows first-order motors only"
+            )
+        live = _followed(structure, data, starts)
+        found, disturbance = live.estimate(), live.disturbance
+        if not found or disturbance is None or live.covariance is None:
+            raise NotIdentifiable(
+                "the samples don't tell gain and time constant to half of their size: record for longer"
+            )
+        theta = np.array([found[parameter.name][0] for parameter in structure.parameters])
+        own = [simulated(structure, theta, record).nuisance for record in data]
+        records, disturbance = with_innovations(structure, data, np.concatenate([theta, *own]), disturbance)
+        return Fit(
+            model=Model(structure=structure, theta=theta, data=data[0]),
+            covariance=live.covariance,
+            estimator="recursive",
+            structure=STRUCTURES.name_of(structure),
+            converged=True,
+            status="followed to the last sample",
+            residual_sd=float(np.sqrt(disturbance.variance)),
+            records=records,
+            disturbance=disturbance,
         )
+
+
+ESTIMATORS.member("recursive")(RecursiveFit())
+
+
+def _followed(structure: FirstOrder, data: Sequence[Dataset], starts: Sequence[Array] | None) -> Recursive:
+    """What followed all records to their ends."""
+    own = len(structure.parameters) + len(structure.nuisance(data[0]))
+    live = Recursive(
+        Setting(
+            quantum=data[0].quantum,
+            sample_time=data[0].sample_time,
+            delay=data[0].delay,
+            input_before=data[0].input_before,
+            structure=structure,
+            start=None if starts is None else starts[0][:own],
+        )
+    )
+    for record in data:
+        if record is not data[0]:
+            live.start_again(record.input_before)
+        first, last = 0, 0
+        while first < len(record.t_output):
+            until = min(first + _AT_ONCE, len(record.t_output))
+            # All inputs that may act on these samples: a delay may be two samples below zero, and no more.
+            reach = record.t_output[until - 1] + 3 * max(record.sample_time, record.input_step)
+            end = int(np.searchsorted(record.t_input, reach, side="right"))
+            end = len(record.u) if until == len(record.t_output) else end
+            live.take_samples(
+                Samples(
+                    t=record.t_output[first:until],
+                    y=record.y[first:until],
+                    t_in=record.t_input[last:end],
+                    u=record.u[last:end],
+                )
+            )
+            first, last = until, end
+    live.look_again()
+    return live

@@ -21,8 +21,8 @@ from servobench.estimators.recursion import kernels
 LEVELS_APART = 0.7  # in ln(q/r): a level in between makes less than a tenth of a standard deviation
 _SHORT = 0.33  # of τ: the longest block
 _LEAST = 0.35  # of a block: the shortest memory of its filters
-_MOST = 8.0  # of a block: the longest memory of the filters of all but the longest blocks
-_FINER = 0.7  # of a block: a likelier memory than this asks for shorter blocks
+_MOST = 16.0  # of a block: the longest memory of the filters of all but the longest blocks
+_FINER = 2.0  # times a block: a likelier memory below that asks for shorter blocks
 _LONGEST = 1000.0  # τ: a memory that is as good as endless
 _KNOWN = 1e-14  # of the largest eigenvalue: a direction about which nothing is known
 
@@ -96,7 +96,7 @@ class Bank:
         means = self.blocks[n, kernels.MEANS] - self.freedom[here] - len(informed)
         if not len(informed) or means.min() < len(informed):
             return None
-        inverse, information = _inverses(products[np.ix_(range(len(products)), informed, informed)])
+        inverse, information = _inverses(products[:, informed[:, None], informed])
         g = products[:, informed, -1]
         change = np.einsum("fij,fj->fi", inverse, g)
         squares = products[:, -1, -1] - np.einsum("fi,fi->f", g, change)

@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.errors import NotIdentifiable
+from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.output_error import best_minimum, simulated
 from servobench.estimators.recursion.motion import Motion, Samples, possible, unknowns
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
-from servobench.models.first_order import ONE_WAY, FirstOrder
-from servobench.models.kernels import COLUMNS, COULOMB, DELAY
+from servobench.models.first_order import FirstOrder
+from servobench.models.kernels import COLUMNS, DELAY
 from servobench.models.search import turns_both_ways
 from servobench.recording.recording import Source
 
@@ -26,15 +27,24 @@ _TRAVEL = 50.0  # steps of the encoder that a motor must have made
 
 @dataclass(frozen=True, kw_only=True)
 class Setting:
-    """What is known of a run before it begins; `structure` is None where the one that friction has is to be taken."""
+    """What is known of a run before it begins.
+
+    `quantum` is the encoder's step [rad], None where nobody knows it; `sample_time` the time between samples [s], `delay` the
+    device's own [s], `input_before` what held before the first sample [V]. With a `structure` its parameters are found, from
+    the vector `start` where one is given; without, those that Coulomb friction has.
+    """
 
     quantum: float | None
     sample_time: float
     delay: float = 0.0
     input_before: float = 0.0
     structure: FirstOrder | None = None
-    input_unit: str = "V"
-    position_unit: str = "rad"
+    start: Array | None = None
+
+    def __post_init__(self) -> None:
+        for value, what in ((self.sample_time, "sample time"), (self.quantum, "encoder's step")):
+            if value is not None and not (np.isfinite(value) and value > 0):
+                raise UsageError(f"the {what} is {value!r}; expected a finite number above 0")
 
     def unknowns(self, motion: Motion) -> tuple[NDArray[np.bool_], bool]:
         """Return which columns (7,) of a motion are to be found, and whether its u_c is friction alone, so not negative."""
@@ -44,48 +54,46 @@ class Setting:
     def dataset(self, samples: Samples) -> Dataset:
         """Return samples as the dataset that other estimators work on."""
         return Dataset(
-            name="live", t_input=samples.t_in, u=samples.u, input_unit=self.input_unit, input_before=self.input_before,
-            t_output=samples.t, y=samples.y, output_unit=self.position_unit, kind="position", quantum=self.quantum,
+            name="live", t_input=samples.t_in, u=samples.u, input_unit="V", input_before=self.input_before,
+            t_output=samples.t, y=samples.y, output_unit="rad", kind="position", quantum=self.quantum,
             delay=self.delay, source=Source(name="live"),
         )  # fmt: skip
 
 
-def begun(setting: Setting, samples: Samples, starts: Array | None = None) -> Motion | None:
+def begun(setting: Setting, samples: Samples) -> Motion | None:
     """Return the motion through all samples at the reference where its estimate is, found from the output-error fit.
 
-    `starts` is a vector to begin that fit from, in place of the structure's guesses. None where the samples don't tell gain and
-    time constant yet, to half of their size.
+    None where the samples don't tell gain and time constant yet, to half of their size.
     """
     data = setting.dataset(samples)
     if np.ptp(samples.y) <= _TRAVEL * (setting.quantum or 0.0) or np.ptp(samples.u) == 0:
         return None
     try:
-        reference, friction = _by_output_error(setting, data, starts)
-    except NotIdentifiable:
-        return None  # too little to go by so far: more samples come
+        reference, friction = _by_output_error(setting, data)
+    except NotIdentifiable:  # too little to go by so far: more samples come
+        return None
     return gone_through(setting, samples, reference, friction)
 
 
-def start_state(setting: Setting, samples: Samples, motion: Motion) -> Array:
+def start_state(setting: Setting, samples: Samples, motion: Motion, input_before: float) -> Array:
     """Return a motion's reference (7,) with the start state of a new record that begins with these samples."""
     structure = _structure(setting, motion.friction)
     p = motion.reference.copy()
     p[DELAY] -= setting.delay
-    data = replace(setting, input_before=float(samples.u[0])).dataset(samples)
+    data = replace(setting, input_before=input_before).dataset(samples)
     own = simulated(structure, p[structure.columns], data).nuisance
     return np.concatenate([motion.reference[: COLUMNS - 2], own])
 
 
 def _structure(setting: Setting, friction: float) -> FirstOrder:
-    found = setting.structure or STRUCTURES["first_order_coulomb" if friction else "first_order_one_way"]
-    assert isinstance(found, FirstOrder)
-    return found
+    name = "first_order_coulomb" if friction else "first_order_one_way"
+    return setting.structure or cast(FirstOrder, STRUCTURES[name])
 
 
-def _by_output_error(setting: Setting, data: Dataset, starts: Array | None) -> tuple[Array, float]:
+def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
     """The reference (7,) that output error finds, and whether it has friction."""
     structure = _structure(setting, 1.0)
-    guesses = [starts] if starts is not None else structure.guesses([data])
+    guesses = structure.guesses([data]) if setting.start is None else [setting.start]
     free = np.ones(len(guesses[0]), dtype=bool)
     names = [parameter.name for parameter in structure.parameters]
     if setting.structure is None and not turns_both_ways([data]):

@@ -41,9 +41,9 @@ def advance(
 ) -> tuple[int, float]:
     """Move the motor to a sample at t and fill row (8,) with the derivatives and the position there.
 
-    Inputs u (N,) that hold from t_in (N,) act in turn from `first` on; x (4, 8) is the piece under way, `motor` (2,) its beginning
-    and the input that acts. Returns the first input that hasn't acted yet, and the speed. A sample is latched before an input of
-    the same instant acts.
+    Inputs u (N,) that hold from t_in (N,) act in turn from `first` on; x (4, 8) is the piece under way, `motor` (2,) its
+    beginning and the input that acts. Returns the first input that hasn't acted yet, and the speed. A sample is latched before
+    an input of the same instant acts.
     """
     k = first
     while True:
@@ -95,11 +95,15 @@ def close_block(
     a, g = 1.0 - b, tau * b
     q22 = -0.5 * tau * math.expm1(-2.0 * z)
     q12 = 0.5 * g * g
-    q11 = h * h * h * (1 / 3 - z / 4 + 7 * z * z / 60 - z * z * z / 24) if z < 1e-3 else tau * tau * (h - 2 * g + q22)
+    q11 = (
+        h * h * h * (1 / 3 - z / 4 + 7 * z * z / 60 - z * z * z / 24)
+        if z < 1e-3
+        else tau * tau * (h - 2 * g + q22)
+    )
     e = np.empty(WIDTH)
     for f in range(len(ratio)):
         p11, p12, p22 = p[f, 0], p[f, 1], p[f, 2]
-        if block[MEANS] > 0:
+        if not math.isnan(block[BEFORE]):
             if slides == 0.0:
                 p12 = p22 = 0.0
                 for c in range(WIDTH):

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
+from servobench.errors import UsageError
 from servobench.estimators.covariance import conservative
 from servobench.estimators.recursion import kernels
 from servobench.estimators.recursion.bank import Bank, Likeliest, full, moved
@@ -33,6 +34,22 @@ class Samples:
         t, y, t_in, u = (np.concatenate(pair) for pair in both)
         return Samples(t=t, y=y, t_in=t_in, u=u)
 
+    def check(self, last: float) -> None:
+        """Raise `UsageError` for samples that nothing can be made of, or that come before the `last` one [s]."""
+        for t, x, what in ((self.t, self.y, "position"), (self.t_in, self.u, "input")):
+            if t.ndim != 1 or t.shape != x.shape:
+                raise UsageError(
+                    f"the {what} has values of shape {x.shape}, times of shape {t.shape}; expected (N,) both"
+                )
+            if not (np.isfinite(t).all() and np.isfinite(x).all()):
+                raise UsageError(f"the {what} has values that are not finite; leave those rows out")
+            if (np.diff(t) <= 0).any():
+                raise UsageError(f"the times of the {what} don't increase everywhere; give the rows in order")
+        if len(self.t) and not self.t[0] > last:
+            raise UsageError(
+                f"a row at {self.t[0]:g} s came after one at {last:g} s; give the rows in order, or start again"
+            )
+
     def since(self, count: int) -> Samples:
         """Return the last `count` samples with the inputs of their time."""
         first = max(len(self.t) - count, 0)
@@ -47,8 +64,8 @@ NOTHING = Samples(t=np.empty(0), y=np.empty(0), t_in=np.empty(0), u=np.empty(0))
 class Motion:
     """The state: a reference (7,) of (K, τ, u₀, u_c, d, θ, ω at the start), the motor there, and the filters.
 
-    Bounded however long the run is. `friction` is 1 or 0: whether u_c acts. `stretches` are the sums of all filters at the ends of
-    equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`.
+    Bounded however long the run is. `friction` is 1 or 0: whether u_c acts. `stretches` are the sums of all filters at the
+    ends of equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`.
     """
 
     reference: Array
