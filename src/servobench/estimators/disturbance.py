@@ -29,9 +29,8 @@ _FINE = np.linspace(-1.0, 1.0, 13)
 _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
 _SHORT = 0.33  # of τ: the longest block
-_QUICK = (
-    0.5  # of the filter's memory: the longest block; with one of 1.0 the answer depends on where blocks begin
-)
+_QUICK = 1.0  # of the filter's memory: the longest block
+WEIGHED = 0.5  # of the filter's memory: the longest block that parameters are found from
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -366,8 +365,14 @@ def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset) ->
     """
     if data.closed_loop:
         return data.sample_time
+def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset, quick: float = _QUICK) -> float:
+    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
+
+    `quick` is the part of the memory. A block of a whole one is right for the size of the disturbance, as rounding is white over
+    it; but with it the parameters depend on where the blocks happen to begin, by up to 0.9 of a standard deviation.
+    """
     memory = np.inf if disturbance is None else disturbance.memory(data.kind, data.sample_time)
-    return float(min(_SHORT * tau, _QUICK * memory))
+    return float(min(_SHORT * tau, quick * memory))
 
 
 def _innovations(x: Array, blocks: Blocks, kind: Kind, tau: float, ratio: float) -> tuple[Array, Array]:

@@ -12,6 +12,7 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
 from servobench.estimators.disturbance import (
+    WEIGHED,
     Blocks,
     Disturbance,
     Linearised,
@@ -80,17 +81,17 @@ class PredictionError:
         """Return the fit that begins from another estimator's."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
         theta = start.vector
-        found, blocks = _profiled(structure, data, theta)
+        found = _profiled(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
-            model = Whitened(structure, found.disturbance, data, blocks)
+            model = Whitened(structure, found.disturbance, data, _weighed(structure, data, theta, found))
             minimum = minimise(model, model.whitened_data, theta)
             theta = minimum.theta
             _, covariance = uncertainty(model, model.whitened_data, minimum)
             change = (theta - before)[: len(covariance)]
             if not remaining or np.all(np.abs(change) <= _SETTLED * np.sqrt(np.diag(covariance))):
                 break
-            found, blocks = _profiled(structure, data, theta, found)
+            found = _profiled(structure, data, theta, found)
         covariance = found.widened(covariance)
         records, disturbance = with_innovations(structure, data, theta, found.disturbance)
         return replace(
@@ -125,13 +126,13 @@ def disturbance_test(fit: Fit) -> Profile | None:
     data = [record.data for record in fit.records]
     if PredictionError().supports(fit.model.structure, data) is not None:
         return None
-    return _profiled(fit.model.structure, data, fit.vector)[0]
+    return _profiled(fit.model.structure, data, fit.vector)
 
 
 def _profiled(
     structure: Structure, data: Sequence[Dataset], theta: Array, earlier: Profile | None = None
-) -> tuple[Profile, tuple[Blocks, ...]]:
-    """How likely disturbances are near theta, and the blocks of samples that this was found from.
+) -> Profile:
+    """How likely disturbances are near theta.
 
     Blocks that are short beside τ may still be long beside the memory of the filter; then it is done again with shorter ones.
     """
@@ -158,8 +159,21 @@ def _profiled(
             new >= 0.7 * old or old < 2 * record.sample_time
             for new, old, record in zip(finer, longest, data, strict=True)
         ):
-            return found, blocks
+            return found
         noise = found.disturbance
+
+
+def _weighed(
+    structure: Structure, data: Sequence[Dataset], theta: Array, found: Profile
+) -> tuple[Blocks, ...]:
+    """The blocks of samples that the parameters are found from: short enough that it doesn't matter where they begin."""
+    layout, noise = Layout(structure, tuple(data)), found.disturbance
+    return tuple(
+        blocks_of(
+            record, structure.sliding(theta[place], record), longest_block(noise, noise.tau, record, WEIGHED)
+        )
+        for record, place in _each_record(layout)
+    )
 
 
 def _each_record(layout: Layout) -> list[tuple[Dataset, NDArray[np.int64]]]:

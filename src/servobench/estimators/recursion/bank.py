@@ -10,7 +10,7 @@ beside the memory of the filter that turns out to be the likeliest.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -59,7 +59,7 @@ class Bank:
             count = 1 + int(np.ceil((low - high) / LEVELS_APART))
             levels.append(sample_time * np.exp(-low + LEVELS_APART * np.arange(count)))
         ratio = np.concatenate(levels)
-        blocks = np.zeros((len(sizes), 5))
+        blocks = np.zeros((len(sizes), 6))
         blocks[:, kernels.BEFORE] = np.nan
         width, count = kernels.WIDTH, len(ratio)
         return cls(
@@ -110,7 +110,7 @@ class Bank:
         covariance = np.einsum("f,fij->ij", weight * variance, inverse) + (apart * weight[:, None]).T @ apart
         return Likeliest(
             filter=here.start + best,
-            blocks=n,
+            **self._watched(here.start + best, n, _in_place(mean, informed)),
             means=float(means[best]),
             variance=float(variance[best]),
             informed=informed,
@@ -119,6 +119,15 @@ class Bank:
             inverse=_in_place(inverse[best], informed),
             deviance=float(deviance[best]),
         )
+
+    def _watched(self, best: int, n: int, change: Array) -> dict[str, Any]:
+        """The filter of the same noise level over twice as long blocks, over which rounding is whiter, and r there."""
+        longer = max(n - 1, 0)
+        first, last = int(self.filters[longer]), int(self.filters[longer + 1])
+        at = first + int(np.argmin(np.abs(np.log(self.ratio[first:last] / self.ratio[best]))))
+        left = float(moved(full(self.products[at]), change)[-1, -1])
+        means = float(self.blocks[longer, kernels.MEANS])
+        return {"watched": at, "watched_variance": max(left / means, 1e-300)}
 
     def shifted(self, change: Array) -> None:
         """Move the reference of all that was seen by a change (7,): r becomes r - J change."""
@@ -141,6 +150,7 @@ class Bank:
         self.totals[:], self.p[:], self.angle[:], self.speed[:] = 0.0, 0.0, 0.0, 0.0
         self.blocks[:, : kernels.BEFORE] = 0.0
         self.blocks[:, kernels.BEFORE] = np.nan
+        self.blocks[:, kernels.RESTED] = 0.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -149,11 +159,13 @@ class Likeliest:
 
     `filter` is the likeliest one, with r as `variance` and H⁻¹ as `inverse` (7, 7). `change` (7,) and `covariance` (7, 7) are the
     mean and the covariance of the mixture over all noise levels, each with its likelihood; `informed` are the columns of which
-    the data say something, and `means` the degrees of freedom that are left.
+    the data say something, and `means` the degrees of freedom that are left. `watched` is the filter whose innovations tell
+    whether the motor still is what it was, with its own r.
     """
 
     filter: int
-    blocks: int
+    watched: int
+    watched_variance: float
     means: float
     variance: float
     informed: NDArray[np.int64]

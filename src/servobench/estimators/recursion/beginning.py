@@ -102,10 +102,6 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
         free[at] = False
         guesses = [np.where(np.arange(len(guess)) == at, 0.0, guess) for guess in guesses]
     theta = best_minimum(structure, [data], guesses, free).theta
-    if not free.all() and theta[names.index("coulomb_voltage")] <= 0:
-        # An offset that drives the motor on: friction that is negative.
-        structure = _structure(setting, 0.0)
-        theta = best_minimum(structure, [data], structure.guesses([data])).theta
     return structure.vector(theta, data), float(structure.friction)
 
 
@@ -114,8 +110,9 @@ def gone_through(setting: Setting, samples: Samples, reference: Array, friction:
 
     None where gain and time constant can't be told to half of their size, or where that leads nowhere.
     """
+    rest = 1.0
     for _ in range(_ROUNDS):
-        motion = Motion.beginning(reference, friction, setting.sample_time)
+        motion = Motion.beginning(reference, friction, setting.sample_time, rest)
         motion.take(samples, setting.input_before, np.zeros(COLUMNS))
         free, is_brake = setting.unknowns(motion)
         found = motion.answer(free)
@@ -128,4 +125,6 @@ def gone_through(setting: Setting, samples: Samples, reference: Array, friction:
         if np.all(np.abs(change) <= SETTLED * sd):
             return motion
         reference = reference + change
+        if setting.quantum:
+            rest = max(setting.quantum**2 / 12 / found.variance, 1.0)
     return None

@@ -30,8 +30,8 @@ Whole = NDArray[np.int64]
 # What stands where in the state of the motor.
 NOW, HELD = 0, 1
 # What stands where in the state of a block: samples so far, the sum of their times, whether the shaft slides, the time of the
-# mean before (NaN where there is none), and the number of means so far.
-SAMPLES, TIMES, SLIDES, BEFORE, MEANS = 0, 1, 2, 3, 4
+# mean before (NaN where there is none), the number of means so far, and whether the shaft rested in the block before.
+SAMPLES, TIMES, SLIDES, BEFORE, MEANS, RESTED = 0, 1, 2, 3, 4, 5
 WIDTH = COLUMNS + 1
 
 
@@ -73,6 +73,7 @@ def close_block(
     block: Array,
     total: Array,
     tau: float,
+    rest: float,
     ratio: Array,
     p: Array,
     angle: Array,
@@ -81,14 +82,18 @@ def close_block(
     logarithms: Array,
     shown: int,
     out: Array,
-) -> None:
-    """Give the mean of a block to its filters, and begin the next one.
+) -> bool:
+    """Give the mean of a block to its filters, and begin the next one; returns whether it said anything.
 
     `total` (8,) is the sum of its rows; the F filters have the q/r `ratio` (F,), covariances p (F, 3), states `angle` and `speed`
     (F, 8), and sums of `products` (F, 8, 8) and `logarithms` (F,). The innovation of the filter `shown` goes to `out` (8,).
+    While the shaft rests its encoder's rounding is one error, of variance `rest`, however many samples there are.
     """
     n = block[SAMPLES]
-    time, slides, noise = block[TIMES] / n, block[SLIDES], 1.0 / n
+    time, slides = block[TIMES] / n, block[SLIDES]
+    noise = 1.0 / n if slides != 0.0 else rest
+    again = slides == 0.0 and block[RESTED] != 0.0
+    block[RESTED] = 1.0 - slides
     h = time - block[BEFORE]
     z = h / tau
     b = -math.expm1(-z)
@@ -115,6 +120,9 @@ def close_block(
                 for c in range(WIDTH):
                     angle[f, c] += g * speed[f, c]
                     speed[f, c] *= a
+        if again:
+            p[f, 0], p[f, 1], p[f, 2] = p11, p12, p22
+            continue
         s = p11 + noise
         g1, g2, scale = p11 / s, p12 / s, 1.0 / math.sqrt(s)
         for c in range(WIDTH):
@@ -131,8 +139,11 @@ def close_block(
             out[:] = e
     block[SAMPLES], block[TIMES] = 0.0, 0.0
     block[BEFORE] = time
-    block[MEANS] += 1.0
     total[:] = 0.0
+    if again:
+        return False
+    block[MEANS] += 1.0
+    return True
 
 
 @compiled
@@ -146,6 +157,7 @@ def stream(
     reference: Array,
     friction: float,
     gap: float,
+    rest: float,
     sizes: Whole,
     filters: Whole,
     blocks: Array,
@@ -185,11 +197,11 @@ def stream(
             here = shown - first if first <= shown < last else -1
             open_block = blocks[b, SAMPLES] > 0
             if open_block and (blocks[b, SLIDES] != slides or t[m] - before > gap):
-                close_block(
-                    blocks[b], totals[b], reference[1], ratio[first:last], p[first:last], angle[first:last],
+                told = close_block(
+                    blocks[b], totals[b], reference[1], rest, ratio[first:last], p[first:last], angle[first:last],
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
-                if here >= 0:
+                if here >= 0 and told:
                     innovations[found] = one
                     found += 1
             blocks[b, SAMPLES] += 1.0
@@ -198,11 +210,11 @@ def stream(
             for c in range(WIDTH):
                 totals[b, c] += row[c]
             if blocks[b, SAMPLES] >= sizes[b]:
-                close_block(
-                    blocks[b], totals[b], reference[1], ratio[first:last], p[first:last], angle[first:last],
+                told = close_block(
+                    blocks[b], totals[b], reference[1], rest, ratio[first:last], p[first:last], angle[first:last],
                     speed[first:last], products[first:last], logarithms[first:last], here, one,
                 )  # fmt: skip
-                if here >= 0:
+                if here >= 0 and told:
                     innovations[found] = one
                     found += 1
         before = t[m]

@@ -65,7 +65,8 @@ class Motion:
     """The state: a reference (7,) of (K, τ, u₀, u_c, d, θ, ω at the start), the motor there, and the filters.
 
     Bounded however long the run is. `friction` is 1 or 0: whether u_c acts. `stretches` are the sums of all filters at the
-    ends of equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`.
+    ends of equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`. `rest` is the variance of the
+    rounding's error at rest beside that of a sample on the way.
     """
 
     reference: Array
@@ -73,6 +74,7 @@ class Motion:
     bank: Bank
     piece: Array
     motor: Array
+    rest: float = 1.0
     senses: Array = field(default_factory=lambda: np.zeros(3))
     pending: Samples = NOTHING
     shown: int = 0
@@ -83,12 +85,12 @@ class Motion:
     left: int = 0
 
     @classmethod
-    def beginning(cls, reference: Array, friction: float, sample_time: float) -> Motion:
-        """Return a motor that hasn't begun to move, at a reference (7,)."""
+    def beginning(cls, reference: Array, friction: float, sample_time: float, rest: float = 1.0) -> Motion:
+        """Return a motor that hasn't begun to move, at a reference (7,); for `rest` see the class."""
         bank = Bank.beginning(float(reference[1]), sample_time)
         stretch = max(int(3 * reference[1] / sample_time), 1)
         return cls(
-            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan),
+            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan), rest=rest,
             stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
         )  # fmt: skip
 
@@ -128,7 +130,7 @@ class Motion:
         found = np.empty((2 * (until - begun) + 1, COLUMNS + 1))
         acted, count = kernels.stream(
             samples.t[here], samples.y[here], samples.t_in, samples.u, self.piece, self.motor, self.reference,
-            self.friction, 1.5 * b.sample_time, b.sizes, b.filters, b.blocks, b.totals, b.ratio, b.p, b.angle, b.speed,
+            self.friction, 1.5 * b.sample_time, self.rest, b.sizes, b.filters, b.blocks, b.totals, b.ratio, b.p, b.angle, b.speed,
             b.products, b.logarithms, self.senses, self.shown, change, residual[here], found,
         )  # fmt: skip
         self.recent = np.concatenate([self.recent, found[:count]])[-_RECENT:]
@@ -158,8 +160,8 @@ class Motion:
         found = self.bank.likeliest(free)
         if found is None:
             return None
-        if found.filter != self.shown:
-            self.shown, self.recent = found.filter, self.recent[:0]
+        if found.watched != self.shown:
+            self.shown, self.recent = found.watched, self.recent[:0]
         at = found.informed
         sums = full(np.diff(np.array([one[found.filter] for one in self.stretches]), axis=0))
         count = len(sums)

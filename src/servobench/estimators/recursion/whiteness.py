@@ -1,4 +1,4 @@
-"""Whether the motor still is what the model says: do its innovations look like noise, of the size and without the pattern?"""
+"""Whether the motor still is what the model says: do its innovations look like noise, or like something that is left out?"""
 
 from __future__ import annotations
 
@@ -9,40 +9,40 @@ from servobench.estimators.recursion.bank import Likeliest
 
 _FEWEST = 40  # innovations
 _LAGS = 10
-_RARE = 1e-3  # chance that white innovations look coloured
-_VERY_RARE = 1e-4  # chance that an unchanged motor looks changed
+_RARE = 1e-4  # chance that an unchanged motor looks changed, of a single look
+_KNOWN = 1e-9  # of the largest eigenvalue: a direction of which the innovations say nothing
 _IN_PLACE = 0.9  # of the counts: where so many are where the model puts them, there is nothing but rounding
 
 
 def is_white(recent: Array, residuals: Array, found: Likeliest, quantum: float | None) -> bool | None:
     """Return whether the last innovations leave nothing to explain; None where there are too few to say.
 
-    `recent` (K, 8) are innovations of [J r], `residuals` (N,) the last samples' own. Three tests, each of which must pass: their
-    autocorrelations over ten lags (Ljung and Box 1978); their size beside that of the whole run; and whether they ask for other
-    parameters than the whole run does (a score test: a motor that changes asks at once).
-    An encoder's rounding is coloured at a constant speed; where the counts are where the model puts them it is all there is.
+    `recent` (K, 8) are innovations of [J r], `residuals` (N,) those of the last samples. Two tests, which must both pass: whether the
+    last innovations ask for other parameters than the whole run does (a score test: a motor that changes asks at once), and
+    whether they go on in the same direction for long, Σ r_l over ten lags beyond what chance gives. A plain test for any colour
+    would always fail: an encoder's rounding is coloured, but at high frequencies, where it does no harm. Where the counts are
+    where the model puts them, rounding is all there is.
     """
-    from scipy.special import gammaincc
+    from scipy.special import gammaincc, ndtr
 
     count = len(recent)
     if count < _FEWEST:
         return None
     if quantum and np.mean(np.abs(residuals) <= 0.5 * quantum) >= _IN_PLACE:
         return True
-    jacobian = recent[:, found.informed]
-    e = (recent[:, -1] - recent[:, :-1] @ found.change) / np.sqrt(found.variance)
-    lags = np.arange(1, _LAGS + 1)
+    e = (recent[:, -1] - recent[:, :-1] @ found.change) / np.sqrt(found.watched_variance)
+    asked, told = _asked(recent[:, :-1], e)
     power = float(e @ e)
-    r = np.array([e[lag:] @ e[:-lag] for lag in lags]) / power
-    coloured = count * (count + 2) * float(np.sum(r**2 / (count - lags)))
+    slow = sum(float(e[lag:] @ e[:-lag]) for lag in range(1, _LAGS + 1)) / power
+    return bool(gammaincc(0.5 * told, 0.5 * asked) > _RARE and ndtr(-slow * np.sqrt(count / _LAGS)) > _RARE)
+
+
+def _asked(jacobian: Array, e: Array) -> tuple[float, int]:
+    """The score statistic of innovations e (K,), chi-squared, and how many directions (K, 7) they can tell apart."""
     h = jacobian.T @ jacobian
-    scale = 1.0 / np.sqrt(np.maximum(np.diag(h), 1e-300))
+    size = np.diag(h)
+    scale = np.where(size > 0, 1.0 / np.sqrt(np.where(size > 0, size, 1.0)), 0.0)
     values, vectors = np.linalg.eigh(h * np.outer(scale, scale))
-    told = values > 1e-9 * values[-1]
-    asked = ((jacobian.T @ e * scale) @ vectors)[told] / np.sqrt(values[told])
-    chances = (
-        (gammaincc(0.5 * _LAGS, 0.5 * coloured), _RARE),
-        (gammaincc(0.5 * count, 0.5 * power), _VERY_RARE),
-        (gammaincc(0.5 * len(asked), 0.5 * float(asked @ asked)), _VERY_RARE),
-    )
-    return all(chance > least for chance, least in chances)
+    told = values > _KNOWN * values[-1]
+    score = ((jacobian.T @ e * scale) @ vectors)[told]
+    return float(np.sum(score**2 / values[told])), int(np.count_nonzero(told))

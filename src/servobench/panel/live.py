@@ -1,0 +1,124 @@
+"""Live identification: the rows of a running loop in, what is known of the motor out, five times in a second."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from servobench.channels import Array, DeviceInfo
+from servobench.errors import UsageError
+from servobench.estimators.recursion.beginning import Setting
+from servobench.estimators.recursion.motion import Samples
+from servobench.estimators.recursive import Recursive
+
+_INTERVAL = 0.2  # s of the run between two messages
+_TWO_SIDED = 1.959964  # standard deviations of a normal that hold 95 %
+_UNITS = {
+    "gain": "rad/(s·V)",
+    "time_constant": "s",
+    "coulomb_voltage": "V",
+    "offset_voltage": "V",
+    "delay": "s",
+}
+
+
+class LiveFit:
+    """Follows a device whose encoder's resolution is known, at a sample time [s].
+
+    `wish` are half-widths of 95 % intervals over the values, by name, such as `stopping_rule.parse_wish` returns; `set_wish` changes
+    them while the motor runs. Raises `UsageError` for a device that doesn't say how many counts a revolution has.
+    """
+
+    def __init__(self, info: DeviceInfo, sample_time: float, wish: Mapping[str, float] | None = None) -> None:
+        encoder = info.channel("counts")
+        if encoder is None or not encoder.counts_per_rev:
+            raise UsageError(
+                f"the device {info.name!r} doesn't say how many counts its encoder has in a revolution, so that it can't be "
+                "identified live: record, and say it when you identify"
+            )
+        self._quantum = 2 * math.pi / encoder.counts_per_rev
+        self._modulus = 2.0**encoder.counter_bits if encoder.counter_bits else None
+        setting = Setting(quantum=self._quantum, sample_time=sample_time, delay=info.delay)
+        self._recursive = Recursive(setting)
+        self._wish = dict(wish or {})
+        self._counts: float | None = None
+        self._travel = 0.0
+        self._next: int | None = None
+        self._told = -math.inf
+        self._residuals = np.empty(0)
+
+    def set_wish(self, wish: Mapping[str, float] | None) -> None:
+        """Say how well the parameters are to be known; None for no wish."""
+        self._wish = dict(wish or {})
+
+    def take(self, columns: Mapping[str, Array], first: int | None = None) -> dict[str, Any] | None:
+        """Take rows in order and return the `live` message where one is due, else None.
+
+        `columns` has `t` [s], `applied` [V] and `counts`, as the counter shows them, (N,) each; rows without a finite value are
+        left out. `first` is the number of the first row: where it isn't the one after the last, rows were lost, and where the
+        motor is is found anew.
+        """
+        t, u, counts = (np.asarray(columns[name], dtype=np.float64) for name in ("t", "applied", "counts"))
+        if first is not None:
+            if self._next is not None and first != self._next:
+                self._recursive.start_again()
+                self._counts = None
+            self._next = first + len(t)
+        driven, seen = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
+        y = (self._unwrapped(counts[seen]) + 0.5) * self._quantum
+        if seen.any():
+            known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t[driven], u=u[driven]))
+            self._residuals = np.concatenate([self._residuals, known])
+        if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
+            return None
+        self._told = float(t[seen][-1])
+        return self.message()
+
+    def residuals(self, count: int) -> Array:
+        """Return the residuals of the live model [rad] for `count` rows, the next that weren't returned yet; NaN for unknown ones.
+
+        Where the delay is below zero a residual is known two rows late, and stays so late.
+        """
+        known, self._residuals = self._residuals[:count], self._residuals[count:]
+        return np.concatenate([np.full(count - len(known), np.nan), known])
+
+    def message(self) -> dict[str, Any]:
+        """Return the `live` message: each parameter with its 95 % interval and unit, the whiteness light, and whether it is enough."""
+        found, white = self._recursive.estimate(), self._recursive.white
+        return {
+            "kind": "live",
+            "parameters": {
+                name: {
+                    "value": value,
+                    "interval": [value - _TWO_SIDED * sd, value + _TWO_SIDED * sd],
+                    "unit": _UNITS[name],
+                }
+                for name, (value, sd) in found.items()
+            },
+            "white": white,
+            "enough": white is not False and self._reached(found),
+            "samples": self._recursive.samples,
+        }
+
+    def _reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
+        """Whether there is a wish, and each interval wished for is narrow enough."""
+        return bool(self._wish) and all(
+            name in found and _TWO_SIDED * found[name][1] <= share * abs(found[name][0])
+            for name, share in self._wish.items()
+        )
+
+    def _unwrapped(self, counts: Array) -> Array:
+        """Counts without the wraps of the counter, over all rows so far: a step is less than half the counter's range."""
+        if not len(counts):
+            return counts
+        before = counts[0] if self._counts is None else self._counts
+        steps = np.diff(counts, prepend=before)
+        if self._modulus:
+            steps -= self._modulus * np.rint(steps / self._modulus)
+        self._counts = float(counts[-1])
+        travel = self._travel + np.cumsum(steps)
+        self._travel = float(travel[-1])
+        return travel
