@@ -32,9 +32,13 @@ def papers_square(t: Array, random: np.random.Generator) -> Array:
 
 
 def reversals(t: Array, random: np.random.Generator) -> Array:
-    """±2 V at 0.7 Hz, with a second of rest now and then."""
-    u = np.where((0.7 * t + random.random()) % 1.0 < 0.5, 2.0, -2.0)
-    return np.asarray(np.where((t + 4 * random.random()) % 4.0 < 0.5, 0.0, u))
+    """±2 V at 0.7 Hz."""
+    return np.asarray(np.where((0.7 * t + random.random()) % 1.0 < 0.5, 2.0, -2.0))
+
+
+def rests(t: Array, random: np.random.Generator) -> Array:
+    """The same, with zero volts for half a second now and then: the motor comes to rest."""
+    return np.asarray(np.where((t + 4 * random.random()) % 4.0 < 0.5, 0.0, reversals(t, random)))
 
 
 def register(t: Array, random: np.random.Generator) -> Array:
@@ -44,6 +48,7 @@ def register(t: Array, random: np.random.Generator) -> Array:
 SIGNALS: dict[str, Callable[[Array, np.random.Generator], Array]] = {
     "square": papers_square,
     "reversals": reversals,
+    "rests": rests,
     "prbs": register,
 }
 
@@ -97,8 +102,9 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
 def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
     signal: str, torque_noise: float
 ) -> None:
-    """Issue 6's own bound. The two share the model's formulas, but neither the search, nor the filter's blocks, nor the data:
-    one has all of them at once, the other sees them fifty at a time."""
+    """Issue 6's own bound. The two share the model's formulas, but neither the search nor the filter's
+    blocks, and one has all of the data at once, the other sees them fifty at a time.
+    """
     for seed in range(20):
         t, u, counts = rows(signal, seed, torque_noise=torque_noise)
         recursive = live(u[0])
@@ -115,20 +121,22 @@ def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
 def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     """At five times in each of 20 runs. Looks at one run aren't independent, so this allows for 90 % where 95 % are stated."""
     looks = (2.0, 3.0, 5.0, 7.0, 10.0)
-    inside = dict.fromkeys(SHARED, 0)
+    inside, sds = dict.fromkeys(SHARED, 0), np.zeros((20, len(looks), len(SHARED)))
     for seed in range(20):
         t, u, counts = rows(signal, seed)
-        truth, recursive, sds = answers(drawn(seed)), live(u[0]), []
-        for begin, end in zip((0.0, *looks), looks, strict=False):
+        truth, recursive = answers(drawn(seed)), live(u[0])
+        for n, (begin, end) in enumerate(zip((0.0, *looks), looks, strict=False)):
             here = (t >= begin) & (t < end)
             feed(recursive, t[here], u[here], counts[here])
             found = recursive.estimate()
             for name in SHARED:
                 value, sd = found[name]
                 inside[name] += abs(value - truth[name]) <= 1.96 * sd
-            sds.append([found[name][1] for name in SHARED])
-        # Information grows at least as fast as time: five times as long, √5 times as narrow, a fifth allowed for chance.
-        assert (np.array(sds[-1]) < 1.2 / np.sqrt(5) * np.array(sds[0])).all(), seed
+            sds[seed, n] = [found[name][1] for name in SHARED]
+    # Five times as long is √5 times as narrow, and no more than a third less of it: the last intervals allow for colour, which
+    # the first ones, with too few stretches to tell it from, don't yet.
+    middle = np.median(sds, axis=0)
+    assert (middle[-1] < 4 / 3 * np.sqrt(looks[0] / looks[-1]) * middle[0]).all()
     for name, count in inside.items():
         assert count >= 0.9 * 20 * len(looks), (name, count)
 
@@ -308,7 +316,7 @@ def test_a_load_that_is_put_on_turns_the_light_red() -> None:
             else:
                 noticed |= white is False
         assert noticed, seed
-    assert looks > 150
+    assert looks > 200
     assert red <= 0.05 * looks
 
 

@@ -124,7 +124,7 @@ class Recursive:
             found = begun(self.setting, samples)
             self._fresh = len(samples.t) if found is not None else self._fresh
         if found is None and now is not None and self._motion is not None:
-            found = gone_through(self.setting, samples, now, self._motion.friction)
+            found = gone_through(self.setting, samples, now, self._motion.friction, self._motion)
         if found is not None:
             self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
         self._kept = [samples]

@@ -28,8 +28,8 @@ _UNITS = {
 class LiveFit:
     """Follows a device whose encoder's resolution is known, at a sample time [s].
 
-    `wish` are half-widths of 95 % intervals over the values, by name, such as `stopping_rule.parse_wish` returns; `set_wish` changes
-    them while the motor runs. Raises `UsageError` for a device that doesn't say how many counts a revolution has.
+    `wish` are half-widths of 95 % intervals over the values, by name, such as `stopping_rule.parse_wish` returns; `set_wish`
+    changes them while the motor runs. Raises `UsageError` for a device that doesn't say how many counts a revolution has.
     """
 
     def __init__(self, info: DeviceInfo, sample_time: float, wish: Mapping[str, float] | None = None) -> None:
@@ -78,7 +78,7 @@ class LiveFit:
         return self.message()
 
     def residuals(self, count: int) -> Array:
-        """Return the residuals of the live model [rad] for `count` rows, the next that weren't returned yet; NaN for unknown ones.
+        """Return the next `count` residuals of the live model [rad] that weren't returned yet, NaN where there are none.
 
         Where the delay is below zero a residual is known two rows late, and stays so late.
         """
@@ -86,7 +86,7 @@ class LiveFit:
         return np.concatenate([np.full(count - len(known), np.nan), known])
 
     def message(self) -> dict[str, Any]:
-        """Return the `live` message: each parameter with its 95 % interval and unit, the whiteness light, and whether it is enough."""
+        """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough."""
         found, white = self._recursive.estimate(), self._recursive.white
         return {
             "kind": "live",

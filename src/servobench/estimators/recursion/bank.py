@@ -105,16 +105,15 @@ class Bank:
         best = int(np.argmin(deviance))
         weight = np.exp(-0.5 * (deviance - deviance[best]))
         weight /= weight.sum()
-        mean = weight @ change
-        apart = change - mean
+        apart = change - change[best]
         covariance = np.einsum("f,fij->ij", weight * variance, inverse) + (apart * weight[:, None]).T @ apart
         return Likeliest(
             filter=here.start + best,
-            **self._watched(here.start + best, n, _in_place(mean, informed)),
+            **self._watched(here.start + best, n, _in_place(change[best], informed)),
             means=float(means[best]),
             variance=float(variance[best]),
             informed=informed,
-            change=_in_place(mean, informed),
+            change=_in_place(change[best], informed),
             covariance=_in_place(covariance, informed),
             inverse=_in_place(inverse[best], informed),
             deviance=float(deviance[best]),
@@ -128,6 +127,13 @@ class Bank:
         left = float(moved(full(self.products[at]), change)[-1, -1])
         means = float(self.blocks[longer, kernels.MEANS])
         return {"watched": at, "watched_variance": max(left / means, 1e-300)}
+
+    def apart(self, one: int, other: int) -> float:
+        """Return how far apart in ln(q/r) two filters are; infinitely where they have blocks of another length."""
+        lengths = np.searchsorted(self.filters, [one, other], side="right")
+        return (
+            float(np.abs(np.log(self.ratio[one] / self.ratio[other]))) if lengths[0] == lengths[1] else np.inf
+        )
 
     def shifted(self, change: Array) -> None:
         """Move the reference of all that was seen by a change (7,): r becomes r - J change."""
@@ -157,10 +163,10 @@ class Bank:
 class Likeliest:
     """What the filters of the blocks that suit make of the parameters.
 
-    `filter` is the likeliest one, with r as `variance` and H⁻¹ as `inverse` (7, 7). `change` (7,) and `covariance` (7, 7) are the
-    mean and the covariance of the mixture over all noise levels, each with its likelihood; `informed` are the columns of which
-    the data say something, and `means` the degrees of freedom that are left. `watched` is the filter whose innovations tell
-    whether the motor still is what it was, with its own r.
+    `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. `covariance`
+    (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ their changes
+    from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom that are left.
+    `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r.
     """
 
     filter: int

@@ -105,14 +105,18 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
     return structure.vector(theta, data), float(structure.friction)
 
 
-def gone_through(setting: Setting, samples: Samples, reference: Array, friction: float) -> Motion | None:
+def gone_through(
+    setting: Setting, samples: Samples, reference: Array, friction: float, earlier: Motion | None = None
+) -> Motion | None:
     """Return the motion through all samples, from a reference (7,) that is moved until it is where the estimate is.
 
-    None where gain and time constant can't be told to half of their size, or where that leads nowhere.
+    What rounding at rest weighs, and which filter is watched, comes from an `earlier` motion, or from a first time through. None
+    where gain and time constant can't be told to half of their size, or where that leads nowhere.
     """
-    rest = 1.0
+    known = earlier
     for _ in range(_ROUNDS):
-        motion = Motion.beginning(reference, friction, setting.sample_time, rest)
+        rest, shown = (known.rest, known.shown) if known else (1.0, 0)
+        motion = Motion.beginning(reference, friction, setting.sample_time, rest, shown)
         motion.take(samples, setting.input_before, np.zeros(COLUMNS))
         free, is_brake = setting.unknowns(motion)
         found = motion.answer(free)
@@ -122,9 +126,9 @@ def gone_through(setting: Setting, samples: Samples, reference: Array, friction:
         if not np.isfinite(sd).all() or (sd[:2] > _KNOWN * np.abs(reference[:2])).any():
             return None
         change = possible(found.change, found, reference, setting.sample_time, is_brake)
-        if np.all(np.abs(change) <= SETTLED * sd):
+        if known is not None and np.all(np.abs(change) <= SETTLED * sd):
             return motion
-        reference = reference + change
+        reference, known = reference + change, motion
         if setting.quantum:
-            rest = max(setting.quantum**2 / 12 / found.variance, 1.0)
+            motion.rest = max(setting.quantum**2 / 12 / found.variance, 1.0)
     return None

@@ -16,6 +16,7 @@ from servobench.models.kernels import ANGLE, COLUMNS, COULOMB, DELAY, OFFSET, RA
 
 _STRETCHES = 64  # of the run whose sums are kept apart
 _ENOUGH = 3  # stretches for each parameter, before their scatter says anything
+_NEAR = 1.5  # in ln(q/r): the innovations of two filters are as good as the same
 _RECENT = 400  # blocks whose innovations are kept
 
 
@@ -85,12 +86,14 @@ class Motion:
     left: int = 0
 
     @classmethod
-    def beginning(cls, reference: Array, friction: float, sample_time: float, rest: float = 1.0) -> Motion:
-        """Return a motor that hasn't begun to move, at a reference (7,); for `rest` see the class."""
+    def beginning(
+        cls, reference: Array, friction: float, sample_time: float, rest: float = 1.0, shown: int = 0
+    ) -> Motion:
+        """Return a motor that hasn't begun to move, at a reference (7,); for `rest` and `shown` see the class."""
         bank = Bank.beginning(float(reference[1]), sample_time)
-        stretch = max(int(3 * reference[1] / sample_time), 1)
+        stretch = max(int(reference[1] / sample_time), 1)
         return cls(
-            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan), rest=rest,
+            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan), rest=rest, shown=shown,
             stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
         )  # fmt: skip
 
@@ -160,7 +163,7 @@ class Motion:
         found = self.bank.likeliest(free)
         if found is None:
             return None
-        if found.watched != self.shown:
+        if self.bank.apart(found.watched, self.shown) > _NEAR:
             self.shown, self.recent = found.watched, self.recent[:0]
         at = found.informed
         sums = full(np.diff(np.array([one[found.filter] for one in self.stretches]), axis=0))
