@@ -137,6 +137,7 @@ class Recursive:
         found, now = self._answer(), self._now()
         if found is None or now is None:
             return
+        motion.watch(found)
         change = now - motion.reference
         if np.any(np.abs(change) > SETTLED * np.sqrt(np.diag(found.covariance))):
             motion.shift(change)
@@ -178,7 +179,9 @@ class Recursive:
         found = self._answer()
         if found is None or self._motion is None:
             return None
-        return is_white(self._motion.recent, self._motion.residuals, found, self.setting.quantum)
+        motion = self._motion
+        together = motion.blocks_in(float(motion.reference[1]))
+        return is_white(motion.recent, motion.residuals, found, self.setting.quantum, together)
 
     @property
     def disturbance(self) -> Disturbance | None:

@@ -124,9 +124,13 @@ class Bank:
         longer = max(n - 1, 0)
         first, last = int(self.filters[longer]), int(self.filters[longer + 1])
         at = first + int(np.argmin(np.abs(np.log(self.ratio[first:last] / self.ratio[best]))))
-        left = float(moved(full(self.products[at]), change)[-1, -1])
-        means = float(self.blocks[longer, kernels.MEANS])
-        return {"watched": at, "watched_variance": max(left / means, 1e-300)}
+        return {"watched": at, "watched_variance": self.left(at, change)}
+
+    def left(self, at: int, change: Array) -> float:
+        """Return r as a filter finds it after a change (7,) of the reference."""
+        n = int(np.searchsorted(self.filters, at, side="right")) - 1
+        squares = float(moved(full(self.products[at]), change)[-1, -1])
+        return max(squares / max(float(self.blocks[n, kernels.MEANS]), 1.0), 1e-300)
 
     def apart(self, one: int, other: int) -> float:
         """Return how far apart in ln(q/r) two filters are; infinitely where they have blocks of another length."""
@@ -163,10 +167,10 @@ class Bank:
 class Likeliest:
     """What the filters of the blocks that suit make of the parameters.
 
-    `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. `covariance`
-    (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ their changes
-    from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom that are left.
-    `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r.
+    `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. The
+    `covariance` (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ
+    their changes from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom
+    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r.
     """
 
     filter: int

@@ -122,6 +122,7 @@ def gone_through(
         found = motion.answer(free)
         if found is None:
             return None
+        motion.watch(found)
         sd = np.sqrt(np.diag(found.covariance))
         if not np.isfinite(sd).all() or (sd[:2] > _KNOWN * np.abs(reference[:2])).any():
             return None

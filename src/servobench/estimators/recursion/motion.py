@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,8 +93,8 @@ class Motion:
         bank = Bank.beginning(float(reference[1]), sample_time)
         stretch = max(int(reference[1] / sample_time), 1)
         return cls(
-            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan), rest=rest, shown=shown,
-            stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
+            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan),
+            rest=rest, shown=shown, stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
         )  # fmt: skip
 
     def take(self, samples: Samples, input_before: float, change: Array) -> Array:
@@ -154,6 +154,11 @@ class Motion:
         least = max(0.02 * self.senses[:2].sum(), self.reference[1] / self.bank.sample_time)
         return bool(self.senses[:2].min() > least)
 
+    def blocks_in(self, duration: float) -> int:
+        """Return how many blocks of the filter `shown` span a duration [s], at least one."""
+        length = self.bank.sizes[np.searchsorted(self.bank.filters, self.shown, side="right") - 1]
+        return max(int(np.ceil(duration / (length * self.bank.sample_time))), 1)
+
     def answer(self, free: NDArray[np.bool_]) -> Likeliest | None:
         """Return how far the reference is off in the `free` (7,) parameters, with a covariance that allows for colour.
 
@@ -163,8 +168,10 @@ class Motion:
         found = self.bank.likeliest(free)
         if found is None:
             return None
-        if self.bank.apart(found.watched, self.shown) > _NEAR:
-            self.shown, self.recent = found.watched, self.recent[:0]
+        # Another level may be likeliest because the motor has changed: who watches for that stays with the old one.
+        if not len(self.recent):
+            self.shown = found.watched
+        found = replace(found, watched_variance=self.bank.left(self.shown, found.change))
         at = found.informed
         sums = full(np.diff(np.array([one[found.filter] for one in self.stretches]), axis=0))
         count = len(sums)
@@ -176,7 +183,12 @@ class Motion:
         covariance = found.covariance.copy()
         here = np.ix_(at, at)
         covariance[here] = conservative(found.covariance[here], robust[here])
-        return Likeliest(**{**vars(found), "covariance": covariance})
+        return replace(found, covariance=covariance)
+
+    def watch(self, found: Likeliest) -> None:
+        """Watch the innovations at the noise level that is likeliest now, if it is another one than before."""
+        if self.bank.apart(found.watched, self.shown) > _NEAR:
+            self.shown, self.recent = found.watched, self.recent[:0]
 
     def shift(self, change: Array) -> None:
         """Move the reference by a change (7,), with all that was seen, and the motor where it is now, to first order."""
