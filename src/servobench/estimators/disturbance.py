@@ -357,20 +357,17 @@ class Whitened:
         return out
 
 
-def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset) -> float:
+def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset, quick: float = _QUICK) -> float:
     """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
+
+    `quick` is the part of the memory. A block of a whole one is right for the size of the disturbance, as rounding is white over
+    it; but with it the parameters depend on where the blocks happen to begin, by up to 0.9 of a standard deviation.
 
     In a closed loop it is one sample. The mean of more would be predicted from an input that answers within the block to what
     disturbs it, and the parameters would be drawn to those of the controller.
     """
     if data.closed_loop:
         return data.sample_time
-def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset, quick: float = _QUICK) -> float:
-    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
-
-    `quick` is the part of the memory. A block of a whole one is right for the size of the disturbance, as rounding is white over
-    it; but with it the parameters depend on where the blocks happen to begin, by up to 0.9 of a standard deviation.
-    """
     memory = np.inf if disturbance is None else disturbance.memory(data.kind, data.sample_time)
     return float(min(_SHORT * tau, quick * memory))
 
