@@ -69,7 +69,7 @@ def panel(
     Without --device and --experiment it is the simulated motor. The address that is printed lets in whoever has it, for
     twelve hours. The motor turns only while the page that drives it is open. Ctrl-C ends it, with the motor at rest.
     """
-    from servobench.cli.run import experiment_asked_for
+    from servobench.cli.run import device_asked_for, experiment_asked_for
     from servobench.cli.terminal import messages, say
     from servobench.errors import UsageError
 
@@ -85,6 +85,9 @@ def panel(
             f'the panel needs {error.name}, which isn\'t installed: pip install "servobench[panel]"'
         ) from None
     asked = experiment_asked_for(experiment, device, None, None)
+    device_asked_for(
+        asked, experiment
+    )  # not entered: a mistake in its settings shows before anything is opened
     library, keys = Library(folder), Keys()
     library.prepare()
     with listening(host, port) as listener:

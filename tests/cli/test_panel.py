@@ -1,0 +1,92 @@
+"""`servobench panel`: what isn't safe has to be asked for, and each mistake gets a sentence before anything is opened."""
+
+from __future__ import annotations
+
+import socket
+import sys
+from pathlib import Path
+
+import pytest
+
+from servobench.cli import main, panel
+from servobench.errors import UsageError
+from servobench.panel.server import PORT, listening
+
+
+def said(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
+    assert main(["panel", "--no-open", *words]) == 2
+    return capsys.readouterr().err
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.7", "::", "lab.example"])
+def test_another_address_needs_tls_or_a_word(host: str, capsys: pytest.CaptureFixture[str]) -> None:
+    text = said(["--host", host], capsys)
+
+    assert "--tls-cert" in text
+    assert "--without-tls" in text
+
+
+def test_a_certificate_needs_its_key_and_both_have_to_be_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    certificate = tmp_path / "c.pem"
+    certificate.write_text("")
+
+    assert "go together" in said(["--tls-cert", str(certificate)], capsys)
+    assert "no such file" in said(
+        ["--tls-cert", str(certificate), "--tls-key", str(tmp_path / "k.pem")], capsys
+    )
+
+
+def test_without_the_extra_it_says_how_to_get_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in [*sys.modules]:
+        if name.startswith(("servobench.panel", "starlette", "uvicorn")):
+            monkeypatch.delitem(sys.modules, name)
+    monkeypatch.setitem(sys.modules, "starlette", None)
+
+    assert 'pip install "servobench[panel]"' in said([], capsys)
+
+
+@pytest.mark.parametrize(
+    ("words", "named"),
+    [
+        (["--device", "twi"], "twin"),
+        (["--experiment", "nowhere.toml"], "nowhere.toml"),
+        (["--folder", "{file}"], "--folder"),
+    ],
+)
+def test_a_mistake_is_told_before_anything_is_opened(
+    words: list[str], named: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / "file"
+    file.write_text("")
+    words = [word.replace("{file}", str(file)) for word in ["--folder", str(tmp_path / "r"), *words]]
+
+    status = main(["panel", "--no-open", "--port", "0", *words])
+
+    assert status in (2, 5)
+    assert named in capsys.readouterr().err
+
+
+def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alone() -> None:
+    with listening("127.0.0.1", 0) as taken:
+        port = taken.getsockname()[1]
+        with pytest.raises(UsageError, match=f"port {port}.*--port 0"):
+            listening("127.0.0.1", port)
+    with listening("127.0.0.1", None) as first, listening("127.0.0.1", None) as second:
+        assert first.getsockname()[1] != second.getsockname()[1]
+        assert PORT not in (second.getsockname()[1],)
+
+
+def test_the_sockets_that_it_takes_are_of_tcp_by_their_own_word() -> None:
+    # Or else asyncio leaves Nagle's wait on, and each frame comes 40 ms late.
+    with listening("127.0.0.1", 0) as found:
+        assert found.proto == socket.IPPROTO_TCP
+
+
+def test_the_names_that_it_answers_to_are_those_of_its_address() -> None:
+    assert panel._names("127.0.0.1") == ["127.0.0.1", "localhost"]
+    assert panel._names("lab.example") == ["lab.example"]
+    assert "127.0.0.1" in panel._names("0.0.0.0")
