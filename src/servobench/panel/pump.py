@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from threading import Event, Thread
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -15,7 +16,7 @@ from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice
 from servobench.loop.recording_process import RecorderProcess
 from servobench.loop.ring import MessageReader, RowReader, RowRing
-from servobench.panel.frames import Scope
+from servobench.panel.frames import COLUMNS, Scope
 from servobench.recording.recording import Recording, Stopped
 
 FRAMES = 30.0  # a second
@@ -65,11 +66,28 @@ class Loop(Protocol):
         ...
 
 
+class Live(Protocol):
+    """Identification while the motor runs; `LiveFit` is one."""
+
+    def take(self, columns: Mapping[str, Array], first: int | None = None) -> dict[str, Any] | None:
+        """Take rows in order and return a message where one is due."""
+        ...
+
+    def residuals(self, count: int) -> Array:
+        """Return the next residuals [rad], NaN where there are none yet."""
+        ...
+
+    def set_wish(self, wish: Mapping[str, float] | None) -> None:
+        """Say how well the parameters are to be known."""
+        ...
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class News:
     """What came from the loop since the last look: events, and rows (N, 13) as scopes show them, the first number `first`.
 
-    `late` and `missed` count ticks since the run began. `ended` says why the run ended, once it did.
+    `late` and `missed` count ticks since the run began. `live` is what is known of the motor, where that is due. `ended` says why
+    the run ended, once it did.
     """
 
     events: tuple[Notice, ...]
@@ -77,17 +95,21 @@ class News:
     values: Array
     late: int
     missed: int
+    live: dict[str, Any] | None
     ended: Stopped | None
 
 
 class Pump(Thread):
     """Reads a loop's rings until `close`, and hands on what is new; `chain` is the one that the speed goes through first."""
 
-    def __init__(self, loop: Loop, sample_time: float, chain: str, hand_on: Callable[[News], None]) -> None:
+    def __init__(
+        self, loop: Loop, sample_time: float, chain: str, hand_on: Callable[[News], None], live: Live | None
+    ) -> None:
         super().__init__(name="servobench pump", daemon=True)
         self._loop = loop
         self._sample_time = sample_time
         self._hand_on = hand_on
+        self._live = live
         self._rows = loop.rows()
         self._events = loop.events()
         self._scope = Scope(loop.recording, chain)
@@ -126,14 +148,26 @@ class Pump(Thread):
             if event.kind == "command" and event.about["accepted"] and "chain" in event.about["what"]
         ]
         rows = self._rows.read()  # what is more comes with the next look
+        first, values = self._rows.next - len(rows), self._shown(rows[:, : self._loop.width])
         return News(
             events=events,
-            first=self._rows.next - len(rows),
-            values=self._shown(rows[:, : self._loop.width]),
+            first=first,
+            values=values,
             late=self._late,
             missed=self._missed,
+            live=self._identified(first, values),
             ended=ended,
         )
+
+    def _identified(self, first: int, values: Array) -> dict[str, Any] | None:
+        """What is known of the motor by now, where that is due; the residuals go where they are shown."""
+        if self._live is None or not len(values):
+            return None
+        told = self._live.take(
+            {name: values[:, COLUMNS.index(name)] for name in ("t", "applied", "counts")}, first
+        )
+        values[:, COLUMNS.index("residual")] = self._live.residuals(len(values))
+        return None if told is None else _finite(told)
 
     def _shown(self, rows: Array) -> Array:
         """What rows show; another chain counts from the row on that its command was in force."""
@@ -157,3 +191,12 @@ class Pump(Thread):
         steps = np.diff(ticks, prepend=-1 if self._tick is None else self._tick)
         self._missed += int(steps.sum()) - len(ticks)
         self._tick = int(ticks[-1])
+
+
+def _finite(told: Any) -> Any:
+    """A message as JSON can hold it: None in the place of numbers that aren't finite, as of an interval without an end."""
+    if isinstance(told, Mapping):
+        return {key: _finite(value) for key, value in told.items()}
+    if isinstance(told, list):
+        return [_finite(value) for value in told]
+    return None if isinstance(told, float) and not math.isfinite(told) else told

@@ -12,18 +12,21 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
+from servobench.channels import DeviceInfo
 from servobench.errors import ServobenchError, UsageError
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.messages import Command, Notice, info_to_json
 from servobench.loop.process import LoopProcess
 from servobench.panel.frames import History, speed_chain
 from servobench.panel.library import Library
-from servobench.panel.pump import Loop, News, Pump
+from servobench.panel.pump import Live, Loop, News, Pump
 from servobench.panel.taking import Taking
 from servobench.panel.viewers import Viewer, as_text
 from servobench.recording.recording import Stopped
+from servobench.stopping_rule import parse_wish
 
 OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through to it any more
 SIGN_INTERVAL = 0.1  # s between two signs of life to the loop
@@ -56,6 +59,8 @@ class MotorSession:
         self.operator: Viewer | None = None
         self.history = History()
         self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
+        self._wish: dict[str, float] = {}
+        self._live: Live | None = None
         self._loop_of = loop_of
         self._context: AbstractContextManager[Loop] | None = None
         self.loop: Loop | None = None
@@ -103,7 +108,8 @@ class MotorSession:
                 viewer.next_row = 0
             server = asyncio.get_running_loop()
             hand_on = partial(_to_thread_of, server, partial(self.take, loop))
-            self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on)
+            self._live = await asyncio.to_thread(live_fit, loop.info, self.experiment.sample_time, self._wish)
+            self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
             self._pump.start()
         self.show_state()
 
@@ -212,6 +218,12 @@ class MotorSession:
             raise Refusal("no device is open: open one first")
         return self.loop
 
+    def wish(self, until: str) -> None:
+        """Say from which intervals on what is known is enough, such as `time_constant=0.5%`; raises `UsageError`."""
+        self._wish = dict(parse_wish(until))
+        if self._live is not None:
+            self._live.set_wish(self._wish)
+
     # --- what is recorded
 
     async def record(self, name: str | None, duration: float | None) -> str:
@@ -281,6 +293,10 @@ class MotorSession:
             self._note_limits(news)
             for viewer in self.viewers:
                 viewer.wake()
+        if news.live is not None:
+            text = as_text(news.live)
+            for viewer in self.viewers:
+                viewer.show("live", text)
         taking = self._taking
         if taking is not None and taking.over:
             self._ending_of(taking)
@@ -406,6 +422,20 @@ class MotorSession:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
+
+
+def live_fit(info: DeviceInfo, sample_time: float, wish: Mapping[str, float]) -> Live | None:
+    """Return what identifies a device while it runs; None where it can't be, as the device doesn't tell its angle."""
+    from servobench.panel.live import LiveFit
+
+    encoder = info.channel("counts")
+    if encoder is None or not encoder.counts_per_rev:
+        return None
+    # Compiled now, on a motion of no motor: scopes would stand still for as long as that takes the first time.
+    t = np.arange(1000, dtype=np.float64) * sample_time
+    u = np.where(np.arange(1000) % 250 < 125, 3.0, 1.0)
+    LiveFit(info, sample_time).take({"t": t, "applied": u, "counts": np.floor(np.cumsum(u))})
+    return LiveFit(info, sample_time, wish)
 
 
 def command_from(given: Mapping[str, Any]) -> Command:

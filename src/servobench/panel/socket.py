@@ -175,6 +175,14 @@ async def _end_record(motor: MotorSession, viewer: Viewer, given: Said) -> Answe
     return {}
 
 
+async def _wish(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    until = given.get("until")
+    if not isinstance(until, str):
+        raise UsageError(f"{str(until)[:40]!r} is no wish; expected a text such as time_constant=0.5%")
+    motor.wish(until)
+    return {}
+
+
 def _is_duration(given: object) -> bool:
     return (
         isinstance(given, int | float)
@@ -196,6 +204,7 @@ ACTIONS: dict[str, Action] = {
     "halt": Action(carry_out=_halt),
     "acknowledge": Action(carry_out=_acknowledge),
     "record": Action(carry_out=_record, takes=("duration", "name")),
+    "wish": Action(carry_out=_wish, takes=("until",)),
     "end_record": Action(carry_out=_end_record),
 }
 """All that a page can ask for on its socket. STOP and the wish to drive are anybody's; all else is the operator's."""
