@@ -349,14 +349,35 @@ def test_start_and_watchdog_values_are_put_out() -> None:
     now, motor = Time(), Bench()
     with Guarded(motor, limits, now=now) as guarded:
         guarded.start(0.002, 0)
-        assert motor.reached == [1.0]
         assert motor.lit == (0.0, 0.0, 0.0)
         tick(guarded)
+        assert motor.reached == [1.0, 2.0]
         now.now += 0.2
         guarded.look()
         assert motor.reached[-1] == 0.25
         with pytest.raises(ValueError, match=r"start\.voltage is 11 V, beyond the limit of 10 V"):
             Limits(start=Outputs(voltage=11.0))
+
+
+@pytest.mark.promise("S12")
+def test_the_start_value_comes_with_the_first_sample_and_is_slewed_and_watched_as_any_other() -> None:
+    limits = Limits(start=Outputs(voltage=5.0), slew=100.0, watchdog=Watchdog(voltage=0.25))
+    now, motor = Time(), Bench()
+    with Guarded(motor, limits, now=now) as guarded:
+        guarded.start(0.01, 0)
+        now.now += 100.0  # however long it takes until there is a first sample
+        guarded.look()
+        assert motor.reached == []
+        guarded.read()
+        assert motor.reached == [1.0]  # 100 V/s for 10 ms
+        assert guarded.write(5.0) == 2.0
+        guarded.start(0.01, 0)
+        guarded.read()
+        now.now += 0.2
+        guarded.look()
+        assert motor.reached == [1.0, 2.0, 1.0, 0.25]
+        assert guarded.fault is not None
+        assert guarded.fault.code == "watchdog"
 
 
 @pytest.mark.promise("S19")

@@ -136,6 +136,11 @@ def test_there_is_nothing_to_say_about_a_good_experiment(experiment: Experiment)
             "voltage-after-fault",
             "After a fault 0.5 V stay on the motor (limits.terminate.voltage)",
         ),
+        (
+            Experiment(limits=Limits(start=Outputs(voltage=0.5))),
+            "voltage-at-start",
+            "0.5 V are put on the motor before anything drives it (limits.start.voltage)",
+        ),
         (Experiment(limits=Limits(stall="off")), "stall-not-watched", "Nobody watches"),
         (Experiment(signal=Constant(value=0)), "signal-is-zero", "0 V from the start to 9.998 s"),
         (

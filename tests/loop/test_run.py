@@ -14,7 +14,9 @@ from servobench.clock import HostClock, VirtualClock
 from servobench.devices.base import RunEnded
 from servobench.devices.twin import Twin
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
-from servobench.experiment import Limits
+from servobench.experiment import Experiment, Limits
+from servobench.experiment.limits import Outputs
+from servobench.loop.opening import opening
 from servobench.loop.run import Progress, run
 from servobench.recording import mcap_file
 from servobench.recording.reader import read
@@ -345,6 +347,14 @@ def test_a_device_in_real_time_is_not_run_by_a_virtual_clock(timing: Any) -> Non
     with pytest.raises(UsageError, match=f"runs by {timing} time"):
         run(experiment(), device, clock=VirtualClock())
     assert device.events == []
+
+
+def test_the_voltage_before_the_first_sample_is_the_start_value_only_where_it_held_for_a_tick() -> None:
+    asked = Experiment(limits=Limits(start=Outputs(voltage=2.0), slew=500.0))  # 1 V in a sample of 2 ms
+    before = {
+        kind: opening(asked, Twin().info, timing=kind).input_before for kind in ("virtual", "host", "device")
+    }
+    assert before == {"virtual": 0.0, "host": 0.0, "device": 1.0}
 
 
 @pytest.mark.promise("S31")

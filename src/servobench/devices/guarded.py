@@ -38,7 +38,8 @@ _GRACE = 0.01  # s; how long the watcher waits for a write that is under way bef
 class Guarded:
     """A device around a device: nothing but a voltage within the limits reaches the inner one, and what goes wrong stops it.
 
-    A voltage beyond `limits.voltage` or faster than `limits.slew` is clipped. What isn't a finite number, an alarm of one of the
+    A voltage beyond `limits.voltage` or faster than `limits.slew` is clipped. `limits.start.voltage` is put out by the first `read`
+    of a run, directly before its sample: nothing is put out that isn't watched. What isn't a finite number, an alarm of one of the
     monitors (devices/guard, a file each) and a loop that falls silent are faults: `limits.terminate.voltage` is put out, at the
     watchdog `limits.watchdog.voltage`, and the fault is latched until `acknowledge`. With `when_faulted="end"` `read` and
     `write` then raise `RunEnded`, a result; with "hold" the run goes on at that voltage, whatever is written.
@@ -59,6 +60,7 @@ class Guarded:
     _writes: int
     _limited: int
     _fresh: bool
+    _start_voltage: float
     _index: int
     _driven_light: Light
     _fault_light: Light
@@ -130,8 +132,7 @@ class Guarded:
         self._unwatch()
         self._prepare(sample_time)
         self.device.start(sample_time, seed)
-        if self.limits.start.voltage:
-            self._motion.applied = float(self.device.write(self.limits.start.voltage))
+        self._start_voltage = self.limits.start_voltage(sample_time)
         self._lamp.show(self.limits.start.light)
         if self._drives and self._timing != "virtual":
             self._watcher = Watcher(self.look)
@@ -140,6 +141,8 @@ class Guarded:
         """Latch the inputs and look at them; a fault is put out before it is told. Raises `RunEnded` with "end"."""
         if self._fault is not None and self._ends:
             self._end()
+        if self._start_voltage:
+            self._put_out_start()
         sample = self.device.read()
         motion = self._motion
         self._fresh = self._fresh or sample.index != self._index
@@ -284,8 +287,17 @@ class Guarded:
         self._fed = self._fed_at = None
         self._writes = self._limited = 0
         self._saturated = False
+        self._start_voltage = 0.0
         self._faults: list[Fault] = []
         self._watch_afresh()
+
+    def _put_out_start(self) -> None:
+        """Put the start value out once, where the first sample is about to be latched, and let the watchdog wait from there."""
+        voltage, self._start_voltage = self._start_voltage, 0.0
+        with self._lock:
+            self._motion.applied = float(self.device.write(voltage))
+        self._writes += 1
+        self._fed = self._now()
 
     def _unwatch(self) -> None:
         """End the watchdog: nobody is supposed to drive."""

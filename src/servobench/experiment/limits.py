@@ -120,7 +120,7 @@ class Limits(Settings):
     plausibility: Annotated[Plausibility | None, none_for("off")] = Plausibility()
     """The motor that the encoder is held against; None (in a file "off") for nothing."""
     start: Outputs = Outputs()
-    """What is put out from the start of a run to its first voltage."""
+    """What is put out once the first sample is due, until the run's first voltage; before that 0 V."""
     terminate: Outputs = Outputs()
     """What is put out in place of any voltage while a fault is latched, and as the last before the device is stopped."""
     watchdog: Watchdog = Watchdog()
@@ -130,9 +130,22 @@ class Limits(Settings):
     fault_light: Light = "red"
     """Light while a fault is latched."""
 
+    def start_voltage(self, sample_time: float) -> float:
+        """Return the start value as far as the slew limit lets it go from 0 V in one sample [V]."""
+        most = self.voltage if self.slew is None else self.slew * sample_time
+        return min(max(self.start.voltage, -most), most)
+
     def findings(self) -> tuple[Finding, ...]:
         """Return what is worth knowing of limits that let a motor be driven while nobody drives it, or nobody watch a stall."""
         found = []
+        if self.start.voltage:
+            found.append(
+                warning(
+                    "voltage-at-start",
+                    f"{self.start.voltage:g} V are put on the motor before anything drives it (limits.start.voltage): it may turn "
+                    "at once. Take 0 V, unless it has to hold a load.",
+                )
+            )
         for name in ("terminate", "watchdog"):
             value = getattr(self, name).voltage
             if value:

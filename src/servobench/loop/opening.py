@@ -56,12 +56,17 @@ def opening(
         input="applied",
         output="counts",
         reference="reference" if controlled else None,
-        input_before=experiment.limits.start.voltage,
+        input_before=_input_before(experiment, timing),
         info=device,
         experiment=experiment.to_toml(),
         findings=injected(device),  # from the start, so that a recording that is cut short is marked, too
         versions={"servobench": __version__, "python": platform.python_version(), "numpy": np.__version__},
     )
+
+
+def _input_before(experiment: Experiment, timing: Timing) -> float:
+    """The voltage that held before the first sample: a device that keeps the time holds the start value for a tick until then."""
+    return experiment.limits.start_voltage(experiment.sample_time) if timing == "device" else 0.0
 
 
 def _flag(name: str) -> Channel:
