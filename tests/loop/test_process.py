@@ -71,6 +71,10 @@ def test_every_tick_is_recorded_or_counted_as_missed(tmp_path: Path) -> None:
     assert recording.stopped.sentence == "ran for 0.5 s, as asked"
     assert (recording,) == read(tmp_path / "a.mcap")
     assert [event.kind for event in recording.events] == ["opened", "ended"]
+    t = recording["counts"].t
+    assert t is not None
+    assert recording.events[-1].tick == round(recording["scheduled"].values[-1] / 0.002)
+    assert recording.events[-1].time == t[-1]
 
 
 @pytest.mark.promise("S36")

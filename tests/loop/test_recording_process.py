@@ -129,6 +129,7 @@ def test_a_loop_that_is_gone_without_a_word_leaves_a_whole_file_that_says_so(pat
     assert len(ticks_of(recording)) == 42
     assert recording.stopped.reason == "error"
     assert "ended without a word" in recording.stopped.sentence
+    assert [each.code for each in recording.findings] == ["loop-died"]
 
 
 def test_a_loop_that_says_no_more_while_nobody_is_there_ends_the_file(path: Path) -> None:
@@ -168,11 +169,22 @@ def test_a_recorder_that_is_asked_to_end_waits_for_the_last_word_and_ends_withou
         record(loop.spec, loop.rows, loop.events, loop)
     assert len(ticks_of(read(path)[0])) == 3 * LAST_WORDS
     assert "asked to end before the run did" in read(path)[0].stopped.sentence
+    assert [each.code for each in read(path)[0].findings] == ["recorder-ended-early"]
 
 
 def test_where_no_device_was_opened_there_is_no_file(path: Path) -> None:
     with RingLoop(path) as loop:
         loop.end("device_lost", "no such port")
+        went = record(loop.spec, loop.rows, loop.events, loop)
+
+    assert went == Recorded(path=None, rows=0)
+    assert list(path.parent.iterdir()) == []
+
+
+def test_where_the_loop_ended_before_a_sample_and_without_a_word_there_is_no_file(path: Path) -> None:
+    with RingLoop(path) as loop:
+        loop.open()
+        loop.is_gone = True
         went = record(loop.spec, loop.rows, loop.events, loop)
 
     assert went == Recorded(path=None, rows=0)

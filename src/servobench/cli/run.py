@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.failures import DEVICE_FAILED, DONE, INTERRUPTED, complain
+from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -32,8 +32,11 @@ CUT_SHORT: dict[StopReason, int] = {
     "interrupted": INTERRUPTED,
     "fault": DEVICE_FAILED,
     "device_lost": DEVICE_FAILED,
+    "error": DEVICE_FAILED,
 }
 """The exit status of a run that didn't end as asked."""
+RECORDER_FAILED = ("recorder-died", "recorder-ended-early")
+"""The findings of a run that an error ended which was the recorder's and not the loop's."""
 
 
 def run(
@@ -111,7 +114,7 @@ def run(
         result = _identified(
             recording, asked, structure, held_against or _own_data_sheet(recording), progress
         )
-    if recording.stopped.reason == "device_lost":
+    if recording.stopped.reason in ("device_lost", "error"):
         complain(recording.stopped.sentence)
     if result is not None:
         recording, result = _beside_the_wish(recording, asked, result)
@@ -303,4 +306,6 @@ def _status(recording: Recording, result: Result | None) -> int:
     """The exit status: how the run ended comes before what its data say."""
     from servobench.cli.conclusion import status_of
 
+    if recording.stopped.reason == "error" and any(f.code in RECORDER_FAILED for f in recording.findings):
+        return CANNOT_WRITE
     return CUT_SHORT.get(recording.stopped.reason, DONE if result is None else status_of(result))

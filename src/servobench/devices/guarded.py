@@ -38,8 +38,8 @@ _GRACE = 0.01  # s; how long the watcher waits for a write that is under way bef
 class Guarded:
     """A device around a device: nothing but a voltage within the limits reaches the inner one, and what goes wrong stops it.
 
-    A voltage beyond `limits.voltage` or faster than `limits.slew` is clipped. `limits.start.voltage` is put out by the first `read`
-    of a run, directly before its sample: nothing is put out that isn't watched. What isn't a finite number, an alarm of one of the
+    A voltage beyond `limits.voltage` or faster than `limits.slew` is clipped. `limits.start.voltage` is put out by a run's first
+    `read`, directly before its sample: nothing is put out that isn't watched. What isn't a finite number, an alarm of one of the
     monitors (devices/guard, a file each) and a loop that falls silent are faults: `limits.terminate.voltage` is put out, at the
     watchdog `limits.watchdog.voltage`, and the fault is latched until `acknowledge`. With `when_faulted="end"` `read` and
     `write` then raise `RunEnded`, a result; with "hold" the run goes on at that voltage, whatever is written.

@@ -15,7 +15,7 @@ from contextlib import ExitStack
 from types import FrameType
 
 from servobench.channels import DeviceInfo
-from servobench.clock import Clock, clock_for
+from servobench.clock import Clock, Tick, clock_for
 from servobench.clock.wake_up import wake_ups
 from servobench.control.running import prepare
 from servobench.devices.base import connect
@@ -57,9 +57,12 @@ class ToRing:
         self._row = row
         self._rest = (0.0,) * (COLUMNS - width)
         self.account = account
+        self.last: Tick | None = None
+        """The last tick that was handed on."""
 
     def add(self, place: Place) -> None:
         """Hand on one tick."""
+        self.last = place.tick
         self._rows.push(self._row(place) + self._rest)
         self.account.add(place.tick)
 
@@ -94,9 +97,10 @@ class _Loop:
         self._events = events
         self._gone = threading.Event()
 
-    def tell(self, kind: str, **about: object) -> None:
-        """Tell everybody who listens."""
-        self._events.push(Notice(kind=kind, about=about).to_text())  # type: ignore[arg-type]
+    def tell(self, kind: str, at: Tick | None = None, **about: object) -> None:
+        """Tell everybody who listens; `at` is the tick that it belongs to."""
+        place = {} if at is None else {"tick": at.index, "time": at.actual}
+        self._events.push(Notice(kind=kind, about=about, **place).to_text())  # type: ignore[arg-type]
 
     def run(self) -> None:
         """Open the device, wait for the recorder, let the ticks pass, and tell how it ended."""
@@ -110,10 +114,9 @@ class _Loop:
             experiment.limits,
             when_faulted=self._spec.when_faulted,
         ) as device:
-            stopped, findings = self._driven(experiment, device)
-        self.tell("ended", **ending_to_json(stopped, findings))
+            self._driven(experiment, device)
 
-    def _driven(self, experiment: Experiment, device: Guarded) -> tuple[Stopped, tuple[Finding, ...]]:
+    def _driven(self, experiment: Experiment, device: Guarded) -> None:
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)
@@ -142,10 +145,11 @@ class _Loop:
             )
 
         stopped, error = outcome(carry_out, device)
+        found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
+        found = (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
+        self.tell("ended", sink.last, **ending_to_json(stopped, found))
         if error is not None and not isinstance(error, DeviceError):
             raise error
-        found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
-        return stopped, (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
 
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps

@@ -12,7 +12,16 @@ import numpy as np
 from servobench.errors import FormatError, StorageError
 from servobench.experiment import read_experiment
 from servobench.finding import Finding, info
-from servobench.loop.drain import EVENTS_MISSED, MOST_ROWS, ROWS_MISSED, SILENT, Drain, ending, part_of
+from servobench.loop.drain import (
+    EVENTS_MISSED,
+    LOOP_DIED,
+    MOST_ROWS,
+    ROWS_MISSED,
+    SILENT,
+    Drain,
+    ending,
+    part_of,
+)
 from servobench.loop.recording_process import Recorded, RecorderSpec
 from servobench.loop.ring import RECORDER_STATE, MessageRing, RowRing
 from servobench.recording.reader import read
@@ -50,11 +59,9 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
             _copy(found, drain)
         had = drain.rows
         drain.take()
-        if not drain.begun:
-            drain.end(SILENT, ())
+        stopped, findings = drain.ended or (SILENT, (LOOP_DIED,))
+        if not drain.end(stopped, (*findings, _died(had, drain.rows))):
             return Recorded(path=None, rows=0)
-        stopped, findings = drain.ended or (SILENT, ())
-        drain.end(stopped, (*findings, _died(had, drain.rows)))
     finally:
         drain.abandon()
     if _rows_in(read(new)[0]) != drain.rows:

@@ -29,6 +29,11 @@ EVENTS_MISSED = "events-missed"
 """The kinds of the events that the recorder itself adds: so many rows, or events, are missing here."""
 
 SILENT = Stopped(reason="error", sentence="the loop's process ended without a word")
+LOOP_DIED = warning(
+    "loop-died",
+    "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last voltage. "
+    "Switch off the supply, then look at the device's own watchdog.",
+)
 
 
 class Drain:
@@ -112,14 +117,18 @@ class Drain:
             self._events_missed += int(said["count"])
         self.taken += 1
 
-    def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> None:
-        """End the recording and give the file its name; where no device was opened, there is no recording and no file."""
-        if self.begun:
+    def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> bool:
+        """End the recording, give the file its name and return True; where nothing was begun, there is no file: False.
+
+        Nothing was begun where no device was opened, or the loop ended without a sample and without a word about a run.
+        """
+        if self.begun and (self.rows or self._rows_missed or self.ended is not None):
             self._writer.end(stopped, (*findings, *self._findings()))
             self._writer.close()
-        else:
-            self._writer.abandon()
-            part_of(self._path).unlink()
+            return True
+        self._writer.abandon()
+        part_of(self._path).unlink()
+        return False
 
     def abandon(self) -> None:
         """Leave the part as it is; never raises."""

@@ -193,20 +193,22 @@ class LoopProcess:
             self._process_waits()
         if self._recording is None:
             raise UsageError("this run wasn't recorded: give `record`")
-        recording = self._recorded(*self._recording)
+        recording = self._recorded(*self._recording, stopped)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
 
-    def _recorded(self, recorder: RecorderProcess, spec: RecorderSpec) -> Recording:
+    def _recorded(self, recorder: RecorderProcess, spec: RecorderSpec, stopped: Stopped) -> Recording:
         """The recording in the file, once that is whole; what a recorder that died hadn't written is still in the rings."""
         from servobench.recording.reader import read
 
         went = recorder.wait()
         if went.error and self.ring.get(RECORDER_STATE) != FAILED:
             went = complete(spec, self.ring, self._events)
-        if went.error or went.path is None:
-            raise StorageError(went.error or f"{spec.path}: nothing was recorded")
+        if went.error:
+            raise StorageError(went.error)
+        if went.path is None:
+            raise DeviceError(f"{stopped.sentence}, before there was a sample; nothing was recorded")
         (recording,) = read(went.path)
         return recording
 

@@ -29,6 +29,9 @@ from servobench.finding import Finding
 from servobench.loop.drain import SILENT, Drain
 from servobench.loop.messages import info_from_json
 from servobench.loop.opening import opening
+from servobench.experiment import read_experiment
+from servobench.finding import warning
+from servobench.loop.drain import LOOP_DIED, SILENT, Drain
 from servobench.loop.ring import (
     LOOP_STATE,
     RECORDER_HEARTBEAT,
@@ -47,6 +50,10 @@ STOPPING = 40  # looks for which a file that failed is kept open while the loop 
 TOO_EARLY = Stopped(
     reason="error",
     sentence="the recorder was asked to end before the run did; what came later was not recorded",
+)
+ENDED_EARLY = warning(
+    "recorder-ended-early",
+    "The recorder was asked to end before the run did, and what came later is missing. Look for who ended its process.",
 )
 
 
@@ -135,6 +142,8 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
         drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, ())))
+        found = (LOOP_DIED,) if stopped is SILENT else (ENDED_EARLY,)
+        is_there = drain.end(*(drain.ended or (stopped, found)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)
@@ -142,7 +151,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
             drain.abandon()
         raise
     rows.set(RECORDER_STATE, DONE)
-    return Recorded(path=spec.path if drain.begun else None, rows=drain.rows)
+    return Recorded(path=spec.path if is_there else None, rows=drain.rows)
 
 
 def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: MessageRing) -> Drain:
