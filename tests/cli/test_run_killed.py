@@ -7,14 +7,16 @@ import os
 import signal
 import subprocess
 import sys
+import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 
 import servobench as sb
 from servobench.finding import Severity
-from tests.cli.conftest import checked, started
-from tests.cli.test_run import HOST, names
+from tests.cli.conftest import checked, process, started
+from tests.cli.test_run import FILES, HOST, names
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
 
@@ -36,6 +38,93 @@ def loop_of(folder: Path) -> int:
     """The number of the loop's process, which stands in the recording's first event."""
     (recording,) = sb.load(folder / "recording.mcap.part")
     return int(json.loads(recording.events[0].text)["pid"])
+
+
+def children(parent: int, module: str) -> list[int]:
+    """The processes that a process has started from a module of ours."""
+    found = []
+    for folder in Path("/proc").glob("[0-9]*"):
+        with suppress(OSError):
+            fields = (folder / "stat").read_text().rpartition(")")[2].split()
+            if int(fields[1]) == parent and module in (folder / "cmdline").read_text():
+                found.append(int(folder.name))
+    return found
+
+
+@pytest.mark.promise("S28")
+def test_a_recording_that_is_being_written_is_taken_away_by_nobody(host: Path, tmp_path: Path) -> None:
+    with started("run", host, "--out", tmp_path / "run") as child:
+        await_motion(child)
+        for words in (
+            ("recover", tmp_path / "run"),
+            ("run", "--out", tmp_path / "run"),
+            ("inspect", tmp_path / "run"),
+        ):
+            ended = process(*words)
+            assert ended.status == 2, ended
+            assert "recording.mcap.part is being written by a run that goes on: wait for its end" in ended.err
+            assert "servobench recover" not in ended.err
+        child.send_signal(signal.SIGTERM)
+        _, err = child.communicate(timeout=120)
+
+    assert child.returncode == 130, err
+    assert names(tmp_path / "run") == FILES
+    (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
+    assert "stopped by SIGTERM" in recording.stopped.sentence
+
+
+@pytest.mark.promise("S17")
+def test_ctrl_c_before_a_run_begins_leaves_no_folder_and_says_so(host: Path, tmp_path: Path) -> None:
+    with started("run", host, "--out", tmp_path / "run") as child:
+        while not (tmp_path / "run").exists() and child.poll() is None:
+            pass
+        child.send_signal(signal.SIGINT)
+        _, err = child.communicate(timeout=120)
+
+    assert child.returncode == 130, err
+    assert "stopped from the keyboard before it began; nothing was recorded" in err
+    assert "Traceback" not in err
+    assert "resource_tracker" not in err
+    assert not (tmp_path / "run").exists()
+
+
+@pytest.mark.promise("S23")
+def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path: Path) -> None:
+    with started("run", host, "--out", tmp_path / "run") as child:
+        await_motion(child)
+        os.kill(children(child.pid, "recording_process")[0], signal.SIGSTOP)
+        _, err = child.communicate(timeout=120)
+
+    assert child.returncode == 5, err
+    assert "the recorder has been silent for more than 5 s" in err
+    assert "the motor is stopped; waiting for the recorder to finish the file (at most 10 s)" in err
+    (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
+    assert "recorder-died" in {each.code for each in recording.findings}
+
+
+@pytest.mark.promise("S25")
+@pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="shared memory of Linux")
+@pytest.mark.parametrize("killed", ["the command", "the command and the loop"])
+def test_who_survives_clears_up_and_says_what_was_recorded(host: Path, tmp_path: Path, killed: str) -> None:
+    def left() -> list[Path]:
+        return list(Path("/dev/shm").glob(f"servobench-*-{child.pid}-*"))
+
+    with started("run", host, "--out", tmp_path / "run") as child:
+        await_motion(child)
+        assert len(left()) == 3
+        loop = loop_of(tmp_path / "run")
+        child.kill()
+        if killed == "the command and the loop":
+            os.kill(loop, signal.SIGKILL)
+        _, err = child.communicate(timeout=120)
+        deadline = time.monotonic() + 60
+        while (left() or not (tmp_path / "run" / "recording.mcap").exists()) and time.monotonic() < deadline:
+            time.sleep(0.05)
+
+    assert left() == []
+    assert "resource_tracker" not in err
+    (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
+    assert recording.stopped.reason == ("interrupted" if killed == "the command" else "error")
 
 
 @pytest.mark.promise("S22")

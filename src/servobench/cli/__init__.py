@@ -24,11 +24,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 0
     try:
         from servobench.cli.app import run_app
+
+        return run_app(words)
     except KeyboardInterrupt:
         # What tells of any other end isn't there yet.
         sys.stderr.write("Error: interrupted before anything was done\n")
         return _INTERRUPTED
-    return run_app(words)
 
 
 def _stored_text(words: list[str]) -> str | None:

@@ -29,6 +29,10 @@ _NO_PLACE = {
 }
 
 
+class NotBegun(KeyboardInterrupt):
+    """A run that was stopped before it began; the text says by whom."""
+
+
 def failed(error: BaseException, *, debug: bool = False) -> int:
     """Say what went wrong on standard error, and return the exit status.
 
@@ -68,6 +72,8 @@ def _told(error: BaseException) -> tuple[int, str]:
     """The exit status of an error, and the sentence to say."""
     if isinstance(error, OutputGone | BrokenPipeError):
         return CANNOT_WRITE, ""
+    if isinstance(error, NotBegun):
+        return INTERRUPTED, f"{error} before it began; nothing was recorded"
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted before there was a result; files that were whole by then are kept"
     if isinstance(error, MissingInformation):

@@ -35,6 +35,12 @@ CUT_SHORT: dict[StopReason, int] = {
     "error": DEVICE_FAILED,
 }
 """The exit status of a run that didn't end as asked."""
+REQUESTS = {
+    "SIGTERM": ", the system's or another program's request to end",
+    "SIGHUP": ", as its terminal was closed",
+    "SIGBREAK": ", a request to end",
+}
+"""What asks a command to end beside Ctrl-C, and what that means."""
 RECORDER_FAILED = ("recorder-died", "recorder-ended-early")
 """The findings of a run that an error ended which was the recorder's and not the loop's."""
 
@@ -208,7 +214,7 @@ def _carried_out(
         with folder.begun(asked.to_toml()):
             progress.begin("getting ready")
             try:
-                recording = _driven(asked, device, folder.recording, watch, look)
+                recording = _driven(asked, device, folder.recording, watch, look, progress.begin)
             except DeviceLost as error:
                 recording = error.recording
     save(recording, folder.data)
@@ -223,7 +229,12 @@ def _connected(device: Device) -> AbstractContextManager[object]:
 
 
 def _driven(
-    asked: Experiment, device: Device, to: Path, watch: Callable[[Place], None], look: Look | None
+    asked: Experiment,
+    device: Device,
+    to: Path,
+    watch: Callable[[Place], None],
+    look: Look | None,
+    say: Callable[[str], None],
 ) -> Recording:
     """Carry the experiment out: at once where time is computed, in a process of its own where it passes."""
     if device.info.timing == "virtual":
@@ -232,7 +243,7 @@ def _driven(
         return carry_out(asked, device, to=to, watch=watch, look=look)
     from servobench.loop.live import run_live
 
-    return run_live(asked, to=to, watch=watch, look=look)
+    return run_live(asked, to=to, watch=watch, look=look, say=say)
 
 
 @contextmanager
@@ -240,9 +251,10 @@ def ended_like_ctrl_c() -> Iterator[None]:
     """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        name = signal.Signals(number).name
+        raise KeyboardInterrupt(f"{name}{REQUESTS.get(name, '')}")
 
-    requests = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name)]
+    requests = [getattr(signal, name) for name in REQUESTS if hasattr(signal, name)]
     # A request that is ignored, as by nohup, stays so.
     ours = [request for request in requests if signal.getsignal(request) is signal.SIG_DFL]
     for request in ours:

@@ -77,14 +77,19 @@ class RunFolder:
     @contextmanager
     def begun(self, experiment: str) -> Iterator[None]:
         """Begin, and take it back where nothing was recorded: a device that can't be opened leaves no folder."""
+        from servobench.cli.failures import NotBegun
+        from servobench.loop.ticks import stopped_by
+
         self.begin(experiment)
         try:
             yield
-        except BaseException:
+        except BaseException as error:
             if not any(self.path.glob(f"{self.recording.name}*")):
                 with suppress(OSError):
                     self.experiment.unlink(missing_ok=True)
                     self.path.rmdir()  # only where nothing else is in it
+                if isinstance(error, KeyboardInterrupt):
+                    raise NotBegun(stopped_by(error)) from None
             raise
 
     def make_whole(self) -> Recording:
@@ -94,9 +99,13 @@ class RunFolder:
         recording, `FormatError` where nothing in it can be read, and `StorageError` where the folder can't be written.
         """
         from servobench.formats.base import save
+        from servobench.recording.lease import is_held
+        from servobench.recording.mcap_file import being_written
         from servobench.recording.reader import read
         from servobench.recording.recover import make_whole
 
+        if is_held(self.part):
+            raise UsageError(being_written(self.part))
         if not self.part.exists():
             state = "is whole already" if self.recording.exists() else "is no folder of a run"
             raise UsageError(
@@ -134,6 +143,11 @@ def run_folder(out: Path | None, now: datetime) -> RunFolder:
     if out.exists() and not out.is_dir():
         raise UsageError(f"--out {out}: is a file; give a folder")
     if folder.part.exists():
+        from servobench.recording.lease import is_held
+        from servobench.recording.mcap_file import being_written
+
+        if is_held(folder.part):
+            raise UsageError(f"--out {out}: {being_written(folder.part)}")
         raise UsageError(
             f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
             f"`servobench recover {out}`, or remove {folder.part.name}, or give another folder"

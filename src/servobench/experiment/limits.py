@@ -142,8 +142,8 @@ class Limits(Settings):
             found.append(
                 warning(
                     "voltage-at-start",
-                    f"{self.start.voltage:g} V are put on the motor before anything drives it (limits.start.voltage): it may turn "
-                    "at once. Take 0 V, unless it has to hold a load.",
+                    f"{self.start.voltage:g} V are put on the motor before anything drives it (limits.start.voltage): it may "
+                    "turn at once. Take 0 V, unless it has to hold a load.",
                 )
             )
         for name in ("terminate", "watchdog"):

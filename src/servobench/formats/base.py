@@ -13,6 +13,8 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from servobench.errors import FormatError, StorageError, UsageError
 from servobench.finding import info
+from servobench.recording.lease import is_held
+from servobench.recording.mcap_file import being_written
 from servobench.recording.recording import Recording, Source
 from servobench.registry import Registry
 
@@ -105,7 +107,10 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
 
 
 def _check_is_there(file: Path) -> None:
-    if file.is_dir() and (file / "recording.mcap.part").exists():
+    part = file / "recording.mcap.part"
+    if file.is_dir() and part.exists():
+        if is_held(part):
+            raise UsageError(being_written(part))
         raise UsageError(
             f"{file} is the folder of a run that was cut short; `servobench recover {file}` makes it whole"
         )

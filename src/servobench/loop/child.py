@@ -23,7 +23,6 @@ from servobench.devices.faulty import with_faults
 from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
-from servobench.finding import Finding
 from servobench.loop.account import Account
 from servobench.loop.attendants import (
     LOOK_EVERY,
@@ -42,7 +41,7 @@ from servobench.loop.references import References
 from servobench.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
 from servobench.loop.schedule import real_time
 from servobench.loop.spec import COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
-from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome
+from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stopped_by
 from servobench.recording.recording import Stopped
 
 WAKE_UP_TIME = 0.2  # s; how long the machine's own punctuality is tried
@@ -82,8 +81,13 @@ def main() -> int:
         except ServobenchError as error:
             loop.tell("failed", error=type(error).__name__, sentence=str(error))
             return error.exit_status
+        except KeyboardInterrupt as interrupt:
+            loop.tell("failed", error="DeviceError", sentence=f"{stopped_by(interrupt)} before it began")
+            return DeviceError.exit_status
         finally:
             rows.set(LOOP_STATE, ENDED)
+            for ring in (rows, commands, events):
+                ring.clear_up()
     return 0
 
 
@@ -133,6 +137,9 @@ class _Loop:
         woken = wake_ups(
             experiment.sample_time, round(min(200, max(1, WAKE_UP_TIME / experiment.sample_time)))
         )
+
+        if self._gone.is_set():
+            raise DeviceError("the program that started the run is gone before it began; nothing was moved")
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)
@@ -201,7 +208,7 @@ def _ended_like_ctrl_c() -> None:
     """Let whatever asks the process to end stop the motor first."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        raise KeyboardInterrupt
+        raise KeyboardInterrupt(f"{signal.Signals(number).name}, which was sent to the loop's process")
 
     for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
         if hasattr(signal, name):

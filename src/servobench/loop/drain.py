@@ -31,8 +31,8 @@ EVENTS_MISSED = "events-missed"
 SILENT = Stopped(reason="error", sentence="the loop's process ended without a word")
 LOOP_DIED = warning(
     "loop-died",
-    "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last voltage. "
-    "Switch off the supply, then look at the device's own watchdog.",
+    "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last "
+    "voltage. Switch off the supply, then look at the device's own watchdog.",
 )
 
 

@@ -4,12 +4,14 @@ from __future__ import annotations
 
 import os
 import time
+from collections.abc import Callable
 from typing import Literal
 
 from servobench.experiment import Experiment
 from servobench.loop.process import LoopProcess
 from servobench.loop.recorder import InMemory
 from servobench.loop.run import LOOK_INTERVAL, WATCH_INTERVAL, Look, Progress, Watch
+from servobench.loop.ticks import stopped_by
 from servobench.recording.recording import Recording, Stopped
 
 
@@ -19,20 +21,22 @@ def run_live(
     to: str | os.PathLike[str],
     watch: Watch | None = None,
     look: Look | None = None,
+    say: Callable[[str], None] | None = None,
     real_time: bool = True,
 ) -> Recording:
     """Carry out an experiment on the device that it names, in a process of its own, recorded to the native file `to`.
 
-    As `run`, but nothing in this process can hold the loop up: `watch` and `look` see what the loop handed on. Ctrl-C stops the
+    As `run`, but nothing in this process can hold the loop up: `watch` and `look` see what the loop handed on; `say` is
+    told what is waited for at the end. Ctrl-C stops the
     motor, and is a result. Raises what `run` raises, and `DeviceError` where the loop's process can't be begun.
     """
     with LoopProcess(experiment, record=to, real_time=real_time) as loop:
         onlooker = _Onlooker(loop, watch, look)
         while True:
             try:
-                return loop.wait(onlooker)
-            except KeyboardInterrupt:
-                loop.stop("stopped from the keyboard")
+                return loop.wait(onlooker, say=say)
+            except KeyboardInterrupt as interrupt:
+                loop.stop(stopped_by(interrupt))
 
 
 class _Onlooker:

@@ -21,6 +21,7 @@ from servobench.loop.completion import complete
 from servobench.loop.messages import Command, Notice, info_of, info_to_json, stopped_of
 from servobench.loop.opening import opening
 from servobench.loop.recording_process import Late, RecorderProcess, RecorderSpec
+from servobench.loop.recording_process import PATIENCE, RecorderProcess, RecorderSpec
 from servobench.loop.ring import (
     LOOP_STATE,
     OPERATOR_HEARTBEAT,
@@ -40,6 +41,9 @@ COMMAND_SLOTS = 1024
 START_PATIENCE = 120.0  # s; a second interpreter and its kernels, on a busy machine
 END_PATIENCE = 10.0  # s; how long a loop that was told to stop may take, before it is killed
 LOOK_INTERVAL = 0.02  # s
+WAITS_FOR_RECORDER = (
+    f"the motor is stopped; waiting for the recorder to finish the file (at most {PATIENCE:g} s)"
+)
 
 
 class LoopProcess:
@@ -180,8 +184,12 @@ class LoopProcess:
             return stopped_of(self._ended)
         return Stopped(reason="error", sentence=self._last_words())
 
-    def wait(self, meanwhile: Callable[[], None] | None = None) -> Recording:
+    def wait(
+        self, meanwhile: Callable[[], None] | None = None, *, say: Callable[[str], None] | None = None
+    ) -> Recording:
         """Wait for the end, calling `meanwhile` fifty times a second, and return the recording.
+
+        `say` is told what is waited for, once the motor stands and the file still takes its time.
 
         Raises as `run` does: `DeviceLost`, which carries the recording, and `StorageError`. Raises `UsageError` where nothing was
         recorded.
@@ -193,16 +201,22 @@ class LoopProcess:
             self._process_waits()
         if self._recording is None:
             raise UsageError("this run wasn't recorded: give `record`")
-        recording = self._recorded(*self._recording, stopped)
+        recording = self._recorded(*self._recording, stopped, say)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
 
-    def _recorded(self, recorder: RecorderProcess, spec: RecorderSpec, stopped: Stopped) -> Recording:
+    def _recorded(
+        self,
+        recorder: RecorderProcess,
+        spec: RecorderSpec,
+        stopped: Stopped,
+        say: Callable[[str], None] | None,
+    ) -> Recording:
         """The recording in the file, once that is whole; what a recorder that died hadn't written is still in the rings."""
         from servobench.recording.reader import read
 
-        went = recorder.wait()
+        went = recorder.wait(slow=None if say is None else lambda: say(WAITS_FOR_RECORDER))
         if went.error and self.ring.get(RECORDER_STATE) != FAILED:
             went = complete(spec, self.ring, self._events)
         if went.error:
@@ -232,6 +246,7 @@ class LoopProcess:
             path=os.fspath(self._path),
             experiment=self.experiment.to_toml(),
             loop=self._process.pid,
+            commands=self._commands.name,
         )
         return stack.enter_context(RecorderProcess(spec)), spec
 
@@ -261,6 +276,7 @@ class LoopProcess:
         while time.monotonic() < deadline:
             self.here()  # who waits for the run to begin is there
             self._listen()
+            self._listen_for_a_beginning()
             if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
                 return info_of(self._told_open)
             if self._process.poll() is not None:
@@ -268,6 +284,19 @@ class LoopProcess:
                 raise DeviceError(self._last_words())
             self._process_waits()
         raise DeviceError(f"the loop's process wasn't there after {START_PATIENCE:g} s; nothing was moved")
+
+    def _listen_for_a_beginning(self) -> None:
+        """Listen; raises what kept the run from beginning, the recorder's own word where it is what failed."""
+        try:
+            self._listen()
+        except ServobenchError:
+            if self._recording is None or self.ring.get(RECORDER_STATE) != FAILED:
+                raise
+            went = self._recording[0].wait()
+            if not went.error:
+                raise
+            kind = StorageError if self._recording[0].status == StorageError.exit_status else UsageError
+            raise kind(f"{went.error}; nothing was moved") from None
 
     def _listen(self) -> None:
         for text in self._heard.read():

@@ -29,6 +29,7 @@ from servobench.finding import Finding
 from servobench.loop.drain import SILENT, Drain
 from servobench.loop.messages import info_from_json
 from servobench.loop.opening import opening
+from servobench.errors import ServobenchError, UsageError
 from servobench.experiment import read_experiment
 from servobench.finding import warning
 from servobench.loop.drain import LOOP_DIED, SILENT, Drain
@@ -46,6 +47,9 @@ from servobench.recording.recording import Stopped
 INTERVAL = 0.03  # s between two looks at the rings; what is written on top of it stays below 50 ms
 LAST_WORDS = 40  # looks for which the loop's last word is waited for, once somebody wants an end
 STOPPING = 40  # looks for which a file that failed is kept open while the loop stops its motor
+
+PATIENCE = 10.0  # s; how long a recorder may take to finish its file before it is killed, and the file completed from memory
+SLOW = 1.0  # s; from then on whoever waits for it is told
 
 TOO_EARLY = Stopped(
     reason="error",
@@ -76,6 +80,7 @@ class RecorderSpec:
     """What a recorder has to know: the names of the rings, the file, the experiment's TOML text, the loop's process if known.
 
     `late` is None for one that records a run from its first row to its end.
+    The ring of commands is no matter of the recorder's, but where everybody else is dead it clears up that one, too.
     """
 
     rows: str
@@ -84,6 +89,7 @@ class RecorderSpec:
     experiment: str
     loop: int | None = None
     late: Late | None = None
+    commands: str = ""
 
     def line(self) -> str:
         """Return it as one line of JSON."""
@@ -286,13 +292,24 @@ def main() -> int:
     status = 0
     try:
         with RowRing.attach(spec.rows) as rows, MessageRing.attach(spec.events) as events:
-            went = record(spec, rows, events, signs)
+            try:
+                went = record(spec, rows, events, signs)
+            finally:
+                _clear_up(rows, events, spec.commands)
     except ServobenchError as error:
         status = error.exit_status
         went = Recorded(path=None, rows=0, error=str(error))
     sys.stdout.write(json.dumps(asdict(went)) + "\n")
     sys.stdout.flush()
     return status
+
+
+def _clear_up(rows: RowRing, events: MessageRing, commands: str) -> None:
+    """Remove the memory of a run of which nobody else is left to do so."""
+    rows.clear_up()
+    events.clear_up()
+    with suppress(UsageError), MessageRing.attach(commands) as ring:  # the loop may have removed it
+        ring.clear_up()
 
 
 class RecorderProcess:
@@ -329,6 +346,11 @@ class RecorderProcess:
         return self._process.pid
 
     @property
+    def status(self) -> int | None:
+        """The exit status of the process; None while it is still there."""
+        return self._process.poll()
+
+    @property
     def running(self) -> bool:
         """Whether the process is still there."""
         return self._process.poll() is None
@@ -338,14 +360,15 @@ class RecorderProcess:
         """Whether the process ended other than with a whole file; `wait` says why."""
         return self._process.poll() not in (None, 0)
 
-    def wait(self, timeout: float = 30.0) -> Recorded:
+    def wait(self, timeout: float = PATIENCE, slow: Callable[[], None] | None = None) -> Recorded:
         """Tell the recorder that nothing more is to come but the loop's end, wait for it, and return how it went.
 
-        After `timeout` [s] without an end it is killed. Where it failed or died, `error` says so and `complete` can help.
+        `slow` is called once where that takes longer than a second. After `timeout` [s] without an end it is killed. Where it
+        failed or died, `error` says so and `complete` can help.
         """
         if self._went is None:
             try:
-                said, _ = self._process.communicate(timeout=timeout)
+                said, _ = self._communicated(timeout, slow)
                 told = ""
             except subprocess.TimeoutExpired:
                 self._process.kill()
@@ -354,6 +377,16 @@ class RecorderProcess:
             self._went = _went(said, self._process.returncode, told or _last_line(self._errors))
             self._errors.close()
         return self._went
+
+    def _communicated(self, timeout: float, slow: Callable[[], None] | None) -> tuple[bytes, bytes]:
+        """What the process said to its end; raises `TimeoutExpired`, after which it may be asked again."""
+        begin = min(SLOW, timeout)
+        try:
+            return self._process.communicate(timeout=begin)
+        except subprocess.TimeoutExpired:
+            if slow is not None:
+                slow()
+            return self._process.communicate(timeout=timeout - begin)
 
 
 def _input(process: subprocess.Popen[bytes]) -> IO[bytes]:

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import struct
 from collections.abc import Sequence
-from contextlib import suppress
 from functools import cache
 from types import ModuleType, TracebackType
 from typing import Self
@@ -77,8 +76,12 @@ class Ring:
         self._memory = None
         self._segment.close()
         if self._is_owner:
-            with suppress(FileNotFoundError):  # somebody has cleared it away already
-                self._segment.unlink()
+            self._segment.unlink()
+
+    def clear_up(self) -> None:
+        """Remove the memory where its owner is dead; for a process that the owner started, before it ends."""
+        if not self._is_owner and self._segment.is_orphan:
+            self._segment.unlink()
 
     def __enter__(self) -> Self:
         return self

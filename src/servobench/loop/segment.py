@@ -6,14 +6,17 @@ own (128 bytes: Apple's lines, and the pairs of lines that x86 fetches), so that
 
 from __future__ import annotations
 
+import atexit
 import os
 import secrets
 import shutil
 import sys
-from collections.abc import Sized
-from contextlib import suppress
+import time
+from collections.abc import Iterator, Sized
+from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
+from pathlib import Path
 from threading import Lock
 from typing import TypeAlias, cast
 
@@ -38,7 +41,10 @@ KINDS = {"rows": 1, "texts": 2}
 
 # Where Linux keeps shared memory. In a container it can be small, and to touch more than there is kills the process.
 _LINUX_FOLDER = "/dev/shm"
+_LEFT = 60.0  # s; the age from which on memory counts as left behind
 _attaching = Lock()
+_ours: set[str] = set()
+"""The names of what this process made and hasn't removed yet."""
 
 
 class Segment(SharedMemory):
@@ -48,6 +54,17 @@ class Segment(SharedMemory):
         """Let go of the memory, or leave that to the last array in it."""
         with suppress(BufferError):
             super().close()
+
+    def unlink(self) -> None:
+        """Remove the memory; whoever is attached keeps what it has."""
+        _ours.discard(self.name)
+        with suppress(FileNotFoundError), _no_tracker():  # somebody may have cleared it away already
+            super().unlink()
+
+    @property
+    def is_orphan(self) -> bool:
+        """Whether its owner, which started this process, is dead; its name says who that was."""
+        return self.name.split("-")[2:3] != [str(os.getppid())]
 
 
 def created(kind: str, slots: int, width: int) -> Segment:
@@ -62,12 +79,16 @@ def created(kind: str, slots: int, width: int) -> Segment:
             f"{_LINUX_FOLDER}: {size} bytes of shared memory are needed, {free} are left; "
             "give it more (in a container: --shm-size), or ask for fewer slots"
         )
+    _sweep()
     while True:
         # macOS takes no longer names.
         name = f"servobench-{kind}-{os.getpid()}-{secrets.token_hex(2)}"
         with suppress(FileExistsError):
-            segment = Segment(name, create=True, size=size)
+            segment = _untracked(name, create=True, size=size)
             break
+    if not _ours:
+        atexit.register(_remove_ours)
+    _ours.add(segment.name)
     memory = integers(segment)
     memory[:] = 0  # touched here, so that the loop isn't held up by pages that it is the first to use
     memory[VERSION], memory[KIND], memory[SLOTS], memory[WIDTH] = LAYOUT, KINDS[kind], slots, width
@@ -81,7 +102,7 @@ def attached(kind: str, name: str) -> Segment:
     Raises `UsageError` where there is none, and `FormatError` where it isn't a ring of that kind.
     """
     try:
-        segment = _untracked(name)
+        segment = _untracked(name, create=False, size=0)
     except FileNotFoundError:
         raise UsageError(
             f"there is no shared memory called {name!r}: the run that made it has ended, or the name is misspelt; "
@@ -105,26 +126,69 @@ def integers(segment: Segment) -> Memory:
     return np.frombuffer(cast(memoryview, segment.buf), np.int64, count=segment.size // 8)
 
 
-def _untracked(name: str) -> Segment:
-    """Attach without being held responsible for the memory.
+def _sweep() -> None:
+    """Remove what runs have left of which every process was killed; Linux alone shows what there is.
+
+    What is new is left alone: where processes of several containers share memory, one may live that can't be seen from here.
+    """
+    if sys.platform != "linux":
+        return
+    for path in Path(_LINUX_FOLDER).glob("servobench-*-*-*"):
+        owner = path.name.split("-")[2]
+        with suppress(OSError):  # another user's, or gone by now
+            if owner.isdigit() and not _lives(int(owner)) and time.time() - path.stat().st_mtime > _LEFT:
+                path.unlink()
+
+
+def _lives(process: int) -> bool:
+    """Whether there is a process of that number."""
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except OSError:  # another user's
+        return True
+    return True
+
+
+def _remove_ours() -> None:
+    """Remove at the end of the process what nobody came to remove, as where Ctrl-C came between two steps."""
+    for name in tuple(_ours):
+        with suppress(OSError):
+            _untracked(name, create=False, size=0).unlink()
+
+
+def _untracked(name: str, *, create: bool, size: int) -> Segment:
+    """Make or attach without Python's tracker, a process that removes at the end of another one what that has left.
 
     Before Python 3.13 who attaches is noted down as one who has to remove it, and the tracker of such a process does so at its
     end, under the feet of all others. To strike it out again isn't enough: processes that share a tracker, as those of
-    multiprocessing do, would strike out the owner's own note. So none is made.
+    multiprocessing do, would strike out the owner's own note. And where the owner is killed its tracker complains, although the
+    loop and the recorder clear up (`is_orphan`). So no note is made.
     """
     if sys.version_info >= (3, 13):
-        return Segment(name, track=False)
+        return Segment(name, create=create, size=size, track=False)
+    with _no_tracker():
+        return Segment(name, create=create, size=size)
+
+
+@contextmanager
+def _no_tracker() -> Iterator[None]:
+    """Keep Python's tracker of shared memory from hearing of it; from 3.13 on it can be told so."""
+    if sys.version_info >= (3, 13):
+        yield
+        return
     with _attaching:
-        register = resource_tracker.register
-        resource_tracker.register = _not_noted
+        told = resource_tracker.register, resource_tracker.unregister
+        resource_tracker.register = resource_tracker.unregister = _not_noted
         try:
-            return Segment(name)
+            yield
         finally:
-            resource_tracker.register = register
+            resource_tracker.register, resource_tracker.unregister = told
 
 
 def _not_noted(name: Sized, rtype: str) -> None:
-    """Stand in for the tracker's `register`."""
+    """Stand in for the tracker's `register` and `unregister`."""
 
 
 def _check(kind: str, name: str, segment: Segment) -> None:

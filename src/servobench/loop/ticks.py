@@ -198,8 +198,8 @@ def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, 
     """Carry out a run and stop the device, whatever happens; return why it ended, and the error if it was one."""
     try:
         return carry_out(), None
-    except KeyboardInterrupt:
-        return Stopped(reason="interrupted", sentence="stopped from the keyboard"), None
+    except KeyboardInterrupt as interrupt:
+        return Stopped(reason="interrupted", sentence=stopped_by(interrupt)), None
     except RunEnded as end:
         return end.stopped, None
     except DeviceError as error:
@@ -208,6 +208,11 @@ def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, 
         return Stopped(reason="error", sentence=f"the run was ended by an error: {error!r}"), error
     finally:
         stop(device)
+
+
+def stopped_by(interrupt: KeyboardInterrupt) -> str:
+    """Return who stopped a run, as a sentence: the keyboard, or the request to end that stands in the interrupt."""
+    return f"stopped by {interrupt}" if interrupt.args else "stopped from the keyboard"
 
 
 def stop(device: Device) -> None:

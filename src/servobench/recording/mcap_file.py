@@ -12,6 +12,7 @@ from typing import BinaryIO
 
 from servobench.errors import StorageError, UsageError
 from servobench.recording import mcap
+from servobench.recording.lease import hold, is_held
 
 PART = ".part"
 MOST_NUMBERS = 65535  # schemas and channels are numbered in two bytes, from 1
@@ -21,8 +22,8 @@ SYNC_INTERVAL = 1.0  # s; what a power cut may cost
 class McapFile:
     """Writes MCAP records to `path` with `.part` behind its name; closing it gives the file its own name.
 
-    Each record belongs to the system once its call returns, and so outlives this process. About once a second, by the
-    clock `now` [s], the file is put on the disk itself, and so outlives a power cut.
+    The part is locked (lease.py) as long as it is open. Each record belongs to the system once its call returns, and so outlives
+    this process. About once a second, by the clock `now` [s], the file is put on the disk itself, and so outlives a power cut.
 
     Raises `UsageError` where there is a part already, and `StorageError`, with the part kept, where nothing more can be written.
     Nothing is closed then: a disk that fails may let closing wait, and somebody may have a motor to stop first. `abandon` closes.
@@ -46,6 +47,7 @@ class McapFile:
         self._span: tuple[int, int] | None = None
         self._failure = ""
         self._file = _new_file(self.part)
+        hold(self._file)  # where there are no locks, nobody can be told that the file is being written
         try:
             self._put(mcap.MAGIC + mcap.header(library))
         except StorageError:
@@ -176,11 +178,18 @@ def _part_of(path: Path) -> Path:
     return path.with_name(path.name + PART)
 
 
+def being_written(part: Path) -> str:
+    """Return the sentence that a part belongs to a run that goes on, and what to do."""
+    return f"{part} is being written by a run that goes on: wait for its end, or stop it with Ctrl-C, or give another name"
+
+
 def _new_file(part: Path) -> BinaryIO:
     """A part that wasn't there before."""
     try:
         return open(part, "xb")
     except FileExistsError:
+        if is_held(part):
+            raise UsageError(being_written(part)) from None
         raise UsageError(
             f"{part} is there already, the unfinished recording of an earlier run: "
             f"recover what it holds (servobench recover), or remove it"

@@ -7,7 +7,8 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from servobench.errors import StorageError, UsageError
-from servobench.recording.mcap_file import PART
+from servobench.recording.lease import is_held
+from servobench.recording.mcap_file import PART, being_written
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording
 from servobench.recording.writer import save
@@ -31,12 +32,14 @@ def make_whole(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     """Write what can be read of the part that became of the native file `path` to `path` itself, and return it.
 
     The part is removed once the whole file is there and was read back. Raises what `recover` does, and `UsageError` where there
-    is no part, or a file called `path` as well, which may hold more than the part.
+    is no part, or one that is still being written, or a file called `path` as well, which may hold more than the part.
     """
     whole = Path(path)
     part = whole.with_name(f"{whole.name}{PART}")
     if not part.exists():
         raise UsageError(f"there is no unfinished recording {part}: nothing is to be recovered")
+    if is_held(part):
+        raise UsageError(being_written(part))
     if whole.exists():
         raise UsageError(
             f"{whole} is there as well as {part.name}: look at both (servobench inspect), and remove or rename the one that "

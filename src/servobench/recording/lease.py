@@ -1,0 +1,63 @@
+"""A lock that says "somebody is writing this file now"; the system lets go of it where its process ends, however that ends."""
+
+from __future__ import annotations
+
+import errno
+import os
+import sys
+from pathlib import Path
+from typing import BinaryIO
+
+_TAKEN = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK}
+# On Windows a locked byte can't be read by anybody else, so it is one that a recording of hours doesn't have; its runtime takes
+# no place behind 2 GiB.
+_BEYOND = (1 << 31) - 2
+
+
+def hold(file: BinaryIO) -> bool:
+    """Lock a file that is open for writing until it is closed; return whether that is possible where it is."""
+    return _locked(file, shared=False) is not False
+
+
+def is_held(path: str | os.PathLike[str]) -> bool:
+    """Return whether a process that lives holds the file; False where there is none, or locks aren't known where it is."""
+    try:
+        # Windows and network drives lock only what may be written.
+        with Path(path).open("r+b") as file:
+            return _locked(file, shared=True) is False
+    except OSError:
+        return False
+
+
+def _locked(file: BinaryIO, *, shared: bool) -> bool | None:
+    """Take the lock without waiting for it: True, False where somebody else has it, None where there are no locks."""
+    try:
+        if sys.platform == "win32":
+            _lock_on_windows(file)
+        else:
+            _lock_on_posix(file, shared=shared)
+    except ImportError:
+        return None
+    except OSError as error:
+        return False if error.errno in _TAKEN else None
+    return True
+
+
+if sys.platform == "win32":
+
+    def _lock_on_windows(file: BinaryIO) -> None:
+        import msvcrt
+
+        place = file.tell()
+        try:
+            file.seek(_BEYOND)
+            msvcrt.locking(file.fileno(), msvcrt.LK_NBLCK, 1)
+        finally:
+            file.seek(place)
+
+else:
+
+    def _lock_on_posix(file: BinaryIO, *, shared: bool) -> None:
+        import fcntl
+
+        fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)
