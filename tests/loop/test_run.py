@@ -1,17 +1,21 @@
 """A run: what is recorded, and that the motor is stopped and the file closed however it ends."""
 
 import errno
+import math
 import threading
 import tracemalloc
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
+from servobench.channels import Sample
 from servobench.clock import HostClock, VirtualClock
 from servobench.devices.base import RunEnded
+from servobench.devices.guarded import Guarded
 from servobench.devices.twin import Twin
 from servobench.errors import DeviceError, DeviceLost, StorageError, UsageError
 from servobench.experiment import Experiment, Limits
@@ -347,6 +351,36 @@ def test_a_device_in_real_time_is_not_run_by_a_virtual_clock(timing: Any) -> Non
     with pytest.raises(UsageError, match=f"runs by {timing} time"):
         run(experiment(), device, clock=VirtualClock())
     assert device.events == []
+
+
+def test_a_fault_has_the_time_of_the_recording_whatever_the_device_s_clock_says() -> None:
+    class Late(Shaft):
+        """Its own clock has run for an hour, and starts again on the way, as after a restart."""
+
+        def read(self) -> Sample:
+            sample = super().read()
+            return replace(sample, time=sample.time + 3600 if sample.index < 40 else 0.0)
+
+    seconds = [0.0]
+
+    def sleep(duration: float) -> None:
+        seconds[0] += duration
+
+    def now() -> float:
+        seconds[0] += 1e-6
+        return seconds[0]
+
+    device = Guarded(Late(timing="host"), now=lambda: seconds[0])
+    clock = HostClock(now=now, sleep=sleep)
+    asked = odd(controller=Controller(lambda k: math.nan if k == 50 else 1.0))
+    recording = run(asked, device, clock=clock)
+
+    (fault,) = device.faults
+    t = recording["counts"].t
+    assert t is not None
+    assert recording.stopped.reason == "fault"
+    assert fault.time == pytest.approx(t[-1], abs=1e-4)  # some looks at a clock that goes on by 1 µs at each
+    assert f"stopped at {fault.time:.4g} s" in recording.stopped.sentence
 
 
 def test_the_voltage_before_the_first_sample_is_the_start_value_only_where_it_held_for_a_tick() -> None:

@@ -137,6 +137,10 @@ class Guarded:
         if self._drives and self._timing != "virtual":
             self._watcher = Watcher(self.look)
 
+    def timed_by(self, elapsed: Callable[[], float]) -> None:
+        """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""
+        self._elapsed = elapsed
+
     def read(self) -> Sample:
         """Latch the inputs and look at them; a fault is put out before it is told. Raises `RunEnded` with "end"."""
         if self._fault is not None and self._ends:
@@ -288,6 +292,7 @@ class Guarded:
         self._writes = self._limited = 0
         self._saturated = False
         self._start_voltage = 0.0
+        self._elapsed: Callable[[], float] | None = None
         self._faults: list[Fault] = []
         self._watch_afresh()
 
@@ -333,7 +338,7 @@ class Guarded:
         """Keep a fault, unless there is one already: the first is the cause."""
         if self._fault is None:
             self._fault_light = light or self.limits.fault_light
-            self._fault = Fault.of(alarm, self._motion.time)
+            self._fault = Fault.of(alarm, self._motion.time if self._elapsed is None else self._elapsed())
             self._faults.append(self._fault)
 
     def _end(self) -> NoReturn:

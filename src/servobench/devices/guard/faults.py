@@ -18,7 +18,7 @@ _DOUBTFUL = (
 
 @dataclass(frozen=True, kw_only=True)
 class Fault:
-    """Why a motor was stopped: a stable code, what happened as a sentence, and the device's time of it [s]."""
+    """Why a motor was stopped: a stable code, what happened as a sentence, and the run's time of it [s]."""
 
     code: str
     sentence: str
