@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from servobench.devices.faults.base import FAULTS
+from servobench.devices.faults.base import FAULTS, table_of
+from servobench.errors import UsageError
 from servobench.experiment import load_experiment, read_experiment
 from servobench.recording.reader import read
 from tests.cli.conftest import Command
@@ -128,3 +129,31 @@ def test_a_fault_that_can_not_be_had_is_refused_before_anything_moves(
 @pytest.mark.promise("S39")
 def test_without_faults_a_file_says_nothing_of_them() -> None:
     assert "faults" not in read_experiment(SHORT).to_toml()
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("", "the fault '' can't be read (it is empty)"),
+        ("lost 'from", "(a quotation mark isn't closed)"),
+        ("lost from=1s", "the fault 'lost from=1s': would lose every sample"),
+        ("lost probability=2", "probability: expected less than or equal to 1"),
+    ],
+)
+def test_a_fault_that_can_not_be_read_is_told_in_our_words(text: str, said: str) -> None:
+    with pytest.raises(UsageError) as caught:
+        table_of(text)
+    assert said in str(caught.value)
+    assert "Input should" not in str(caught.value)
+
+
+def test_a_data_sheet_that_there_is_not_is_told_with_its_line(servobench: Command, tmp_path: Path) -> None:
+    file = tmp_path / "short.toml"
+    file.write_text(SHORT + '[limits.plausibility]\nmotor = "cube"\n')
+
+    ended = servobench("run", file, "--out", tmp_path / "run")
+
+    assert ended.status == 2
+    line = file.read_text().splitlines().index('motor = "cube"') + 1
+    assert f"short.toml:{line}: limits.plausibility.motor: no " in ended.err
+    assert not (tmp_path / "run").exists()

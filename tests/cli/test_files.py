@@ -169,6 +169,25 @@ def test_recover_makes_the_folder_of_a_killed_run_whole(
 
 
 @pytest.mark.promise("S28")
+def test_recover_adds_what_a_killed_command_left_out_where_the_recorder_outlived_it(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    whole = (finished_run / "recording.mcap").read_bytes()
+    (tmp_path / "recording.mcap").write_bytes(whole)
+
+    ended = servobench("recover", tmp_path)
+
+    assert (ended.status, ended.err) == (0, "")
+    assert "ended: ran for 10 s, as asked" in ended.out
+    assert {file.name for file in tmp_path.iterdir()} == {"experiment.toml", "recording.mcap", "data.csv"}
+    assert (tmp_path / "recording.mcap").read_bytes() == whole
+    (expected,) = sb.load(finished_run / "data.csv")
+    (made,) = sb.load(tmp_path / "data.csv")
+    assert made.series == expected.series
+    assert "is whole already" in servobench("recover", tmp_path).err
+
+
+@pytest.mark.promise("S28")
 def test_recover_never_replaces_a_recording_in_a_folder(
     servobench: Command, finished_run: Path, killed_run: Path
 ) -> None:

@@ -1,6 +1,7 @@
 """Row 9: an encoder that is stuck or unplugged at speed. No quadrature error tells it; a motor's motion does."""
 
 import math
+import re
 from itertools import product
 
 import numpy as np
@@ -138,3 +139,20 @@ def test_an_hour_of_motors_within_20_percent_raises_no_alarm() -> None:
                 assert guarded.findings() == ()
                 simulated += ticks * 0.005
     assert simulated >= 3600
+
+
+@pytest.mark.promise("S8")
+def test_the_sentence_tells_how_long_the_voltage_turned_the_motor_and_not_how_long_a_smaller_one_did() -> (
+    None
+):
+    with Stuck(0.3) as motor:
+        guarded = drive(motor, lambda t: 1.0 if t < 0.55 else 3.0, duration=1.0)
+
+    assert guarded.fault is not None
+    found = re.search(
+        r"stood still for (\d+) ms, of which the last ([\d.]+) ms under 2 V or more \(3 V",
+        guarded.fault.sentence,
+    )
+    assert found, guarded.fault.sentence
+    # Two counts of leeway at 1 V are passed in a sample or two; the voltage rose 250 ms after the encoder stuck.
+    assert float(found[1]) - float(found[2]) == pytest.approx(250, abs=4)

@@ -20,6 +20,7 @@ from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.live import run_live
 from servobench.loop.messages import Command, Notice, Order
 from servobench.loop.process import LoopProcess
+from servobench.loop.run import run
 from servobench.loop.spec import LoopSpec
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording
@@ -221,9 +222,26 @@ def test_a_command_that_says_nothing_useful_is_refused_with_the_reason() -> None
         ('{"number": 1, "signal": {"type": "constant", "value": NaN}}', "NaN is no number"),
         ('{"number": 1, "signal": {"type": "constant", "value": 1e999}}', "value"),
         ("[" * 100_000, "no command"),
+        ("no command", "it is no JSON \\(at character 1\\); expected an object with number"),
+        ("[1]", "it is no object; expected one with number"),
     ]:
         with pytest.raises(UsageError, match=reason):
             Order.parse(text)
+
+
+def test_what_is_no_experiment_or_no_device_is_told() -> None:
+    with pytest.raises(UsageError, match="3 is no experiment; expected an Experiment"):
+        LoopProcess(3)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="3 is no experiment; expected an Experiment"):
+        run(3, 4)  # type: ignore[arg-type]
+    with pytest.raises(UsageError, match="'twin' is no device; expected one"):
+        run(asked(), "twin")  # type: ignore[arg-type]
+
+
+def test_two_runs_into_one_file_the_second_says_why_it_could_not_begin(tmp_path: Path) -> None:
+    (tmp_path / "a.mcap.part").write_bytes(b"")
+    with pytest.raises(UsageError, match=r"a\.mcap\.part is there already.*; nothing was moved"):
+        run_live(asked(), to=tmp_path / "a.mcap")
 
 
 def test_a_command_and_a_spec_come_through_as_they_were() -> None:

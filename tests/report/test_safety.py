@@ -49,7 +49,7 @@ def test_what_was_reached_is_told() -> None:
     rows = {heading: reached for heading, _, reached in guarded_by(recorded(8.0, strict, coulomb_torque=1.0))}
 
     assert rows["Voltage"] == rows["Slew"] == "at 250 samples"
-    assert rows["Stall"].startswith("The shaft stood still under more than 5 V, for up to 0.5 s")
+    assert rows["Stall"].startswith("The shaft was slower than 1 rad/s under more than 5 V, for up to 0.5 s")
     assert rows["Watchdog"] == "never"
 
 

@@ -75,7 +75,7 @@ def identify(
     from servobench.cli.known import known_values
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import evidence, loaded, mapped, mapping_in, seconds
-    from servobench.cli.terminal import messages, output
+    from servobench.cli.terminal import messages, output, say
     from servobench.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
@@ -109,10 +109,14 @@ def identify(
                 others=others,
                 known=stated,
             )
+    console = messages() if as_json else output()
+    for each in fitted:
+        if each.recording.stopped.reason not in ("finished", "unknown"):
+            say(console, f"{each.recording.name} ended: {each.recording.stopped.sentence}")
     deliver(
         result,
         [each.recording for each in fitted],
-        console=messages() if as_json else output(),
+        console=console,
         as_json=as_json,
         report=report,
         command=context.obj or "",

@@ -30,6 +30,9 @@ def recover(
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
     console = output()
     say(console, f"{target}: {counted(len(recordings), 'recording')}, {counted(samples, 'sample')}")
+    for each in recordings:
+        if each.stopped.reason != "unknown":
+            say(console, f"ended: {each.stopped.sentence}")
     show_findings(console, (finding for each in recordings for finding in each.findings))
 
 

@@ -173,10 +173,15 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     from servobench.devices.faulty import Faulty
     from servobench.errors import UnknownName, UsageError
     from servobench.experiment import explain
+    from servobench.motor.parameters import data_sheet
 
     kind = DEVICES[asked.device.name]
-    part: tuple[str | int, ...] = ("device", "settings")
+    held_against = asked.limits.plausibility.motor if asked.limits.plausibility else ""
+    part: tuple[str | int, ...] = ("limits", "plausibility", "motor")
     try:
+        if held_against:
+            data_sheet(held_against)
+        part = ("device", "settings")
         device = kind(kind.Settings(**asked.device.settings))
         faults = []
         for place, table in enumerate(asked.device.faults):

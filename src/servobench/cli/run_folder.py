@@ -95,6 +95,7 @@ class RunFolder:
     def make_whole(self) -> Recording:
         """Make a whole folder of what a killed run left: the recording as far as it is right, its table and the experiment.
 
+        Where the recorder outlived the command the recording is whole, and the rest is made from it.
         Returns the recording, which says that it was cut short. Raises `UsageError` where the folder holds no unfinished
         recording, `FormatError` where nothing in it can be read, and `StorageError` where the folder can't be written.
         """
@@ -106,19 +107,21 @@ class RunFolder:
 
         if is_held(self.part):
             raise UsageError(being_written(self.part))
-        if not self.part.exists():
+        unfinished = self.part.exists()
+        if not unfinished and (self.data.exists() or not self.recording.exists()):
             state = "is whole already" if self.recording.exists() else "is no folder of a run"
             raise UsageError(
                 f"{self.path} holds no {self.part.name}, so it {state}: nothing is to be recovered"
             )
-        recording = read(self.part)[-1]
+        recording = read(self.part if unfinished else self.recording)[-1]
         save(recording, self.data)
         try:
             if not self.experiment.exists():
                 self._write_experiment(recording.experiment)
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
-        make_whole(self.recording)  # last, as the part marks the folder until everything is there
+        if unfinished:
+            make_whole(self.recording)  # last, as the part marks the folder until everything is there
         return recording
 
     def _write_experiment(self, experiment: str) -> None:

@@ -61,6 +61,7 @@ class Guarded:
     _limited: int
     _fresh: bool
     _start_voltage: float
+    _elapsed: Callable[[], float] | None
     _index: int
     _driven_light: Light
     _fault_light: Light
@@ -292,7 +293,7 @@ class Guarded:
         self._writes = self._limited = 0
         self._saturated = False
         self._start_voltage = 0.0
-        self._elapsed: Callable[[], float] | None = None
+        self._elapsed = None
         self._faults: list[Fault] = []
         self._watch_afresh()
 

@@ -75,7 +75,9 @@ class Answer:
             found = document.get("schema") if isinstance(document, dict) else type(document).__name__
             raise FormatError(f"{name} is no result: expected the schema {SCHEMA!r}, found {found!r}")
         if document.get("verdict") == "refused" or document.get("transfer_function") is None:
-            raise NotIdentifiable(f"{name} is refused, so nothing is exported. {_reasons(document)}")
+            raise NotIdentifiable(
+                f"{name} is refused, so there is no model to go on with. {_reasons(document)}"
+            )
         try:
             return cls._of(document)
         except (KeyError, TypeError, ValueError, AttributeError) as error:

@@ -152,6 +152,10 @@ def _no_number(text: str) -> float:
 
 def _reason(error: Exception) -> str:
     """One line about it."""
+    if isinstance(error, json.JSONDecodeError):
+        return f"it is no JSON (at character {error.pos + 1}); expected an object with number, and what is to change"
+    if isinstance(error, AttributeError | TypeError):
+        return "it is no object; expected one with number, and what is to change"
     if isinstance(error, ValidationError):
         return "; ".join(
             f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"

@@ -69,6 +69,10 @@ class LoopProcess:
         real_time: bool = True,
         cpu: int | None = None,
     ) -> None:
+        if not isinstance(experiment, Experiment):
+            raise UsageError(
+                f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
+            )
         self.experiment = experiment
         self._path = None if record is None else Path(record)
         self._rules: dict[str, Any] = {

@@ -74,6 +74,7 @@ def run(
     recording so far, where the device fails on the way; `StorageError` where nothing more can be written, what was written being
     kept; `UsageError` before anything moves. Any other error passes through, after the file is closed.
     """
+    _check(experiment, device)
     if experiment.duration is None and to is None:
         raise UsageError(
             "an endless experiment is recorded to a file, as no memory is large enough: give `to`"
@@ -123,6 +124,18 @@ def run(
     if error is not None:
         raise error
     return recording
+
+
+def _check(experiment: object, device: object) -> None:
+    """Raise `UsageError` where a run is asked for with something else than an experiment and a device."""
+    if not isinstance(experiment, Experiment):
+        raise UsageError(
+            f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
+        )
+    if not isinstance(device, Device):
+        raise UsageError(
+            f"{device!r} is no device; expected one, such as connect('twin') in a with statement"
+        )
 
 
 def _carry_out(

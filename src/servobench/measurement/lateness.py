@@ -10,7 +10,7 @@ from servobench.channels import Array
 from servobench.errors import ExperimentError
 from servobench.experiment import Experiment, read_experiment
 from servobench.recording.recording import Recording
-from servobench.rounding import plain
+from servobench.rounding import counted, plain
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -42,7 +42,8 @@ class Lateness:
         p50, p99, p999, largest = (plain(1e6 * x, 3) for x in (self.p50, self.p99, self.p999, self.largest))
         return (
             f"samples came {p50} µs after their time in the median, {p99} µs in one of a hundred, {p999} µs in one of a "
-            f"thousand, {largest} µs at most; {self.late} of {self.samples} were late, and {self.missed} ticks missed"
+            f"thousand, {largest} µs at most; {self.late} of {self.samples} were late, and "
+            f"{counted(self.missed, 'tick')} missed"
         )
 
 

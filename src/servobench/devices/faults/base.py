@@ -183,9 +183,10 @@ def table_of(text: str) -> dict[str, Any]:
     """
     try:
         name, *settings = shlex.split(text)
-    except ValueError as error:
+    except ValueError:
+        why = "a quotation mark isn't closed" if text.strip() else "it is empty"
         raise UsageError(
-            f"the fault {text!r} can't be read ({error}); expected a name and settings: stuck_channel from=2s for=100ms"
+            f"the fault {text!r} can't be read ({why}); expected a name and settings: stuck_channel from=2s for=100ms"
         ) from None
     table: dict[str, Any] = {"name": name}
     for setting in settings:
@@ -199,11 +200,19 @@ def table_of(text: str) -> dict[str, Any]:
         fault_from(table)
     except ValidationError as error:
         problems = [
-            f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
+            ": ".join((*filter(None, [".".join(map(str, each["loc"]))]), _in_words(each["msg"])))
             for each in error.errors()
         ]
         raise UsageError(f"the fault {text!r}: {'; '.join(problems)}") from None
     return table
+
+
+def _in_words(problem: str) -> str:
+    """A problem as pydantic tells it, in the manner of all other sentences."""
+    told = problem.removeprefix("Value error, ")
+    return (
+        f"expected {told.removeprefix('Input should be ')}" if told.startswith("Input should be ") else told
+    )
 
 
 def text_of(fault: Fault) -> str:

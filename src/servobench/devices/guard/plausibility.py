@@ -108,8 +108,10 @@ class PlausibilityMonitor:
         return not self._blocked and (was_at_speed or self._drove)
 
     def _alarm(self, motion: Motion) -> Alarm:
+        stood = min(self._standing, self._pushed)
         return Alarm(
             "encoder-stands-still",
-            f"the encoder stood still for {1000 * self._standing:.3g} ms under {motion.applied:.3g} V, at which the motor turns "
-            f"(within {1000 * self._patience:.2g} ms); look at its cable, and whether something blocked the shaft all at once",
+            f"the encoder stood still for {1000 * self._standing:.3g} ms, of which the last {1000 * stood:.3g} ms under "
+            f"{self._voltage:g} V or more ({motion.applied:.3g} V at the end), where the motor turns within "
+            f"{1000 * self._patience:.2g} ms; look at its cable, and whether something blocked the shaft all at once",
         )

@@ -20,9 +20,10 @@ class StallMonitor:
     heading: ClassVar[str] = "Stall"
     codes: ClassVar[tuple[str, ...]] = ("stalled",)
 
-    def __init__(self, limits: StallLimits, motion_threshold: float) -> None:
+    def __init__(self, limits: StallLimits, motion_threshold: float, *, by_speed: bool = True) -> None:
         self._limits = limits
         self._control, self._motion = limits.voltage, motion_threshold
+        self._slow = f"was slower than {limits.motion:g} rad/s" if by_speed else "stood still"
         self.time_stalled = 0.0
         self.longest = 0.0
         """The longest time stalled in this run [s]."""
@@ -34,7 +35,7 @@ class StallMonitor:
         limits = rig.limits.stall
         if limits is None or not rig.in_volts:
             return None
-        return cls(limits, limits.motion if rig.angle else 1.0)
+        return cls(limits, limits.motion if rig.angle else 1.0, by_speed=rig.angle is not None)
 
     @property
     def limit(self) -> str:
@@ -61,7 +62,7 @@ class StallMonitor:
         return (
             warning(
                 "stalled",
-                f"The shaft stood still under more than {self._control:g} V, for up to {self.longest:.3g} s: look for what "
+                f"The shaft {self._slow} under more than {self._control:g} V, for up to {self.longest:.3g} s: look for what "
                 "held it.",
             ),
         )
@@ -75,6 +76,6 @@ class StallMonitor:
             return None
         return Alarm(
             "stalled",
-            f"the shaft stood still under {motion.applied:.3g} V for {self.time_stalled:.3g} s (limits: more than "
+            f"the shaft {self._slow} under {motion.applied:.3g} V for {self.time_stalled:.3g} s (limits: more than "
             f"{self._control:g} V, {self._limits.duration:g} s); look for what holds it",
         )
