@@ -10,6 +10,7 @@ import numpy as np
 
 from servobench._version import __version__
 from servobench.doubts.base import about_data, about_fit
+from servobench.doubts.host_delay import with_what_the_computer_hides
 from servobench.doubts.lag_not_split import with_what_the_lag_tells
 from servobench.doubts.single_level import with_what_one_level_tells
 from servobench.errors import NotIdentifiable, UsageError
@@ -114,7 +115,7 @@ def _judged(
     choice = chosen(method, records, structure, estimator, allow)
     fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
     fit = with_what_records_tell(with_what_one_level_tells(fit), method, allow)
-    fit = with_what_the_lag_tells(fit)
+    fit = with_what_the_lag_tells(with_what_the_computer_hides(fit))
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,

@@ -213,7 +213,7 @@ class _Run:
         self.times = np.union1d(data.t_input, data.t_output)
         held = np.searchsorted(data.t_input, self.times, side="right") - 1
         self.u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
-        self.plain = replace(data, t_input=self.times, u=self.u, reference=None, written=None)
+        self.plain = replace(data, t_input=self.times, u=self.u, reference=None)
         self.without = fit.model.structure.predict(self.theta, self.plain).y
         self.motion = self._motion()
 

@@ -106,7 +106,8 @@ def motion(data: Dataset) -> Motion | None:
     found = Motion(
         data=data,
         t=t,
-        u=input_at(data, t),
+        # Held for most of the step: a voltage that came a little after its sample acts for all but that little.
+        u=input_at(data, t + 0.5 * step),
         sense=directions(data)[nearest],
         y=y,
         step=step,

@@ -28,8 +28,9 @@ def opening(
     """Return the recording of a run without its samples: a series for each column of its rows, after the time.
 
     A run with a controller, and one that takes commands meanwhile (`commanded_live`), has the reference [V, rad or rad/s] too;
-    the latter also the number of the last command in force. One by the host's clock (`timing`) notes when the device had taken
-    each voltage [s].
+    the latter also the number of the last command in force. One by the host's clock (`timing`) notes when the device was given
+    each voltage and when it had taken it [s]; and, in the device's own count, when one that keeps the host's time latched each
+    sample [s].
     """
     voltage = device.channel("voltage") or Channel(name="voltage", unit="V")
     controlled = not isinstance(experiment.controller, OpenLoop)
@@ -43,7 +44,9 @@ def opening(
         _flag("saturated"),
     ]
     if timing == "host":
-        channels.append(Channel(name="written", unit="s"))
+        channels += [Channel(name="handed", unit="s"), Channel(name="written", unit="s")]
+        if device.timing == "host":
+            channels.append(Channel(name="latched", unit="s"))
     if controlled or commanded_live:
         channels.append(Channel(name="reference", unit=experiment.controller.reference_unit))
     if commanded_live:
@@ -84,6 +87,7 @@ class RowMaker:
     def __init__(self, channels: tuple[str, ...]) -> None:
         self._sensors = tuple(name for name in ("tachometer", "current") if name in channels)
         self._written = "written" in channels
+        self._latched = "latched" in channels
         self._reference = "reference" in channels
         self._command = "command" in channels
 
@@ -96,7 +100,9 @@ class RowMaker:
             row += (math.nan if value is None else value,)
         row += (tick.scheduled, tick.late, place.saturated)
         if self._written:
-            row += (place.written,)
+            row += (place.handed, place.written)
+        if self._latched:
+            row += (sample.time,)
         if self._reference:
             row += (place.reference,)
         if self._command:

@@ -12,8 +12,8 @@ from servobench.clock import Tick
 class Place:
     """A tick that is done: what the controller followed, what it commanded and what the device put out then.
 
-    `saturated` says that the two differ, as a limit stood in between. `written` is when the device had taken the voltage, in the
-    clock's own count [s], or NaN. `command` is the number of the last command in force.
+    `saturated` says that the two differ, as a limit stood in between. `handed` and `written` are when the device was given the
+    voltage and when it had taken it, in the clock's own count [s], or NaN. `command` is the number of the last command in force.
     """
 
     tick: Tick
@@ -21,5 +21,6 @@ class Place:
     commanded: float
     applied: float
     saturated: bool
+    handed: float = math.nan
     written: float = math.nan
     command: int = 0

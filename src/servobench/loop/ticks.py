@@ -157,6 +157,7 @@ def let_pass(
             break
         reference, commanded = drive.voltage(tick)
         finite = math.isfinite(reference) and math.isfinite(commanded)
+        handed = clock.elapsed()
         applied = device.write(commanded if finite else 0.0)
         place = Place(
             tick=tick,
@@ -164,6 +165,7 @@ def let_pass(
             commanded=commanded if math.isfinite(reference) else reference,
             applied=applied,
             saturated=device.saturated or not finite,
+            handed=handed,
             written=clock.elapsed(),
             command=drive.command,
         )

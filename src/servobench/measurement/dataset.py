@@ -26,9 +26,10 @@ class Dataset:
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
     `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
+    `hidden_delay` is the longest time [s] by which a voltage may have acted before t_input, or a sample been latched after
+    t_output, on average; 0 where nothing says so.
     `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
     `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
-    `written` (N,) is when each value of the input had been handed to the device [s], after t_input; None where nobody noted it.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
     """
@@ -47,9 +48,9 @@ class Dataset:
     declared: Chain = field(default_factory=Chain)
     applied: Chain = field(default_factory=Chain)
     delay: float = 0.0
+    hidden_delay: float = 0.0
     reference: Array | None = None
     current: Array | None = None
-    written: Array | None = None
     chain_known: bool = False
     findings: tuple[Finding, ...] = ()
 
@@ -74,11 +75,6 @@ class Dataset:
             raise UsageError(
                 f"{self.name}: the reference has shape {r.shape}, the input {self.u.shape}; expected a finite value of the "
                 "reference for each value of the input"
-            )
-        if self.written is not None and self.written.shape != self.u.shape:
-            raise UsageError(
-                f"{self.name}: the times of writing have shape {self.written.shape}, the input {self.u.shape}; expected one for "
-                "each value of the input"
             )
         i = self.current
         if i is not None and (i.shape != self.y.shape or np.isinf(i).any()):
@@ -181,9 +177,9 @@ class Dataset:
             declared=self.declared if keep_out[0] else self.chain,
             applied=self.applied if keep_out[0] else Chain(),
             delay=self.delay,
+            hidden_delay=self.hidden_delay,
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
             current=None if self.current is None else self.current[keep_out],
-            written=self.written[keep_in] if self.written is not None and keep_in.any() else None,
             chain_known=self.chain_known,
         )
 

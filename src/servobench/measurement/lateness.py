@@ -116,16 +116,51 @@ def _off_the_line(t: Array, scheduled: Array) -> Array:
 def written(recording: Recording, t: Array) -> Array | None:
     """Return when the device had taken the inputs of times t (N,) [s]; None where a recording doesn't have it of all of them.
 
-    A loop that notes it has a channel `written` [s], in the count of the samples' times.
+    A loop that notes it has a channel `written` [s], in the count of the samples' times. Of a device in virtual time it says
+    nothing: there a voltage acts at its sample, however long the computer took.
     """
-    if "written" not in recording:
+    values = _noted("written", recording, t)
+    usable = values is not None and bool(np.all(values >= t)) and bool(np.all(np.diff(values) > 0))
+    return values if usable else None
+
+
+def latched(recording: Recording, t: Array) -> Array | None:
+    """Return when the device latched the samples of times t (M,) [s], which is when the loop asked for them or later.
+
+    A device that keeps the host's time says it in a channel `latched` [s], in a count that began at another time. A sample can't
+    be
+    latched before it's asked for, so the smallest distance of the two counts is taken for their difference: what is left
+    unknown is the shortest time that an asking took. Where some sample would then have been latched after the voltage
+    that answers to it, or the times don't increase, the device's count is no such clock: None, as where there is none.
+    """
+    device, done = _noted("latched", recording, t), written(recording, t)
+    if device is None or done is None or not len(t):
         return None
-    series = recording["written"]
+    values = device - float(np.min(device - t))
+    usable = bool(np.all(values < done)) and bool(np.all(np.diff(values) > 0))
+    return values if usable else None
+
+
+def hidden_delay(recording: Recording, t: Array) -> float:
+    """Return by how much a delay may be too short because nobody knows when within a call the device did it [s], on average.
+
+    With the times t (N,) [s] of the samples: as long as it took to write, where the loop noted when it handed each voltage over
+    and the device when it latched, or else from sample to voltage. 0 where a recording has no times of writing.
+    """
+    done = written(recording, t)
+    if done is None:
+        return 0.0
+    handed = _noted("handed", recording, t)
+    return float(np.median(done - (t if handed is None or latched(recording, t) is None else handed)))
+
+
+def _noted(name: str, recording: Recording, t: Array) -> Array | None:
+    """The values of a channel at the times t (N,), all finite; None where it hasn't got them, or time was virtual."""
+    if name not in recording or (recording.info is not None and recording.info.timing == "virtual"):
+        return None
+    series = recording[name]
     if series.t is None or not len(series.t):
         return None
     at = np.minimum(np.searchsorted(series.t, t), len(series.t) - 1)
     values = series.values[at]
-    usable = (
-        np.array_equal(series.t[at], t) and bool(np.all(values >= t)) and bool(np.all(np.diff(values) > 0))
-    )
-    return values if usable else None
+    return values if np.array_equal(series.t[at], t) and bool(np.isfinite(values).all()) else None

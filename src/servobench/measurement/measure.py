@@ -17,7 +17,7 @@ from servobench.measurement.base import Chain, Kind, Stage
 from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.grid import grid_step
-from servobench.measurement.lateness import written
+from servobench.measurement.lateness import hidden_delay, latched, written
 from servobench.measurement.refreshed import refreshed
 from servobench.measurement.scale import Scale
 from servobench.measurement.tachometer import Tachometer
@@ -38,6 +38,8 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
 
     Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
     A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
+    Where the loop noted when the device had taken each voltage (the channel `written`), that is when the input begins to hold,
+    and the output's times are those at which the device says that it latched (`latched`).
     A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
     Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
     What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
@@ -52,11 +54,15 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     read, read_findings = refreshed(*finite_column(recording, output_series, "output"))
     kind = _shaft_kind(recording, read)
     _check_chains(recording, read, kind, declared, applied)
+    asked_for, told_by_device = read.t, latched(recording, read.t)
+    if told_by_device is not None:
+        read = replace(read, t=told_by_device)
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
-    current, told = armature_current(recording, finished.t)
+    current, told = armature_current(recording, np.interp(finished.t, read.t, asked_for))
+    taken = written(recording, driven.t)
     return Dataset(
         name=recording.name,
-        t_input=driven.t,
+        t_input=driven.t if taken is None else taken,
         u=driven.in_si().x,
         input_unit=driven.in_si().unit,
         input_before=_input_before(recording, driven),
@@ -69,8 +75,8 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         declared=_without_conversions(declared),
         applied=_without_conversions(applied),
         delay=recording.info.delay if recording.info else 0.0,
+        hidden_delay=hidden_delay(recording, driven.t),
         current=current,
-        written=written(recording, driven.t),
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
         reference=_reference(recording, driven.t),
         chain_known=bool(recording.chain.strip()) or bool(applied),

@@ -290,7 +290,6 @@ class _Chained:
                 input_before=float(sense[0]),
                 delay=-delay,
                 reference=None,
-                written=None,
             )
             shared.append(unit.predict(theta, sensed).jacobian[:, 0])
         rows = _rows(np.flatnonzero(plain.valid))

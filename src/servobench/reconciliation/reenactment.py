@@ -70,7 +70,9 @@ def arx(data: Sequence[Dataset]) -> tuple[float, float]:
     """
     rows, goals = [], []
     for record in data:
-        held = record.u[np.maximum(np.searchsorted(record.t_input, record.t_output, side="right") - 1, 0)]
+        # That which holds for most of the step to come: what stands beside the sample in the file.
+        middle = record.t_output + 0.5 * record.sample_time
+        held = record.u[np.maximum(np.searchsorted(record.t_input, middle, side="right") - 1, 0)]
         ok = record.valid[:-1]
         rows.append(np.column_stack([record.y[:-1], held[:-1], np.ones(len(record.y) - 1)])[ok])
         goals.append(record.y[1:][ok])
@@ -188,7 +190,6 @@ def _steps_of(fit: Fit, like: Dataset) -> Dataset:
         declared=Chain(),
         applied=like.chain,
         reference=None,
-        written=None,
         findings=(),
     )
     own = np.zeros(len(fit.model.structure.nuisance(drawn)))

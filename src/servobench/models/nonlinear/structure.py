@@ -277,5 +277,4 @@ def with_input(data: Dataset, times: Array, values: Array) -> Dataset:
         input_before=float(values[0]),
         delay=0.0,
         reference=None,
-        written=None,
     )
