@@ -28,7 +28,8 @@ class Dataset:
     `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
     `hidden_delay` is the longest time [s] by which a voltage may have acted before t_input, or a sample been latched after
     t_output, on average; 0 where nothing says so.
-    `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open.
+    `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open;
+    `reference_unit` is its SI unit, None where nobody knows.
     `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
     Nothing is resampled; times increase but need not be regular.
     Raises `UsageError` where the values don't make a dataset.
@@ -50,6 +51,7 @@ class Dataset:
     delay: float = 0.0
     hidden_delay: float = 0.0
     reference: Array | None = None
+    reference_unit: str | None = None
     current: Array | None = None
     chain_known: bool = False
     findings: tuple[Finding, ...] = ()
@@ -178,6 +180,7 @@ class Dataset:
             applied=self.applied if keep_out[0] else Chain(),
             delay=self.delay,
             hidden_delay=self.hidden_delay,
+            reference_unit=self.reference_unit,
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
             current=None if self.current is None else self.current[keep_out],
             chain_known=self.chain_known,

@@ -79,6 +79,7 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         current=current,
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
         reference=_reference(recording, driven.t),
+        reference_unit=_reference_unit(recording),
         chain_known=bool(recording.chain.strip()) or bool(applied),
     )
 
@@ -100,6 +101,12 @@ def _reference(recording: Recording, t: Array) -> Array | None:
     known, values = series.t[usable][order], series.values[usable][order]
     at = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
     return np.asarray(values[at] * unit_named(series.channel.unit).factor, dtype=np.float64)
+
+
+def _reference_unit(recording: Recording) -> str | None:
+    """The SI unit of what a loop was told to follow."""
+    unit = recording[recording.reference].channel.unit if recording.reference is not None else None
+    return None if unit is None else unit_named(unit).si
 
 
 def _input_before(recording: Recording, column: Column) -> float:
