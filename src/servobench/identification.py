@@ -181,7 +181,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
             unit=estimates[name].unit,
         )
         for name, value in nominal_values(motor).items()
-        if name in estimates
+        if name in estimates and np.isfinite(estimates[name].sd)
     )
 
 

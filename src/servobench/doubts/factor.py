@@ -24,6 +24,7 @@ _CAUSES = {
 _NEAR = (
     0.2  # of the logarithm's unit: gains of one type of motor differ by a tenth, and friction takes its part
 )
+_KNOWN = 0.25  # of its value: a standard deviation beyond that can't tell a factor of 2, the smallest, from 1
 _SAME_MOTOR = 3.0  # the time constants may differ by this factor, and it is still that motor
 
 
@@ -33,6 +34,8 @@ def _about_nominal(fit: Fit, nominal: MotorParameters) -> list[Finding]:
         return []
     expected = nominal_values(nominal)
     gain, tau = fit["gain"], fit["time_constant"]
+    if not gain.sd < _KNOWN * abs(gain.value):
+        return []
     if gain.value == 0 or not abs(math.log(max(tau.value, 1e-9) / expected["time_constant"])) < math.log(
         _SAME_MOTOR
     ):
