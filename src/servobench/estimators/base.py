@@ -9,6 +9,7 @@ from typing import Protocol, runtime_checkable
 import numpy as np
 
 from servobench.channels import Array
+from servobench.errors import NotIdentifiable
 from servobench.estimators.disturbance import Disturbance
 from servobench.finding import Finding, refusal
 from servobench.measurement.dataset import Dataset
@@ -166,6 +167,18 @@ def hindrance(name: str, can: Abilities, structure: Structure, data: Sequence[Da
     return refusal(
         "estimator-unsuited",
         f"{name} can't work on {' or '.join(lacking)}; output_error can (docs/which-estimator.md lists what each one can do).",
+    )
+
+
+def too_few(used: int, unknowns: int, data: Sequence[Dataset]) -> NotIdentifiable:
+    """Return the error that says how many samples count, and of how many, where they are no more than the unknowns."""
+    given = sum(len(record.y) for record in data)
+    if used == given:
+        return NotIdentifiable(f"{used} samples for {unknowns} unknowns: record for longer")
+    return NotIdentifiable(
+        f"{given} samples that count as {used}, for {unknowns} unknowns: samples that follow closely on one another are "
+        "averaged where the motor seems to be moved at random, and those behind a filter that looks back to before the record "
+        "say nothing. Record for longer"
     )
 
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, hindrance, too_few
 from servobench.estimators.instruments.closed_loop import noise_free_inputs
 from servobench.estimators.instruments.noise_colour import autoregression, coloured_power
 from servobench.estimators.least_squares import Layout, Minimum
@@ -206,7 +206,7 @@ def _fitted(equations: Equations, root: tuple[Point, NDArray[np.bool_], Minimum]
     shared = equations.measured.shared
     samples = sum(int(p.valid.sum()) for p in point.predictions)
     if samples <= len(point.theta):
-        raise NotIdentifiable(f"{samples} samples for {len(point.theta)} unknowns: record for longer")
+        raise too_few(samples, len(point.theta), data)
     sd = float(np.sqrt(point.cost / (samples - len(point.theta))))
     records = simulations(structure, data, point.theta)
     residuals = [record.residual[record.valid] for record in records]

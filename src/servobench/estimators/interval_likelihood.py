@@ -21,7 +21,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance, too_few
 from servobench.estimators.covariance import conservative, inverse, sandwich
 from servobench.estimators.interval.bins import Bins
 from servobench.estimators.interval.noise import NoiseProfile, profiled
@@ -131,7 +131,7 @@ def _first_noise(data: Sequence[Dataset], first: Minimum) -> float:
     """
     samples = sum(len(record.y) for record in data)
     if samples <= len(first.theta):
-        raise NotIdentifiable(f"{samples} samples for {len(first.theta)} unknowns: record for longer")
+        raise too_few(samples, len(first.theta), data)
     quantum = max(_quantum(record) for record in data)
     variance = first.cost / (samples - len(first.theta))
     return float(np.sqrt(max(variance - quantum**2 / 12, (0.1 * quantum) ** 2)))
@@ -260,8 +260,8 @@ def _torque_told(layout: Layout, near: Near, said: Sequence[Bins], s: float) -> 
         warning(
             "noise-not-of-the-measurement",
             "What the model leaves over isn't white noise of the measurement but wanders, as under a random torque or where the "
-            f"model lacks something (likelihood ratio {ratio:.3g}; chance alone exceeds {_DOUBT} once in a hundred): the "
-            "intervals of interval_likelihood are too narrow then; prediction_error allows for a random torque.",
+            "model lacks something: the intervals are too narrow then. prediction_error allows for a random torque. "
+            f"(Likelihood ratio {ratio:.3g}; chance alone exceeds {_DOUBT} once in a hundred.)",
             parameters=tuple(names),
         )
     ]

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
+from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance, too_few
 from servobench.estimators.covariance import conservative, inverse, sandwiched
 from servobench.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
 from servobench.estimators.least_squares import (
@@ -127,7 +126,7 @@ def uncertainty(structure: Structure, data: Sequence[Dataset], minimum: Minimum)
     used = sum(int(p.valid.sum()) for p in minimum.predictions)
     freedom = used - len(minimum.theta)
     if freedom <= 0:
-        raise NotIdentifiable(f"{used} samples for {len(minimum.theta)} unknowns: record for longer")
+        raise too_few(used, len(minimum.theta), data)
     variance = minimum.cost / freedom
     return variance, _covariance(layout, minimum, h, variance)[: layout.shared, : layout.shared]
 

@@ -209,14 +209,14 @@ def _told(found: Profile, data: Dataset) -> Finding:
     if found.likelihood_ratio <= THRESHOLD:
         return info(
             "disturbance-not-found",
-            "Nothing shows that a random torque moves the motor (likelihood ratio "
-            f"{max(found.likelihood_ratio, 0.0):.3g}; chance alone exceeds {THRESHOLD} once in twenty): output_error would do.",
+            "Nothing shows that a random torque moves the motor: a model with one explains the data no better than chance would, "
+            f"so output_error would do. (Likelihood ratio {max(found.likelihood_ratio, 0.0):.3g}, limit {THRESHOLD}.)",
         )
     return info(
         "disturbance-found",
         f"Something moves the motor at random: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "
-        f"{high:.2g}) beside what the input does (likelihood ratio {found.likelihood_ratio:.3g}; chance alone exceeds "
-        f"{THRESHOLD} once in twenty). The estimator prediction_error allows for it; the intervals of output_error would be "
-        "too narrow.",
+        f"{high:.2g}) beside what the input does, more than chance would make it seem. The intervals allow for it "
+        "(estimator prediction_error); without that they would be too narrow. "
+        f"(Likelihood ratio {found.likelihood_ratio:.3g}, limit {THRESHOLD}.)",
         parameters=("gain", "time_constant"),
     )
