@@ -14,7 +14,9 @@ def _time_scale(fit: Fit) -> list[Finding]:
         return []
     tau = fit["time_constant"].value
     step = max(record.data.sample_time for record in fit.records)
-    longest = max(record.data.duration for record in fit.records)
+    # Of a closed loop only the stretches of motion may be there: all of them follow one another in one record.
+    together = sum if any(record.data.closed_loop for record in fit.records) else max
+    longest = together(record.data.duration for record in fit.records)
     split_unknown = any(finding.code == lag_not_split.CODE for finding in fit.findings)
     if tau < 2 * step and not split_unknown:
         sentence = (
