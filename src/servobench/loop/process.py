@@ -20,8 +20,7 @@ from servobench.experiment import Experiment
 from servobench.loop.completion import complete
 from servobench.loop.messages import Command, Notice, info_of, info_to_json, stopped_of
 from servobench.loop.opening import opening
-from servobench.loop.recording_process import Late, RecorderProcess, RecorderSpec
-from servobench.loop.recording_process import PATIENCE, RecorderProcess, RecorderSpec
+from servobench.loop.recording_process import PATIENCE, Late, RecorderProcess, RecorderSpec
 from servobench.loop.ring import (
     LOOP_STATE,
     OPERATOR_HEARTBEAT,
@@ -279,7 +278,6 @@ class LoopProcess:
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
             self.here()  # who waits for the run to begin is there
-            self._listen()
             self._listen_for_a_beginning()
             if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
                 return info_of(self._told_open)

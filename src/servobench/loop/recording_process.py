@@ -23,16 +23,12 @@ from threading import Thread
 from types import FrameType, TracebackType
 from typing import IO, Any, Protocol, Self, cast
 
-from servobench.errors import ServobenchError
+from servobench.errors import ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
-from servobench.finding import Finding
-from servobench.loop.drain import SILENT, Drain
+from servobench.finding import Finding, warning
+from servobench.loop.drain import LOOP_DIED, SILENT, Drain
 from servobench.loop.messages import info_from_json
 from servobench.loop.opening import opening
-from servobench.errors import ServobenchError, UsageError
-from servobench.experiment import read_experiment
-from servobench.finding import warning
-from servobench.loop.drain import LOOP_DIED, SILENT, Drain
 from servobench.loop.ring import (
     LOOP_STATE,
     RECORDER_HEARTBEAT,
@@ -147,9 +143,8 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         stopped = _followed(drain, rows, signs, patience)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
-        drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, ())))
         found = (LOOP_DIED,) if stopped is SILENT else (ENDED_EARLY,)
-        is_there = drain.end(*(drain.ended or (stopped, found)))
+        is_there = drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, found)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)
