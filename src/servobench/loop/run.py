@@ -132,7 +132,7 @@ def _check(experiment: object, device: object) -> None:
         raise UsageError(
             f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
         )
-    if not isinstance(device, Device):
+    if getattr(device, "info", None) is None:
         raise UsageError(
             f"{device!r} is no device; expected one, such as connect('twin') in a with statement"
         )
