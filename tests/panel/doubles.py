@@ -95,7 +95,7 @@ class LoopDouble:
             "reference": 1.0,
             "command": len(self.commands),
         }
-        row = [t, *(values[series.channel.name] for series in self.recording.series)]
+        row = [t, *(values.get(series.channel.name, t) for series in self.recording.series)]
         self.ring.push([*row, *[0.0] * (COLUMNS - len(row))])
         self._tick += 1
 
