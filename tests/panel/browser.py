@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
@@ -22,7 +22,7 @@ FLAGS = [
 
 
 @contextmanager
-def chromium() -> Iterator[Any]:
+def chromium(flags: Sequence[str] = FLAGS) -> Iterator[Any]:
     """A browser; the test is skipped where there is none."""
     try:
         from playwright.sync_api import sync_playwright
@@ -32,7 +32,7 @@ def chromium() -> Iterator[Any]:
     if path is None:
         pytest.skip("a browser is absent: no chromium (apt install chromium)")
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=path, args=FLAGS)
+        browser = playwright.chromium.launch(executable_path=path, args=list(flags))
         yield browser
         browser.close()
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import threading
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import httpx
 import pytest
 import uvicorn
+from starlette.types import ASGIApp
 
 from servobench.experiment import Experiment
 from servobench.panel.keys import Keys, Session
@@ -88,6 +90,13 @@ def wait_for(what: Callable[[], bool]) -> None:
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    with serving(tmp_path_factory.mktemp("library")) as found:
+        yield found
+
+
+@contextmanager
+def serving(folder: Path, around: Callable[[ASGIApp], ASGIApp] = lambda inner: inner) -> Iterator[Served]:
+    """Serve a panel with its recordings in a folder; `around` is put around the app, gate and all."""
     loops: list[LoopDouble] = []
 
     def loop_of(experiment: Experiment) -> LoopDouble:
@@ -95,12 +104,12 @@ def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
         return loops[-1]
 
     clock = Clock()
-    keys, library = Keys(clock), Library(tmp_path_factory.mktemp("library"))
+    keys, library = Keys(clock), Library(folder)
     with listening("127.0.0.1", 0) as listener:
         port = listener.getsockname()[1]
         door = door_for(["127.0.0.1", "localhost"], port, "http", keys)
         panel = Panel(motor=MotorSession(Experiment(), library, loop_of), library=library, door=door)
-        server = uvicorn.Server(settings(app(panel), None))
+        server = uvicorn.Server(settings(around(app(panel)), None))
         thread = threading.Thread(target=lambda: asyncio.run(server.serve([listener])))
         thread.start()
         try:

@@ -39,6 +39,7 @@ export function makeExtras(store, commands) {
     };
     const refresh = async (name) => {
         if (byId(name).closest("[role=tabpanel]").hidden) return;
+        if (!mounted.has(name)) return mountExtra(`tab-${name}`); // it failed before, while the device was being opened for instance
         try {
             await mounted.get(name)?.refresh?.();
         } catch (error) {

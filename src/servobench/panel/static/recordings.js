@@ -174,7 +174,7 @@ function details(recording, id, actions) {
         el("a", { class: "plain", href: `${path}?as=csv`, download: true, "aria-label": `Download ${name} as CSV` }, "CSV"),
         el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
     );
-    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, identified(recording, actions.results.get(name))];
+    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, identified(recording, actions.results.get(name))].filter(Boolean);
 }
 
 // What the identification said; a recording that was identified before still has its report.

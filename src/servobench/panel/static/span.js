@@ -1,6 +1,7 @@
 // The range of a scope's values: grows at once, shrinks only when half of it is empty, so that it doesn't breathe with noise.
 
 const MARGIN = 0.12; // of what is shown, above and below
+const LEAST = 0.04; // what has to be left of that, or a line lies on the edge, half cut off
 
 export class Span {
     constructor() {
@@ -18,7 +19,8 @@ export class Span {
         const size = Math.max(high - low, small);
         const wanted = [low - MARGIN * size - (size - (high - low)) / 2, high + MARGIN * size + (size - (high - low)) / 2];
         const held = this.range;
-        const fits = held && low >= held[0] && high <= held[1];
+        const left = LEAST * (high - low);
+        const fits = held && low - left >= held[0] && high + left <= held[1];
         if (!fits || size < 0.4 * (held[1] - held[0])) this.range = wanted;
         return this.range;
     }

@@ -1,0 +1,171 @@
+"""`servobench panel` as a program, the motor that it simulates, and a page of it in a browser."""
+
+from __future__ import annotations
+
+import re
+import select
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+PATIENCE = 60.0  # s; a simulated motor's kernels may have to be compiled, on a busy machine
+
+
+@dataclass(frozen=True)
+class Program:
+    """A panel that is running: where it is, the key in its address, the folder of its recordings, and its process."""
+
+    base: str
+    key: str
+    folder: Path
+    process: subprocess.Popen[str]
+
+    @property
+    def address(self) -> str:
+        return f"{self.base}/?token={self.key}"
+
+    @property
+    def port(self) -> int:
+        return int(self.base.rpartition(":")[2])
+
+
+@contextmanager
+def running(folder: Path, *options: str) -> Iterator[Program]:
+    """Run `servobench panel` as a person would, and end it with Ctrl-C; it has to end well, with the motor at rest."""
+    recordings = folder / "recordings"
+    command = [
+        sys.executable,
+        "-m",
+        "servobench",
+        "panel",
+        "--no-open",
+        "--port",
+        "0",
+        "--folder",
+        str(recordings),
+    ]
+    process = subprocess.Popen(
+        [*command, *options], stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True
+    )
+    try:
+        base, _, key = _address(process).partition("/?token=")
+        yield Program(base, key, recordings, process)
+    finally:
+        process.send_signal(signal.SIGINT)
+        try:
+            said = process.communicate(timeout=PATIENCE)[1]
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.communicate()
+            raise
+    assert process.returncode == 0, said
+    assert "the motor is at rest" in said
+
+
+def _address(process: subprocess.Popen[str]) -> str:
+    """The address that the program prints when pages can be loaded."""
+    said = ""
+    assert process.stderr is not None
+    until = time.monotonic() + PATIENCE
+    while time.monotonic() < until and process.poll() is None:
+        if select.select([process.stderr], [], [], 1.0)[0]:
+            said += process.stderr.readline()
+            if found := re.search(r"panel: (http://\S+)", said):
+                return found[1]
+    raise AssertionError(f"the panel didn't begin: {said}")
+
+
+class Page:
+    """The panel in a browser, as a person uses it: by roles and names. What the browser complains about is kept."""
+
+    def __init__(self, browser: Any, address: str, **options: Any) -> None:
+        self.context = browser.new_context(
+            **{"viewport": {"width": 1440, "height": 900}, "color_scheme": "light", **options}
+        )
+        self.page = self.context.new_page()
+        self.page.set_default_timeout(1000 * PATIENCE)
+        self.complaints: list[str] = []
+        self.page.on("console", lambda said: said.type == "error" and self.complaints.append(said.text))
+        self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.goto(address)
+        self.page.wait_for_selector("body.ready")
+
+    def __enter__(self) -> Page:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.context.close()
+
+    def button(self, name: str | re.Pattern[str]) -> Any:
+        return self.page.get_by_role("button", name=name, exact=isinstance(name, str))
+
+    def tab(self, name: str) -> None:
+        self.page.get_by_role("tab", name=name, exact=True).click()
+
+    def text(self, selector: str) -> str:
+        return str(self.page.locator(selector).inner_text())
+
+    def until(self, holds: Callable[[], bool]) -> None:
+        """Wait until something holds; how long doesn't matter, but not for ever."""
+        deadline = time.monotonic() + PATIENCE
+        while not holds():
+            assert time.monotonic() < deadline, "it never came to hold"
+            self.page.wait_for_timeout(50)
+
+    def scope(self, name: str) -> Any:
+        return self.page.get_by_role("region", name=name, exact=True)
+
+    def reading(self, scope: str, trace: str) -> float:
+        """The number beside a trace's name; NaN where there is none yet."""
+        entry = self.scope(scope).locator(".entry").filter(has_text=trace)
+        text = entry.locator("output").inner_text().replace("−", "-")
+        return float("nan") if text == "–" else float(text)
+
+    def readings(self, scope: str, trace: str, seconds: float) -> list[float]:
+        """The numbers that are shown beside a trace's name over some time."""
+        found = []
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            found.append(self.reading(scope, trace))
+            self.page.wait_for_timeout(40)
+        return found
+
+    def drive(self) -> None:
+        """Wait until the device is open, and this page drives it."""
+        self.page.locator("#run-text").get_by_text("Zero volts").wait_for()
+        self.page.get_by_text("You drive").wait_for()
+
+
+@dataclass(frozen=True)
+class Truth:
+    """What the simulated motor is: gain [rad/(s·V)], time constant [s] and Coulomb voltage [V]."""
+
+    gain: float
+    time_constant: float
+    coulomb_voltage: float
+
+
+def truth_of_the_twin() -> Truth:
+    """What the equations of a DC motor say of the default twin's physical parameters.
+
+    J dω/dt = k i - b ω - τ_c sgn ω and L di/dt = u - R i - k ω have the gain k/(R b + k²), the poles of
+    L J s² + (R J + L b) s + R b + k², of which the slower one is the time constant, and lose R τ_c/k to Coulomb friction.
+    """
+    import numpy as np
+
+    from servobench.devices.twin import TwinSettings
+    from servobench.motor.parameters import data_sheet
+
+    settings = TwinSettings()
+    motor = data_sheet(settings.motor).motor
+    k, resistance = motor.motor_constant, motor.resistance
+    inductance, viscous = motor.inductance, settings.viscous_friction
+    damping = resistance * viscous + k**2
+    poles = np.roots([inductance * motor.inertia, resistance * motor.inertia + inductance * viscous, damping])
+    return Truth(k / damping, float(max(-1 / poles.real)), resistance * settings.coulomb_torque / k)
