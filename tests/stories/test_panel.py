@@ -20,6 +20,7 @@ pytest.importorskip("starlette", reason="the panel's extra is absent: starlette"
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.recording.reader import read
+from tests.panel.test_page_access import findings
 from tests.stories.program import Page, Program, running, truth_of_the_twin
 
 PICTURES = os.environ.get("SERVOBENCH_SCREENSHOTS")
@@ -194,3 +195,66 @@ def stops_by_escape(page: Page, program: Program) -> None:
     # Friction stops a shaft of 24·3 rad/s after τ ln(1 + 3/V_c), 0.16 s; of at least 1 s after that the last half is looked at.
     assert np.ptp(counts[-250:]) == 0
     assert np.ptp(counts[:after]) > 100
+
+
+THEMES = {
+    "light": {"color_scheme": "light"},
+    "dark": {"color_scheme": "dark"},
+    "dark, chosen on a light system": {"color_scheme": "light"},
+}
+
+
+@pytest.fixture(scope="module")
+def reported(browser: Any, program: Program) -> Program:
+    """The panel with a recording that has a report: the one of the story, or, where that isn't told now, another one."""
+    if not (program.folder / "first" / "report.html").exists():
+        with Page(browser, program.address) as page:
+            page.drive()
+            page.button("Start").click()
+            page.page.get_by_text("Driving").wait_for()
+            record(page, "first", "5")
+            page.page.locator("#toast").get_by_text("Recorded first").wait_for()
+            page.tab("Recordings")
+            page.button("first").click()
+            page.button("Identify").click()
+            page.page.get_by_role("link", name="Open the report of first").wait_for(timeout=300_000)
+    return program
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_axe_finds_nothing_grave_on_any_page_and_tab(browser: Any, reported: Program, theme: str) -> None:
+    pytest.importorskip("axe_playwright_python", reason="a browser is absent: no axe_playwright_python")
+    # axe itself is given to the page, which the page's own policy would forbid.
+    with Page(browser, reported.address, bypass_csp=True, reduced_motion="reduce", **THEMES[theme]) as page:
+        page.drive()
+        if theme not in ("light", "dark"):
+            page.button(re.compile("^Theme")).click()
+        page.until(
+            lambda: (
+                page.page.evaluate("getComputedStyle(document.documentElement).colorScheme")
+                == theme.split(",")[0]
+            )
+        )
+        page.button("Start").click()
+        page.page.get_by_text("Driving").wait_for()
+        seen = {"scopes": findings(page.page)}
+        page.tab("Block diagram")
+        page.page.locator("#diagram [aria-pressed]").first.click()
+        seen["block diagram"] = findings(page.page)
+        page.tab("Exercises")
+        page.page.get_by_role("button", name=re.compile("^The step response")).click()
+        page.page.get_by_role("form", name="Answers").get_by_role("textbox").first.fill("1")
+        page.button("Check the answers").click()
+        page.page.locator("[data-right]").first.wait_for()
+        seen["exercise"] = findings(page.page)
+        page.tab("Recordings")
+        page.button("first").click()
+        page.page.get_by_label("Compare first").check()
+        page.page.get_by_role("img", name="Speed of first over time").wait_for()
+        seen["recordings"] = findings(page.page)
+        picture(page, f"panel-{theme.replace(', ', '-').replace(' ', '-')}-compare.png")
+        page.tab("Block diagram")
+        picture(page, f"panel-{theme.replace(', ', '-').replace(' ', '-')}-diagram.png")
+        page.page.goto(f"{reported.base}/reports/first")
+        seen["report"] = findings(page.page)
+    assert seen == {name: [] for name in seen}
