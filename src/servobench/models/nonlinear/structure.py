@@ -225,7 +225,9 @@ class NonlinearMotor:
         )
         if not derivatives:
             return y, raw
-        return y, np.hstack([raw[:, : len(used)] @ self.mixing[used], raw[:, len(used) :]])
+        with np.errstate(invalid="ignore"):  # a trial that runs away has sensitivities without end; its cost refuses it
+            mixed = raw[:, : len(used)] @ self.mixing[used]
+        return y, np.hstack([mixed, raw[:, len(used) :]])
 
     def sliding(self, theta: Array, data: Dataset) -> Array:
         """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
