@@ -84,7 +84,7 @@ def _address(process: subprocess.Popen[str]) -> str:
 class Page:
     """The panel in a browser, as a person uses it: by roles and names. What the browser complains about is kept."""
 
-    def __init__(self, browser: Any, address: str, **options: Any) -> None:
+    def __init__(self, browser: Any, address: str, *, script: str = "", **options: Any) -> None:
         self.context = browser.new_context(
             **{"viewport": {"width": 1440, "height": 900}, "color_scheme": "light", **options}
         )
@@ -93,6 +93,7 @@ class Page:
         self.complaints: list[str] = []
         self.page.on("console", lambda said: said.type == "error" and self.complaints.append(said.text))
         self.page.on("pageerror", lambda error: self.complaints.append(str(error)))
+        self.page.add_init_script(script)  # before any of the page's own
         self.page.goto(address)
         self.page.wait_for_selector("body.ready")
 

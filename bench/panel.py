@@ -1,0 +1,312 @@
+"""What the panel costs, and how live it is: the server's processor time, frames that are painted, the age of what is painted, and
+whether the loop is less punctual for it.
+
+`servobench panel` runs as a program with the simulated motor at 1 kHz, and Chromium shows it: 3 scopes with 4 traces of 10 s,
+every sample drawn. A frame counts as painted when the page has stroked a canvas in it. The age is the time from a sample's
+deadline in the loop to the end of the first frame's painting that has it; what the compositor and the screen add isn't in it.
+The loop's latency is that of bench/realtime.py, with the panel and an open page, and in a program without a panel, in turns.
+Linux only; it needs the panel's extra, Playwright and Chromium.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import importlib.util
+import json
+import os
+import shutil
+import statistics
+import sys
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the tests' program and browser
+
+import numpy as np
+from figures import Figure, shown
+
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.process import LoopProcess
+from servobench.loop.ring import RowReader, RowRing
+from tests.panel.browser import NAMES, chromium
+from tests.stories.program import PATIENCE, Page, Program, running
+
+SAMPLE_TIME = 0.001
+SECONDS = 10.0
+FILLED = 11.0  # s until the scopes' 10 s are full
+SETTLED = 2.0  # s until a page has what was before it
+PAIRS = 2
+SOCKETS = (1, 20)
+SHARED_MEMORY = Path("/dev/shm")
+
+WATCH = """
+(() => {
+    const found = (window.watched = { on: false, frames: [] });
+    let newest = -Infinity; // time of the newest row that has come [s]
+    let painted = false;
+    const stroke = CanvasRenderingContext2D.prototype.stroke;
+    CanvasRenderingContext2D.prototype.stroke = function (...given) {
+        if (!painted && found.on) {
+            painted = true;
+            const seen = newest;
+            // A message to oneself comes when the frame's scripts are over.
+            const { port1, port2 } = new MessageChannel();
+            port1.onmessage = () => {
+                painted = false;
+                found.frames.push([performance.timeOrigin + performance.now(), seen]);
+            };
+            port2.postMessage(null);
+        }
+        return stroke.apply(this, given);
+    };
+    const Given = window.WebSocket;
+    window.WebSocket = class extends Given {
+        constructor(...given) {
+            super(...given);
+            this.addEventListener("message", ({ data }) => {
+                if (typeof data === "string") return;
+                const view = new DataView(data);
+                newest = view.getFloat64(24 + 8 * (view.getUint32(4, true) - 1), true);
+            });
+        }
+    };
+})();
+"""
+
+
+def experiment(duration: float | None = None) -> Experiment:
+    """What all of it runs: the paper's square wave at 1 kHz, on the simulated motor beside the wall clock."""
+    return Experiment(
+        sample_time=SAMPLE_TIME,
+        duration=duration,
+        device=DeviceChoice(name="twin", settings={"timing": "host"}),
+    )
+
+
+@contextmanager
+def panel() -> Iterator[Program]:
+    """The panel as a program, with that experiment."""
+    with tempfile.TemporaryDirectory() as name:
+        file = Path(name) / "experiment.toml"
+        file.write_text(experiment().to_toml(), encoding="utf-8")
+        with running(Path(name), "--experiment", str(file)) as program:
+            yield program
+
+
+def processor_time(pid: int) -> float:
+    """The time that a process has had of a processor, all its threads together [s]."""
+    fields = Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()
+    return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+
+
+@dataclass
+class Viewers:
+    """Sockets that take what they are sent, and do nothing with it."""
+
+    frames: int = 0
+
+    async def share(self, program: Program, count: int) -> float:
+        """What part of a core the server needs for `count` of them."""
+        import httpx
+        from websockets.asyncio.client import connect
+
+        async with httpx.AsyncClient(base_url=program.base, timeout=30.0) as client:
+            await client.get(f"/?token={program.key}")
+            told = (await client.get("/api/session", headers={"sec-fetch-site": "same-origin"})).json()
+            cookie = "; ".join(f"{name}={value}" for name, value in client.cookies.items())
+        sockets = [
+            await connect(
+                program.base.replace("http", "ws") + "/ws",
+                origin=program.base,  # type: ignore[arg-type]
+                additional_headers={"cookie": cookie},
+                max_size=None,
+                proxy=None,
+            )
+            for _ in range(count)
+        ]
+        for socket in sockets:
+            await socket.send(json.dumps({"do": "hello", "token": told["token"]}))
+        taking = [asyncio.create_task(self._take(socket)) for socket in sockets]
+        await sockets[0].send(json.dumps({"do": "lease"}))
+        async with asyncio.timeout(PATIENCE):
+            while not self.frames:  # until the device is open
+                await asyncio.sleep(0.1)
+        await sockets[0].send(json.dumps({"do": "start"}))
+        await asyncio.sleep(SETTLED)
+        self.frames = 0
+        before, begun = processor_time(program.process.pid), time.monotonic()
+        await asyncio.sleep(SECONDS)
+        used = (processor_time(program.process.pid) - before) / (time.monotonic() - begun)
+        for task, socket in zip(taking, sockets, strict=True):
+            task.cancel()
+            await socket.close()
+        return used
+
+    async def _take(self, socket: Any) -> None:
+        async for message in socket:
+            self.frames += isinstance(message, bytes)
+
+
+def costs() -> list[Figure]:
+    """The server's share of a core, for one viewer and for 20."""
+    figures = []
+    with panel() as program:
+        for count, limit in zip(SOCKETS, (3.0, 8.0), strict=True):
+            viewers = Viewers()
+            share = 100 * asyncio.run(viewers.share(program, count))
+            sent = viewers.frames / SECONDS / count
+            what = f"panel: server's share of a core, {count} socket{'s' if count > 1 else ''} with {sent:.0f} frames/s"
+            figures.append(Figure(what=what, value=share, unit="%", at_most=limit))
+    return figures
+
+
+@dataclass(frozen=True)
+class Shown:
+    """What a page painted: frames in a second, and how old the samples were when they were painted first [ms]."""
+
+    rate: float
+    ages: np.ndarray
+
+
+def looked_at(program: Program, browser: Any) -> tuple[Shown, np.ndarray]:
+    """Let a page show the turning motor; return what was painted, and the loop's latencies meanwhile [us]."""
+    with Page(browser, program.address, script=WATCH) as page:
+        page.drive()
+        page.button("Start").click()
+        page.page.get_by_text("Driving").wait_for()
+        with ring_of(program) as ring:
+            page.page.wait_for_timeout(1000 * FILLED)
+            zero = time_zero(ring)
+            reader = ring.reader(ring.written)
+            page.page.evaluate("() => { watched.on = true; }")
+            page.page.wait_for_timeout(1000 * SECONDS)
+            frames = np.array(page.page.evaluate("() => { watched.on = false; return watched.frames; }"))
+            late = latencies(reader)
+    # The browser's times count from 1970, the loop's from its own start on the monotonic clock.
+    painted = frames[:, 0] / 1e3 - (time.time() - time.monotonic()) - zero
+    return Shown(
+        rate=(len(frames) - 1) / (painted[-1] - painted[0]), ages=1e3 * ages(painted, frames[:, 1])
+    ), late
+
+
+def ages(painted: np.ndarray, newest: np.ndarray) -> np.ndarray:
+    """How old each sample was when the first frame that has it was painted [s]."""
+    found = [
+        now - np.arange(after, before, -SAMPLE_TIME)
+        for now, before, after in zip(painted[1:], newest[:-1], newest[1:], strict=True)
+    ]
+    return np.concatenate(found)
+
+
+@contextmanager
+def ring_of(program: Program) -> Iterator[RowRing]:
+    """The ring of rows between a panel and its loop."""
+    (found,) = SHARED_MEMORY.glob(f"servobench-rows-{program.process.pid}-*")
+    with RowRing.attach(found.name) as ring:
+        yield ring
+
+
+def time_zero(ring: RowRing) -> float:
+    """When the loop's time 0 was [s, monotonic]: a row can't be seen before its time, and of a thousand one is seen at once."""
+    offsets, last = [], ring.written
+    until = time.monotonic() + 2.0
+    while time.monotonic() < until:
+        if ring.written > last:
+            now = time.monotonic()
+            last = ring.written
+            offsets.append(now - ring.reader(last - 1).read(1)[0, 0])
+    return min(offsets)
+
+
+def latencies(reader: RowReader) -> np.ndarray:
+    """The time from each tick's deadline to the latch of its sample, of all rows from the reader on [us]."""
+    rows = reader.read(1 << 20)
+    if reader.missed:
+        raise RuntimeError(f"the bench itself missed {reader.missed} rows")
+    return 1e6 * (rows[:, 0] - rows[:, 1 + SCHEDULED])
+
+
+def alone() -> np.ndarray:
+    """The loop's latencies in a program without a panel [us]."""
+    with LoopProcess(experiment(FILLED + SECONDS)) as loop:
+        found = []
+        reader = loop.rows(0)
+        while loop.ended is None:
+            time.sleep(0.2)
+            found.append(latencies(reader))
+    late = np.concatenate(found)
+    return late[int(FILLED / SAMPLE_TIME) :]
+
+
+def scheduled_column() -> int:
+    """Which of a row's channels is the deadline."""
+    from servobench.devices.base import connect
+    from servobench.loop.opening import opening
+
+    asked = experiment()
+    with connect(asked.device.name, **asked.device.settings) as device:
+        series = opening(asked, device.info, commanded_live=True, timing="host").series
+    return [each.channel.name for each in series].index("scheduled")
+
+
+SCHEDULED = scheduled_column()
+
+
+def live() -> list[Figure]:
+    """What a page shows, and what it does to the loop."""
+    seen, ratios = [], []
+    for _ in range(PAIRS):
+        with chromium() as browser, panel() as program:
+            found, with_panel = looked_at(program, browser)
+        seen.append(found)
+        ratios.append(float(np.quantile(with_panel, 0.99) / np.quantile(alone(), 0.99)))
+    every = np.concatenate([each.ages for each in seen])
+    half = tuple(float(q) for q in np.quantile(every, (0.25, 0.75)))
+    return [
+        Figure(
+            what="panel: frames painted, 3 scopes, 4 traces of 10 s at 1 kHz",
+            value=statistics.median(each.rate for each in seen),
+            unit="1/s",
+            at_least=29.0,
+        ),
+        Figure(
+            what="panel: sample to pixel", value=float(np.median(every)), half=half, unit="ms", at_most=60.0
+        ),  # type: ignore[arg-type]
+        Figure(
+            what="p99 of the loop with the panel open / without",
+            value=statistics.median(ratios),
+            half=(min(ratios), max(ratios)),
+            unit="times",
+            at_most=1.5,
+        ),
+    ]
+
+
+def missing() -> str:
+    """What keeps this machine from the bench; empty where nothing does."""
+    packages = [
+        name for name in ("starlette", "uvicorn", "playwright") if importlib.util.find_spec(name) is None
+    ]
+    if packages:
+        return f"{', '.join(packages)} not installed"
+    if not any(map(shutil.which, NAMES)):
+        return "no Chromium"
+    return "" if SHARED_MEMORY.is_dir() else "not Linux"
+
+
+def main() -> list[Figure]:
+    """All figures."""
+    if lacking := missing():
+        print(f"panel: {lacking}: nothing was measured", file=sys.stderr)
+        return []
+    return [*costs(), *live()]
+
+
+if __name__ == "__main__":
+    sys.exit(shown(main()))
