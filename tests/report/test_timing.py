@@ -42,7 +42,7 @@ def test_the_report_of_a_run_by_the_computer_s_clock_tells_lateness_and_counts(
         "Lateness, 99 % 0 s",
         "Lateness, 99.9 % 0.4 ms",
         "Lateness, latest 0.4 ms",
-        "Late 7 (by more than a tenth of the sample time)",
+        "Late by more than a tenth 7 of 1500 samples",
         "Missed 0 ticks",
         "left out; then back to the schedule",
     ):
