@@ -40,6 +40,8 @@ def _hidden(fit: Fit) -> float:
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether the computer has much of a part in how well the delay is known."""
     hidden = _hidden(fit)
+    if not hidden:
+        return []
     if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit["delay"].sd:
         return []
     sentence = (
