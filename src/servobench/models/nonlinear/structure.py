@@ -225,7 +225,9 @@ class NonlinearMotor:
         )
         if not derivatives:
             return y, raw
-        with np.errstate(invalid="ignore"):  # a trial that runs away has sensitivities without end; its cost refuses it
+        with np.errstate(
+            invalid="ignore"
+        ):  # a trial that runs away has sensitivities without end; its cost refuses it
             mixed = raw[:, : len(used)] @ self.mixing[used]
         return y, np.hstack([mixed, raw[:, len(used) :]])
 
