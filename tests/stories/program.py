@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-PATIENCE = 60.0  # s; a simulated motor's kernels may have to be compiled, on a busy machine
+PATIENCE = 240.0  # s; in a fresh clone all kernels are compiled before the device is open
 
 
 @dataclass(frozen=True)
