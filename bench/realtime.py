@@ -288,8 +288,8 @@ def page(kept: dict[str, dict[str, Any]], lines: list[str]) -> str:
     head = "| condition | latency [µs] | | | | | |\n|---|---|---|---|---|---|---|"
     return f"""# Punctuality of the loop
 
-Made by `python bench/realtime.py --write`: {pairs} pairs of {seconds:g} s of each condition, the loop and `cyclictest` at the
-same time on two processors, which they change from pair to pair; Linux {release}, {os.cpu_count()} processors. Latency of the
+Made by `python bench/realtime.py --write`: {pairs} pairs of {seconds:g} s or more of each condition, the loop and `cyclictest` at
+the same time on two processors, which they change from pair to pair; Linux {release}, {os.cpu_count()} processors. Latency of the
 loop: from the deadline of a tick to the latch of its sample; of cyclictest: from its deadline to its wake-up. Medians over the
 pairs. The largest values describe the machine (a host that pauses a virtual processor, for instance), not either program. A tick
 of cyclictest counts as missed where it woke up more than a period late.
