@@ -80,8 +80,8 @@ class RunFolder:
         from servobench.cli.failures import NotBegun
         from servobench.loop.ticks import stopped_by
 
-        self.begin(experiment)
         try:
+            self.begin(experiment)
             yield
         except BaseException as error:
             if not any(self.path.glob(f"{self.recording.name}*")):

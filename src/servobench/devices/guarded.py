@@ -107,6 +107,11 @@ class Guarded:
         return self._saturated
 
     @property
+    def unwrapped(self) -> int:
+        """The last sample's counts as a counter without wraps would show them."""
+        return self._motion.unwrapped
+
+    @property
     def time_stalled(self) -> float:
         """For how long the shaft has been stalled [s]; 0 where it isn't, or isn't watched."""
         return next((m.time_stalled for m in self._monitors if isinstance(m, StallMonitor)), 0.0)

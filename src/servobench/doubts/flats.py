@@ -134,9 +134,14 @@ def _at_the_end(data: Dataset, which: str, end: float, samples: NDArray[np.int64
 
 def _leaves(data: Dataset, flats: list[_Flat], usual: float) -> bool:
     """Whether the output comes back from the end of its range, at least once, at full pace: a blocked shaft doesn't."""
-    window = max(2, (flats[0].last - flats[0].first) // 2)
-    ends = [flat.last for flat in flats if flat.last + window < len(data.y)]
-    return any(abs(float(data.y[k + window] - data.y[k])) / window > _ABRUPT * usual for k in ends)
+    # At once, or within half of its stay: a loop that goes on to the other end stays far longer than it needs for the way.
+    windows = (2, max(2, (flats[0].last - flats[0].first) // 2))
+    return any(
+        abs(float(data.y[flat.last + window] - data.y[flat.last])) / window > _ABRUPT * usual
+        for window in windows
+        for flat in flats
+        if flat.last + window < len(data.y)
+    )
 
 
 def _stops(data: Dataset, flats: list[_Flat]) -> list[Finding]:

@@ -41,6 +41,11 @@ class Account:
             self.late += 1
             self.worst = max(self.worst, tick.actual - tick.scheduled)
 
+    @property
+    def last(self) -> Tick | None:
+        """The last tick that was done; None before the first."""
+        return self._last[0] if self._last else None
+
     def complete(self, ticks: int | None) -> None:
         """Take note that all ticks of the run (None: no number) have gone by; what wasn't done of them at its end was missed."""
         if ticks is not None and ticks > self._due:

@@ -55,15 +55,12 @@ class ToRing:
         self._rows = rows
         self._row = row
         self._rest = (0.0,) * (COLUMNS - width)
-        self.account = account
-        self.last: Tick | None = None
-        """The last tick that was handed on."""
+        self._account = account
 
     def add(self, place: Place) -> None:
         """Hand on one tick."""
-        self.last = place.tick
         self._rows.push(self._row(place) + self._rest)
-        self.account.add(place.tick)
+        self._account.add(place.tick)
 
 
 def main() -> int:
@@ -124,7 +121,7 @@ class _Loop:
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)
-        drive = Drive(experiment, device.info, references, enabled=self._spec.enabled)
+        drive = Drive(experiment, device, references, enabled=self._spec.enabled)
         account = Account(experiment.sample_time, clock.timing, now=time.perf_counter)
         sink = ToRing(self._rows, row_maker(opened), 1 + len(opened.series), account)
         steps = ClockSteps(experiment.sample_time)
@@ -154,7 +151,7 @@ class _Loop:
         stopped, error = outcome(carry_out, device)
         found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
         found = (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
-        self.tell("ended", sink.last, **ending_to_json(stopped, found))
+        self.tell("ended", account.last, **ending_to_json(stopped, found))
         if error is not None and not isinstance(error, DeviceError):
             raise error
 

@@ -19,9 +19,9 @@ from servobench.loop.drain import (
     ROWS_MISSED,
     SILENT,
     Drain,
-    ending,
     part_of,
 )
+from servobench.loop.messages import ending_from_json
 from servobench.loop.recording_process import Recorded, RecorderSpec
 from servobench.loop.ring import RECORDER_STATE, MessageRing, RowRing
 from servobench.recording.reader import read
@@ -95,7 +95,7 @@ def _copy(found: Recording, drain: Drain) -> None:
     for event in found.events:
         drain.add(event)
         if event.kind == "ended":
-            drain.ended = ending(json.loads(event.text))
+            drain.ended = ending_from_json(json.loads(event.text))
     t = found.series[0].t
     rows = np.column_stack([*([] if t is None else [t]), *(each.values for each in found.series)])
     for start in range(0, len(rows), MOST_ROWS):

@@ -5,16 +5,14 @@ from __future__ import annotations
 import json
 import os
 from collections.abc import Mapping
-from functools import cache
 from pathlib import Path
 from typing import Any
 
-from pydantic import TypeAdapter
-
-from servobench.channels import Array, DeviceInfo
+from servobench.channels import Array
 from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.finding import Finding, warning
+from servobench.loop.messages import ending_from_json, info_from_json
 from servobench.loop.opening import opening
 from servobench.loop.ring import RECORD_UNTIL, MessageReader, MessageRing, RowReader, RowRing
 from servobench.recording.mcap_file import PART
@@ -170,11 +168,11 @@ class Drain:
         """Write an event, and understand the first and the last."""
         said = json.loads(text)
         if said["kind"] == "opened" and not self.begun:
-            info = _adapter(DeviceInfo).validate_python(said["info"])
+            info = info_from_json(said["info"])
             self._begin(opening(self._experiment, info, commanded_live=True, timing=info.timing))
         if said["kind"] == "ended":
             self._take_rows(self._ring.written)  # the last word comes after the last row
-            self.ended = ending(said)
+            self.ended = ending_from_json(said)
         if self.begun:
             self.add(self._event(said, text))
 
@@ -246,14 +244,3 @@ class Drain:
 def part_of(path: str | os.PathLike[str]) -> Path:
     """Return the name of a file while it is written."""
     return Path(f"{os.fspath(path)}{PART}")
-
-
-def ending(said: Mapping[str, Any]) -> tuple[Stopped, tuple[Finding, ...]]:
-    """Return why a run ended, and what was found, as its event "ended" says."""
-    stopped = _adapter(Stopped).validate_python({"reason": said["reason"], "sentence": said["sentence"]})
-    return stopped, _adapter(tuple[Finding, ...]).validate_python(said.get("findings", ()))
-
-
-@cache
-def _adapter(kind: Any) -> TypeAdapter[Any]:
-    return TypeAdapter(kind)

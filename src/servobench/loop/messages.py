@@ -130,15 +130,15 @@ def ending_to_json(stopped: Stopped, findings: tuple[Finding, ...]) -> dict[str,
     return {"reason": stopped.reason, "sentence": stopped.sentence, "findings": told}
 
 
+def ending_from_json(told: Mapping[str, Any]) -> tuple[Stopped, tuple[Finding, ...]]:
+    """Return why a run ended and what was found, as `ending_to_json` wrote it; raises pydantic's `ValidationError`."""
+    stopped: Stopped = _adapter(Stopped).validate_python({key: told[key] for key in ("reason", "sentence")})
+    return stopped, _adapter(tuple[Finding, ...]).validate_python(told.get("findings", ()))
+
+
 def stopped_of(event: Notice) -> Stopped:
     """Return why a run ended, of the event `ended`."""
-    return Stopped(reason=event.about["reason"], sentence=event.about["sentence"])
-
-
-def findings_of(event: Notice) -> tuple[Finding, ...]:
-    """Return what was found, of the event `ended`."""
-    findings: tuple[Finding, ...] = _adapter(tuple[Finding, ...]).validate_python(event.about["findings"])
-    return findings
+    return ending_from_json(event.about)[0]
 
 
 @cache

@@ -62,8 +62,8 @@ def run(
     Each tick latches sample k at t_k, asks the controller, and writes u[k], which holds to t_k+1. The reference is the signal at
     the scheduled time. The recording has `commanded` (the controller's word), `applied` (what the device says it put out),
     `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), by
-    the host's clock `written` (when the device had taken the voltage) and with a controller its `reference`, all at the samples'
-    actual times.
+    the host's clock `handed` and `written` (when the device was given the voltage, and had taken it) and `latched` (the device's
+    own time of the sample), and with a controller its `reference`, all at the samples' actual times.
 
     With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
     it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
@@ -110,7 +110,7 @@ def run(
     try:
         stopped, error = outcome(
             lambda: _carry_out(
-                experiment, device, keeper, Drive(experiment, device.info, references), log, attendants
+                experiment, device, keeper, Drive(experiment, device, references), log, attendants
             ),
             device,
         )

@@ -8,7 +8,6 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
-from servobench.channels import DeviceInfo, Sample
 from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
 from servobench.devices.base import Device, RunEnded, voltage_or_nan
@@ -66,17 +65,17 @@ class Drive:
     """
 
     def __init__(
-        self, experiment: Experiment, info: DeviceInfo, references: References, *, enabled: bool = True
+        self, experiment: Experiment, device: Guarded, references: References, *, enabled: bool = True
     ) -> None:
         self._sample_time = experiment.sample_time
-        self._info = info.limited(experiment.limits.voltage)
+        self._device = device
+        self._info = device.info.limited(experiment.limits.voltage)
         self._references = references
         self._controller: Controller = experiment.controller
         self._state: State = self._controller.start(experiment.sample_time, self._info)
         self._enabled = enabled
         self._changes: deque[Change] = deque()
         self._last = 0.0
-        self._travel = _Travel(info)
         self.command = 0
         self.refused: dict[int, str] = {}
 
@@ -86,9 +85,8 @@ class Drive:
 
     def voltage(self, tick: Tick) -> tuple[float, float]:
         """Return the reference and the voltage that the controller commands for it [V]; 0 V where it isn't let through."""
-        travelled = self._travel.to(tick.sample.counts)
         while self._changes:
-            self._take_effect(self._changes.popleft(), tick, replace(tick.sample, counts=travelled))
+            self._take_effect(self._changes.popleft(), tick)
         reference = self._references.at(tick)
         commanded = 0.0
         if self._enabled and math.isfinite(reference):
@@ -97,7 +95,7 @@ class Drive:
         self._last = commanded
         return reference, commanded
 
-    def _take_effect(self, change: Change, tick: Tick, travelled: Sample) -> None:
+    def _take_effect(self, change: Change, tick: Tick) -> None:
         self.command = change.number
         try:
             references = (
@@ -108,31 +106,14 @@ class Drive:
             controller = change.controller or self._controller
             enabled = self._enabled if change.enabled is None else change.enabled
             if change.controller is not None or enabled > self._enabled:
+                unwrapped = replace(tick.sample, counts=self._device.unwrapped)
                 self._state = controller.take_over(
-                    self._sample_time, self._info, references.at(tick), travelled, self._last
+                    self._sample_time, self._info, references.at(tick), unwrapped, self._last
                 )
         except UsageError as error:
             self.refused[change.number] = str(error)
             return
         self._references, self._controller, self._enabled = references, controller, enabled
-
-
-class _Travel:
-    """Follows an encoder's counter over its wraps, by the nearer way round."""
-
-    def __init__(self, info: DeviceInfo) -> None:
-        counter = info.channel("counts")
-        self._range = 1 << counter.counter_bits if counter and counter.counter_bits else 0
-        self._travel: int | None = None
-
-    def to(self, counts: int) -> int:
-        """Return the counts without wraps; the first are taken as they are."""
-        if self._travel is None or not self._range:
-            self._travel = counts
-        else:
-            half = self._range // 2
-            self._travel += (counts - self._travel + half) % self._range - half
-        return self._travel
 
 
 def let_pass(

@@ -70,6 +70,7 @@ class Motion:
     __slots__ = (
         "_angle",
         "_counts",
+        "_first",
         "_half",
         "_range",
         "_sample_time",
@@ -93,6 +94,7 @@ class Motion:
         self._sample_time = rig.sample_time
         self._smoothing = max(SMOOTHING, 2 * rig.sample_time)
         self._counts: int | None = None
+        self._first = 0
         self.time, self.dt = 0.0, rig.sample_time
         self.step = self.position = 0
         self.speed = self.fastest = self.applied = 0.0
@@ -102,7 +104,8 @@ class Motion:
         """Take the next sample."""
         counts = sample.counts
         if self._counts is None:
-            self._counts, self.time = counts, sample.time - self._sample_time
+            self._counts = self._first = counts
+            self.time = sample.time - self._sample_time
         dt = sample.time - self.time
         # A clock that stands or goes back tells nothing; the tick was as long as it should be, for all that is known.
         dt = dt if dt > 0.0 else self._sample_time
@@ -118,6 +121,11 @@ class Motion:
             seen = abs(sample.tachometer)
             fastest = fastest if seen <= fastest else seen  # NaN goes through, to be noticed
         self.fastest = fastest
+
+    @property
+    def unwrapped(self) -> int:
+        """The last sample's counts as a counter without wraps would show them."""
+        return self._first + self.position
 
 
 @runtime_checkable
