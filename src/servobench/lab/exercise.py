@@ -1,12 +1,13 @@
 """An exercise: one Markdown file with what to do, the experiment to do it with, and blanks to fill in.
 
 The file begins with TOML between two lines of `+++`: `title`, `sentence`, an experiment as in its own file (`[experiment]`,
-`[signal]`, `[controller]`, `[device]`, `[limits]`), and `[[blanks]]`. The text follows, in Markdown.
+`[signal]`, `[controller]`, `[device]`, `[limits]`), `[[blanks]]`, `[studies.NAME]` and `[[corrections]]`. The text follows, in
+Markdown; a line `{{ NAME }}` in it is where the study of that name stands.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -19,13 +20,14 @@ from servobench.experiment import Experiment
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.experiment.reading import experiment_of, explain, parsed
 from servobench.lab.expression import Expression
+from servobench.lab.studies.base import AnyStudy, Study
 from servobench.lab.tolerance import Tolerance
 from servobench.settings import Settings
 from servobench.units import unit as unit_named
 
 _FENCE = "+++"
 _LONGEST = 600.0  # seconds of an experiment that is run to check an answer
-_OWN = ("title", "sentence", "order", "blanks")
+_OWN = ("title", "sentence", "order", "blanks", "studies", "corrections")
 FOLDER = Path(__file__).parent / "exercises"
 
 
@@ -66,6 +68,33 @@ class Blank(Settings):
         return self
 
 
+class Correction(Settings):
+    """Where the paper errs or is silent: its figure, ours as an expression over facts and studies, and why, in two sentences."""
+
+    where: Annotated[str, Field(min_length=1)]
+    """The place in the paper, such as `eq. 7` or `II.E`."""
+    paper: Annotated[str, Field(min_length=1)]
+    """What the paper says."""
+    ours: Annotated[str, Field(min_length=1)]
+    """What is right, in words; `{}` in it stands for the value of `answer` with its unit."""
+    answer: str = ""
+    """The expression that gives our figure in `unit`; empty where none belongs to it."""
+    unit: str = ""
+    """Unit of our figure."""
+    digits: Annotated[int, Field(ge=1, le=12)] = 3
+    """How many significant digits are shown."""
+    why: Annotated[str, Field(min_length=1)]
+    """Why, in two sentences."""
+
+    @model_validator(mode="after")
+    def _shows_its_figure(self) -> Self:
+        if self.answer:
+            Expression(self.answer)
+        if bool(self.answer) != ("{}" in self.ours):
+            raise ValueError("`answer` and a `{}` in `ours` belong together; give both or none")
+        return self
+
+
 class _Front(Settings):
     """What an exercise's file says before its text, without the experiment."""
 
@@ -73,6 +102,8 @@ class _Front(Settings):
     sentence: str = ""
     order: int = 0
     blanks: Annotated[tuple[Blank, ...], Field(min_length=1)]
+    studies: Mapping[Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*$")], AnyStudy] = {}
+    corrections: tuple[Correction, ...] = ()
 
     @model_validator(mode="after")
     def _tells_blanks_apart(self) -> Self:
@@ -94,6 +125,8 @@ class Exercise:
     text: str
     experiment: Experiment
     blanks: tuple[Blank, ...]
+    studies: Mapping[str, Study]
+    corrections: tuple[Correction, ...]
     source: str
     lines: tuple[int, ...]
 
@@ -174,6 +207,8 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
         text=body,
         experiment=experiment,
         blanks=told.blanks,
+        studies=told.studies,
+        corrections=told.corrections,
         source=source,
         lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),
     )
