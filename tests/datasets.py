@@ -42,12 +42,17 @@ def dataset(
     hold: int = 50,
     chain: str = "",
     torque_noise: float = 0.0,
+    u: NDArray[np.float64] | None = None,
     y: NDArray[np.float64] | None = None,
 ) -> Dataset:
-    """Return a dataset of the reference motor: position from counts + 1/2, or what a chain makes of it."""
+    """Return a dataset of the reference motor: position from counts + 1/2, or what a chain makes of it.
+
+    The input is `u` (M,), or of the kind.
+    """
     random = np.random.default_rng(seed)
     t = np.arange(samples) * sample_time
-    u = square(t, random.random()) if kind == "square" else prbs(samples, hold, random)
+    if u is None:
+        u = square(t, random.random()) if kind == "square" else prbs(samples, hold, random)
     stages = Chain.parse(chain)
     if y is None:
         noise = {"torque_noise": torque_noise, "step": 5e-5, "seed": seed} if torque_noise else {}

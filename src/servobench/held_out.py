@@ -94,7 +94,7 @@ def about_validation(
             )
         ]
     reversing = [record.name for record in others if turns_both_ways([*_fitted_to(fit), record])]
-    if fit.structure.endswith("one_way") and reversing and validation.fit_percent < 100 - _WORST:
+    if "one_way" in fit.structure and reversing and validation.fit_percent < 100 - _WORST:
         return [_reverses(reversing[0], validation.fit_percent)]
     worst = max(validation.records, key=lambda record: record.beyond)
     stands_out = worst.beyond > _BEYOND and 100 - worst.fit_percent > _WORST and len(validation.records) > 1

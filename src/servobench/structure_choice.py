@@ -25,7 +25,7 @@ from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.least_squares import Minimum
 from servobench.estimators.output_error import best_minimum, fitted_roughly
 from servobench.explanations.base import is_damaged, names_a_cause
-from servobench.finding import Finding, info, warning
+from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
 from servobench.models.base import STRUCTURES, Structure
@@ -125,17 +125,16 @@ def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> tuple[
     if explains_the_colour(one_way) or not _stands(data):
         return one_way, ()
     try:
-        with_rest = _fitted(method, STRUCTURES["first_order_coulomb"], data)
+        with_rest = _fitted(method, STRUCTURES["first_order_one_way_rest"], data)
     except NotIdentifiable:
         return one_way, ()
     if not with_rest.converged or not _better(with_rest, one_way):
         return one_way, ()
     sentence = (
-        "The motor stands still in a part of the record, so the model has friction that holds the shaft. As it turned one way "
-        "only, friction and offset are known by their sum, and whether friction is the same at all speeds can't be told; let it "
-        "turn both ways."
+        "The motor stands still in a part of the record, so the model has friction that holds the shaft: without it the "
+        f"simulation explains {one_way.fit_percent:.2f} % of the output, with it {with_rest.fit_percent:.2f} %."
     )
-    return with_rest, (warning(_REST, sentence, parameters=("coulomb_voltage", "offset_voltage")),)
+    return with_rest, (info(_REST, sentence, parameters=("coulomb_voltage",)),)
 
 
 def _stands(data: Sequence[Dataset]) -> bool:

@@ -41,6 +41,16 @@ def rests(t: Array, random: np.random.Generator) -> Array:
     return np.asarray(np.where((t + 4 * random.random()) % 4.0 < 0.5, 0.0, reversals(t, random)))
 
 
+def long_rests(t: Array, random: np.random.Generator) -> Array:
+    """The same, with zero volts half of the time."""
+    return np.asarray(np.where((t + 4 * random.random()) % 4.0 < 2.0, 0.0, reversals(t, random)))
+
+
+def pulses(t: Array, random: np.random.Generator) -> Array:
+    """2 and 3 V in turns, a second long each, with one and a half between: one way only, and at rest for half of the time."""
+    return np.asarray(np.where((t + 2.5 * random.random()) % 2.5 < 1.5, 0.0, 2.0 + (t // 2.5) % 2))
+
+
 def register(t: Array, random: np.random.Generator) -> Array:
     return np.asarray(prbs(len(t), 50, random))
 
@@ -49,6 +59,8 @@ SIGNALS: dict[str, Callable[[Array, np.random.Generator], Array]] = {
     "square": papers_square,
     "reversals": reversals,
     "rests": rests,
+    "long_rests": long_rests,
+    "pulses": pulses,
     "prbs": register,
 }
 
@@ -97,8 +109,11 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
 
 @pytest.mark.parametrize(
     ("signal", "torque_noise"),
-    [("square", 1e-6), ("square", 1e-5), ("square", 0.0), ("reversals", 1e-6), ("prbs", 1e-6), ("prbs", 0.0)],
-)
+    [
+        ("square", 1e-6), ("square", 1e-5), ("square", 0.0), ("reversals", 1e-6), ("prbs", 1e-6), ("prbs", 0.0), ("rests", 1e-6),
+        ("long_rests", 1e-6),
+    ],
+)  # fmt: skip
 def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
     signal: str, torque_noise: float
 ) -> None:
@@ -117,7 +132,7 @@ def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
             assert abs(value - batch[name].value) <= 0.5 * batch[name].sd, (seed, name)
 
 
-@pytest.mark.parametrize("signal", SIGNALS)
+@pytest.mark.parametrize("signal", ["square", "reversals", "rests", "prbs"])
 def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     """At five times in each of 20 runs. Looks at one run aren't independent, so this allows for 90 % where 95 % are stated."""
     looks = (2.0, 3.0, 5.0, 7.0, 10.0)
@@ -139,6 +154,20 @@ def test_intervals_cover_and_shrink_while_the_motor_runs(signal: str) -> None:
     assert (middle[-1] < 4 / 3 * np.sqrt(looks[0] / looks[-1]) * middle[0]).all()
     for name, count in inside.items():
         assert count >= 0.9 * 20 * len(looks), (name, count)
+
+
+def test_a_motor_that_turns_one_way_and_rests_in_between_is_followed() -> None:
+    """20 runs at 95 % cover fewer than 16 times in 1 case of 400 (binomial)."""
+    inside = dict.fromkeys(SHARED, 0)
+    for seed in range(20):
+        t, u, counts = rows("pulses", seed)
+        recursive = live(u[0])
+        feed(recursive, t, u, counts)
+        assert recursive.structure == "first_order_one_way_rest"
+        truth, found = answers(drawn(seed)), recursive.estimate()
+        for name in SHARED:
+            inside[name] += abs(found[name][0] - truth[name]) <= 1.96 * found[name][1]
+    assert min(inside.values()) >= 16, inside
 
 
 def test_the_twin_is_hit() -> None:

@@ -12,7 +12,7 @@ from servobench.models.search import directions
 
 def _one_way(fit: Fit) -> list[Finding]:
     """What the one voltage stands for where the motor turned one way only."""
-    if fit.structure != "first_order_one_way":
+    if fit.structure not in ("first_order_one_way", "first_order_one_way_rest"):
         return []
     estimate = fit["coulomb_voltage"]
     unit = estimate.unit

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
+from servobench.estimators.encoder_rounding import is_rounded
 from servobench.estimators.least_squares import Layout
 from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
@@ -58,12 +59,16 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Neighbouring samples and their means: the first samples, counts, mean times, and whether the shaft slides."""
+    """Neighbouring samples and their means: the first samples, counts, mean times, and whether the shaft slides.
+
+    `noise` is the variance of each mean, beside r.
+    """
 
     starts: NDArray[np.int64]
     counts: Array
     times: Array
     moving: Array
+    noise: Array
 
     def means(self, x: Array) -> Array:
         """Return the means of x (M, …) over each block, (B, …)."""
@@ -71,19 +76,34 @@ class Blocks:
         return np.asarray(sums / self.counts.reshape(-1, *[1] * (x.ndim - 1)), dtype=np.float64)
 
 
-def blocks_of(data: Dataset, moving: Array, longest: float) -> Blocks:
-    """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within."""
-    t = data.t_output
+def blocks_of(data: Dataset, moving: Array, longest: float, variance: float | None = None) -> Blocks:
+    """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within.
+
+    `variance` is r, where it is known. A shaft at rest shows an encoder the same count all the time: that tells where it is once,
+    with the whole rounding error of variance Q²/12, however long the rest. So a rest is one block then, and weighs as such.
+    """
+    t, rests = data.t_output, (moving == 0) & is_rounded(data)
     size = max(int(longest / data.sample_time), 1)
-    breaks = (np.diff(t) > 1.5 * data.sample_time) | (np.diff(moving) != 0)
+    gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
+    breaks = gaps | (np.diff(moving) != 0)
     run = np.concatenate([[0], np.cumsum(breaks)])
-    first = np.searchsorted(run, run)
-    inside = (np.arange(len(t)) - first) // size
+    inside = np.where(rests, 0, (np.arange(len(t)) - np.searchsorted(run, run)) // size)
     starts = np.flatnonzero(np.concatenate([[True], breaks | (np.diff(inside) != 0)]))
     counts = np.diff(np.append(starts, len(t))).astype(np.float64)
+    once = 1.0 if variance is None else max((data.quantum or 0.0) ** 2 / 12 / variance, 1.0)
     return Blocks(
-        starts=starts, counts=counts, times=np.add.reduceat(t, starts) / counts, moving=moving[starts]
+        starts=starts,
+        counts=counts,
+        times=np.add.reduceat(t, starts) / counts,
+        moving=moving[starts],
+        noise=np.where(rests[starts], once, 1 / counts),
     )
+
+
+def _samples(data: Dataset, moving: Array) -> Blocks:
+    """Each sample as a block of its own."""
+    ones = np.ones(len(data.t_output))
+    return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, moving=moving, noise=ones)
 
 
 @dataclass(frozen=True, eq=False)
@@ -235,14 +255,15 @@ def _inverse(h: Array) -> tuple[Array, float]:
 
 def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
-    each = Blocks(np.arange(len(x)), np.ones(len(x)), data.t_output, moving)
-    out, _ = _innovations(x.reshape(len(x), -1), each, data.kind, disturbance.tau, disturbance.ratio)
+    out, _ = _innovations(
+        x.reshape(len(x), -1), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+    )
     return np.asarray((out / np.sqrt(disturbance.variance)).reshape(x.shape), dtype=np.float64)
 
 
 def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return the innovations (B,) of a residual x (M,), averaged over blocks as for the likelihood; their scale is arbitrary."""
-    blocks = blocks_of(data, moving, longest_block(disturbance, disturbance.tau, data))
+    blocks = blocks_of(data, moving, longest_block(disturbance, disturbance.tau, data), disturbance.variance)
     return _innovations(blocks.means(x[:, None]), blocks, data.kind, disturbance.tau, disturbance.ratio)[0][
         :, 0
     ]
@@ -251,8 +272,9 @@ def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: D
 def innovation_sd(data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return the standard deviation of each sample's innovation (M,) [unit of the output]."""
     n = len(data.t_output)
-    each = Blocks(np.arange(n), np.ones(n), data.t_output, moving)
-    _, spread = _innovations(np.empty((n, 0)), each, data.kind, disturbance.tau, disturbance.ratio)
+    _, spread = _innovations(
+        np.empty((n, 0)), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+    )
     return np.asarray(np.sqrt(disturbance.variance * spread), dtype=np.float64)
 
 
@@ -380,6 +402,6 @@ def _innovations(x: Array, blocks: Blocks, kind: Kind, tau: float, ratio: float)
     spread = np.empty(len(out))
     position = 1.0 if kind == "position" else 0.0
     kernels.innovations(
-        blocks.times, tau, ratio, blocks.moving, 1.0 / blocks.counts, position, 1.0 - position, out, spread
+        blocks.times, tau, ratio, blocks.moving, blocks.noise, position, 1.0 - position, out, spread
     )
     return out, spread

@@ -144,7 +144,8 @@ def _profiled(
     noise = earlier.disturbance if earlier else None
     while True:
         longest = [longest_block(noise, tau, record) for record in data]
-        blocks = tuple(map(blocks_of, data, sliding, longest))
+        variance = noise.variance if noise else None
+        blocks = tuple(blocks_of(*each, variance) for each in zip(data, sliding, longest, strict=True))
         near = Linearised(
             blocks=blocks,
             columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
@@ -170,7 +171,10 @@ def _weighed(
     layout, noise = Layout(structure, tuple(data)), found.disturbance
     return tuple(
         blocks_of(
-            record, structure.sliding(theta[place], record), longest_block(noise, noise.tau, record, WEIGHED)
+            record,
+            structure.sliding(theta[place], record),
+            longest_block(noise, noise.tau, record, WEIGHED),
+            noise.variance,
         )
         for record, place in _each_record(layout)
     )

@@ -148,7 +148,9 @@ class Recursive:
         """The name of the structure whose parameters are found."""
         if self.setting.structure is not None:
             return STRUCTURES.name_of(self.setting.structure)
-        return "first_order_coulomb" if self._both_ways else "first_order_one_way"
+        if self._both_ways:
+            return "first_order_coulomb"
+        return "first_order_one_way_rest" if self._motion and self._motion.rested else "first_order_one_way"
 
     @property
     def reference(self) -> Array | None:

@@ -65,7 +65,7 @@ class FirstOrderMotor:
             delay=max(answer.transfer_function.delay, 0.0),
             coulomb_voltage=told.get("coulomb_voltage"),
             offset_voltage=told.get("offset_voltage"),
-            one_way=answer.structure.endswith("one_way"),
+            one_way="one_way" in answer.structure,
             moments=moments * np.outer(scale, scale),
         )
 

@@ -2,8 +2,9 @@
 
     τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
 
-Three members share these equations. They differ in which of the two lost voltages they have: the offset u₀, which doesn't care
-which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way only, nobody can tell the two apart.
+Four members share these equations. They differ in which of the two lost voltages they have: the offset u₀, which doesn't care
+which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way only, nobody can tell the two apart:
+one voltage stands for their sum, and holds the shaft where it rests in between.
 """
 
 from __future__ import annotations
@@ -116,7 +117,7 @@ class FirstOrder:
     def _sticks(self, theta: Array, voltage: float) -> bool:
         """Whether a shaft at rest stays at rest with that input."""
         value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
-        return bool(abs(voltage - value["offset_voltage"]) <= max(value["coulomb_voltage"], 0.0))
+        return bool(abs(voltage - value.get("offset_voltage", 0.0)) <= max(value["coulomb_voltage"], 0.0))
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
@@ -210,4 +211,5 @@ class FirstOrder:
 
 STRUCTURES.member("first_order")(FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)))
 STRUCTURES.member("first_order_one_way")(FirstOrder((GAIN, TIME_CONSTANT, ONE_WAY, DELAY)))
+STRUCTURES.member("first_order_one_way_rest")(FirstOrder((GAIN, TIME_CONSTANT, COULOMB, DELAY)))
 STRUCTURES.member("first_order_coulomb")(FirstOrder((GAIN, TIME_CONSTANT, COULOMB, OFFSET, DELAY)))

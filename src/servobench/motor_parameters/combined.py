@@ -221,7 +221,7 @@ def _about(solution: _Solution, fit: Fit, joint: Observed) -> list[Finding]:
         findings += _near_zero(solution)
     if solution.spare > 0 and solution.misfit > _CONFLICT + 2.0 * (solution.spare - 1):
         findings.append(_disagree(joint))
-    if "coulomb_torque" in told and fit.structure.endswith("one_way"):
+    if "coulomb_torque" in told and "one_way" in fit.structure:
         findings.append(_with_offset())
     return findings
 

@@ -35,7 +35,8 @@ def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: f
         weight = np.add.reduceat(informs, block.starts) / usual
         keep = weight > _SILENT
         columns.append(sums[keep] / (weight[keep, None] * np.sqrt(usual)))
-        blocks.append(Blocks(block.starts[keep], weight[keep], block.times[keep], block.moving[keep]))
+        weighed = weight[keep]
+        blocks.append(Blocks(block.starts[keep], weighed, block.times[keep], block.moving[keep], 1 / weighed))
     records = Linearised(
         blocks=tuple(blocks),
         columns=tuple(columns),

@@ -154,6 +154,11 @@ class Motion:
         least = max(0.02 * self.senses[:2].sum(), self.reference[1] / self.bank.sample_time)
         return bool(self.senses[:2].min() > least)
 
+    @property
+    def rested(self) -> bool:
+        """Whether friction has held the shaft for a while."""
+        return bool(self.senses[2] > 0)
+
     def blocks_in(self, duration: float) -> int:
         """Return how many blocks of the filter `shown` span a duration [s], at least one."""
         length = self.bank.sizes[np.searchsorted(self.bank.filters, self.shown, side="right") - 1]
