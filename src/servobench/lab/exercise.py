@@ -7,7 +7,8 @@ Markdown; a line `{{ NAME }}` in it is where the study of that name stands.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -17,6 +18,7 @@ from pydantic import Field, ValidationError, model_validator
 
 from servobench.errors import FormatError, UnknownName, UsageError
 from servobench.experiment import Experiment
+from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.experiment.reading import experiment_of, explain, parsed
 from servobench.lab.expression import Expression
@@ -27,6 +29,12 @@ from servobench.units import unit as unit_named
 
 _FENCE = "+++"
 _LONGEST = 600.0  # seconds of an experiment that is run to check an answer
+_STANDS = re.compile(r"\{\{ *([A-Za-z0-9_]*) *\}\}")
+_WORDS_OF_FACTS = (
+    "chain", "coulomb", "counter", "counts", "dead", "drag", "electrical", "gravity", "load", "loop", "offset", "read",
+    "sample", "sheet", "stribeck", "time", "viscous", "voltage",
+)  # fmt: skip
+"""What names of facts begin with, such as `time_constant`: a study called that would hide them."""
 _OWN = ("title", "sentence", "order", "blanks", "studies", "corrections")
 FOLDER = Path(__file__).parent / "exercises"
 
@@ -114,9 +122,20 @@ class _Front(Settings):
         return self
 
 
+@dataclass(frozen=True, kw_only=True)
+class Piece:
+    """A piece of an exercise's text: Markdown, or the name of the study that stands there."""
+
+    text: str = ""
+    study: str = ""
+
+
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Exercise:
-    """What to do (`text`, Markdown), the experiment to do it with, and the blanks; `lines` says where each blank stands."""
+    """What to do (`text`, Markdown), the experiment to do it with, the blanks, studies and corrections.
+
+    `lines` says in which line of the file each blank stands, `study_lines` each study and `correction_lines` each correction.
+    """
 
     name: str
     title: str
@@ -129,6 +148,13 @@ class Exercise:
     corrections: tuple[Correction, ...]
     source: str
     lines: tuple[int, ...]
+    study_lines: Mapping[str, int]
+    correction_lines: tuple[int, ...]
+
+    @property
+    def pieces(self) -> tuple[Piece, ...]:
+        """The text cut where studies stand in it."""
+        return tuple(_pieces(self.text))
 
     def blank(self, name: str) -> Blank:
         """Return the blank of that id; raises `UnknownName`."""
@@ -140,6 +166,14 @@ class Exercise:
     def place(self, blank: Blank) -> str:
         """Return where a blank stands, as messages say it: file and line."""
         return f"{self.source}:{self.lines[self.blanks.index(blank)]}"
+
+    def place_of_study(self, name: str) -> str:
+        """Return where the study of that name stands: file and line."""
+        return f"{self.source}:{self.study_lines[name]}"
+
+    def place_of_correction(self, correction: Correction) -> str:
+        """Return where a correction stands: file and line."""
+        return f"{self.source}:{self.correction_lines[self.corrections.index(correction)]}"
 
 
 def names(folder: Path = FOLDER) -> tuple[str, ...]:
@@ -188,11 +222,12 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     Raises `FormatError` where it doesn't begin with TOML between two lines of `+++`, and `ExperimentError` with a line for each
     mistake in it.
     """
-    front, body = _divided(text, source)
+    front, body, first = _divided(text, source)
     tables = parsed(front, source)
     own = {key: tables.pop(key) for key in _OWN if key in tables}
     told = _front(own, front, source)
     lines = lines_of_keys(front)
+    _check_studies(told.studies, body, first, lines, source)
     experiment = experiment_of(tables, front, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
         raise FormatError(
@@ -211,11 +246,58 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
         corrections=told.corrections,
         source=source,
         lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),
+        study_lines={study: line_of(("studies", study), lines) or 1 for study in told.studies},
+        correction_lines=tuple(
+            line_of(("corrections", number), lines) or 1 for number in range(len(told.corrections))
+        ),
     )
 
 
-def _divided(text: str, source: str) -> tuple[str, str]:
-    """The TOML, with an empty line for each before it so that lines count as in the file, and the Markdown."""
+def _pieces(text: str) -> Iterator[Piece]:
+    written: list[str] = []
+    for line in text.splitlines(keepends=True):
+        stands = _STANDS.fullmatch(line.strip())
+        if stands is None:
+            written.append(line)
+            continue
+        if "".join(written).strip():
+            yield Piece(text="".join(written))
+        written = []
+        yield Piece(study=stands[1])
+    if "".join(written).strip():
+        yield Piece(text="".join(written))
+
+
+def _check_studies(
+    studies: Mapping[str, Study], body: str, first: int, lines: Mapping[KeyPath, int], source: str
+) -> None:
+    """Raise errors with file and line for studies with a name that hides facts, and for places of studies that can't be."""
+    for name in studies:
+        if name in _WORDS_OF_FACTS:
+            raise FormatError(
+                f"{source}:{line_of(('studies', name), lines) or 1}: a study can't be called {name!r}, as names of facts begin "
+                "like this; expected another name"
+            )
+    seen: dict[str, int] = {}
+    for number, line in enumerate(body.splitlines(), start=first):
+        for stands in _STANDS.finditer(line):
+            name, place = stands[1], f"{source}:{number}"
+            if stands[0] != line.strip():
+                raise FormatError(
+                    f"{place}: `{stands[0]}` is where a study stands; expected it in a line of its own"
+                )
+            if name not in studies:
+                known = f"{UnknownName('study', name, studies)}" if studies else "there are no studies"
+                raise FormatError(f"{place}: {known}; add a table [studies.{name or 'NAME'}]")
+            if name in seen:
+                raise FormatError(
+                    f"{place}: the study {name!r} stands in line {seen[name]} already; leave one of them out"
+                )
+            seen[name] = number
+
+
+def _divided(text: str, source: str) -> tuple[str, str, int]:
+    """The TOML, with an empty line for each before it so that lines count as in the file, the Markdown, and its first line."""
     lines = text.replace("\r\n", "\n").split("\n")
     if lines[0].strip() != _FENCE:
         raise FormatError(
@@ -228,7 +310,8 @@ def _divided(text: str, source: str) -> tuple[str, str]:
     body = "\n".join(lines[end + 2 :]).strip()
     if not body:
         raise FormatError(f"{source}:{end + 2}: there is no text; expected what to do, in Markdown")
-    return "\n".join(["", *lines[1 : end + 1]]), f"{body}\n"
+    first = next(number for number in range(end + 2, len(lines)) if lines[number].strip())
+    return "\n".join(["", *lines[1 : end + 1]]), f"{body}\n", first + 1
 
 
 def _first(lines: Iterable[str]) -> int | None:

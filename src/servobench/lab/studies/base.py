@@ -75,7 +75,7 @@ class Stand(Protocol):
 
     @property
     def facts(self) -> Mapping[str, Fact]:
-        """What experiment, device and recording tell, without the studies."""
+        """What data sheet, device, recording and studies tell, each fact found when it is first asked for."""
         ...
 
     @property

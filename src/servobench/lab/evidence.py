@@ -1,0 +1,139 @@
+"""What the experiment, the device, its data sheet and a recording tell, each fact by name.
+
+`sample_time`, `duration` [s]; `counts_per_rev`, `counter_bits` and `voltage_limit` [V] of the device; `sheet_resistance`,
+`sheet_gain` and the like, what the data sheet that is the experiment's `nominal` says; `read_gain` [rad/(s·V)] and
+`read_time_constant` [s], as read off the speed behind the chain by 63.2 %; `chain_lag` [s], what the chain delays a motor of the
+identified time constant by; and the identified parameters, such as `gain` and `time_constant`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from servobench.channels import DeviceInfo
+from servobench.errors import NotIdentifiable
+from servobench.experiment import Experiment
+from servobench.finding import Severity
+from servobench.lab.expression import Fact
+from servobench.measurement.base import Chain
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
+    from servobench.result import Result
+
+_READ, _SHEET = "read_", "sheet_"
+
+
+@dataclass(frozen=True, eq=False)
+class Evidence(Mapping[str, Fact]):
+    """The facts of one experiment by name, found when they are first asked for: an encoder's counts take no run of the motor.
+
+    Raises `NotIdentifiable` where an identified fact is asked for that the recording can't tell.
+    """
+
+    experiment: Experiment
+    info: DeviceInfo
+    record: Callable[[], Recording]
+
+    def __getitem__(self, name: str) -> Fact:
+        """Return a fact; raises `KeyError` where there is none of that name."""
+        if name in self._stated:
+            return self._stated[name]
+        found, result = (
+            (self._read, self._reading) if name.startswith(_READ) else (self._found, self._identified)
+        )
+        if name not in found and result is not None and result.fit is None:
+            why = "; ".join(f.sentence for f in result.findings if f.severity is Severity.REFUSAL)
+            raise NotIdentifiable(f"the recording tells no {name}: {why}")
+        return found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**self._stated, **self._read, **self._found})
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+    @cached_property
+    def _stated(self) -> dict[str, Fact]:
+        """What is known without a run."""
+        counts, voltage = self.info.channel("counts"), self.info.channel("voltage")
+        values = {
+            "sample_time": self.experiment.sample_time,
+            "duration": self.experiment.duration,
+            "counts_per_rev": counts.counts_per_rev if counts else None,
+            "counter_bits": counts.counter_bits if counts else None,
+            "voltage_limit": voltage.maximum if voltage else None,
+        }
+        told = {name: Fact(value=float(value)) for name, value in values.items() if value is not None}
+        return {**told, **self._sheet()}
+
+    def _sheet(self) -> dict[str, Fact]:
+        """What the data sheet says of the motor and its amplifier, and what follows for gain, time constant and delay."""
+        if not self.experiment.nominal:
+            return {}
+        from servobench.models.nominal import nominal_values
+        from servobench.motor.parameters import data_sheet
+
+        sheet = data_sheet(self.experiment.nominal)
+        values = {
+            **asdict(sheet.motor),
+            "inertia": sheet.motor.inertia,
+            "voltage_limit": sheet.voltage_limit,
+            "dead_band": sheet.dead_band,
+            "counts_per_rev": sheet.counts_per_rev,
+            "counter_bits": sheet.counter_bits,
+            **nominal_values(sheet.motor),
+        }
+        return {f"{_SHEET}{name}": Fact(value=float(value)) for name, value in values.items()}
+
+    @cached_property
+    def _read(self) -> dict[str, Fact]:
+        """What is read off the speed behind the chain; nothing where there is no speed to read."""
+        if self._reading is None or self._reading.fit is None:
+            return {}
+        fit = self._reading.fit
+        return {f"{_READ}{name}": Fact(value=fit[name].value) for name in ("gain", "time_constant")}
+
+    @cached_property
+    def _found(self) -> dict[str, Fact]:
+        """The identified parameters, and the lag of the chain."""
+        from servobench.measurement.cost import lag_of
+
+        fit = self._identified.fit
+        if fit is None:
+            return {}
+        found = {
+            name: Fact(value=e.value, half=0.5 * (e.interval[1] - e.interval[0]))
+            for name, e in fit.estimates.items()
+        }
+        tau = found.get("time_constant")
+        if tau is not None:
+            found["chain_lag"] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)
+        return found
+
+    @property
+    def _chain(self) -> Chain:
+        return Chain.parse(self.experiment.chain)
+
+    @cached_property
+    def _recording(self) -> Recording:
+        return self.record()
+
+    @cached_property
+    def _reading(self) -> Result | None:
+        from servobench.identification import identify
+        from servobench.measurement.measure import measure
+
+        if self._chain.takes == "speed" or self._chain.yields("position") != "speed":
+            return None  # a time to 63.2 % is read off a speed
+        return identify(measure(self._recording, self._chain), estimator="step_63")
+
+    @cached_property
+    def _identified(self) -> Result:
+        from servobench.identification import identify
+        from servobench.measurement.measure import measure
+
+        return identify(measure(self._recording), nominal=self.experiment.nominal or None)

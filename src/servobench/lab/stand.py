@@ -1,0 +1,187 @@
+"""Where an exercise is done: a motor to run experiments on, or a recording alone, and all facts that come of it.
+
+A study's facts are found when they are first asked for, by a rule or by another study. A stand carries each study out once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+from functools import cached_property, lru_cache
+from threading import RLock
+from typing import TYPE_CHECKING
+
+from servobench.channels import DeviceInfo
+from servobench.errors import MissingInformation, NotIdentifiable, UnknownName, UsageError
+from servobench.experiment import Experiment
+from servobench.experiment.experiment import DeviceChoice
+from servobench.lab.evidence import Evidence
+from servobench.lab.exercise import Exercise
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import Shown, carried_out, facts_in
+
+if TYPE_CHECKING:
+    from servobench.devices.base import Device
+    from servobench.recording.recording import Recording
+
+TWIN = "twin"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class MotorStand:
+    """What the studies of an exercise work with; it is a `Stand`. `carry_out` runs an experiment on the motor."""
+
+    exercise: Exercise
+    experiment: Experiment
+    """The exercise's own experiment, as it is carried out here."""
+    info: DeviceInfo
+    """What the device is."""
+    made: Recording | None = None
+    """The recording of the experiment, where there is one already."""
+    carry_out: Callable[[Experiment], Recording]
+    _shown: dict[str, Shown] = field(default_factory=dict, init=False)
+    _under_way: list[str] = field(default_factory=list, init=False)
+    _one_at_a_time: RLock = field(default_factory=RLock, init=False)  # a panel asks from several threads
+
+    @cached_property
+    def recording(self) -> Recording:
+        """The recording of the exercise's experiment; it is made when it is first asked for."""
+        with self._one_at_a_time:
+            return self.made or self.carry_out(self.experiment)
+
+    def run(self, experiment: Experiment) -> Recording:
+        """Carry out another experiment on the same motor, and return what happened."""
+        return self.carry_out(experiment)
+
+    @cached_property
+    def facts(self) -> Mapping[str, Fact]:
+        """All facts by name: of the evidence, and of the studies as `NAME_...`."""
+        return _AllFacts(Evidence(self.experiment, self.info, lambda: self.recording), self)
+
+    def shown(self, name: str) -> Shown:
+        """Return what the study of that name found; it is carried out when it is first asked for.
+
+        Raises `UnknownName` for a study that the exercise hasn't, `UsageError` with file and line for one that can't be carried
+        out or that asks for what only it will tell, and `NotIdentifiable` where the motor or the recording doesn't tell it.
+        """
+        if name not in self.exercise.studies:
+            raise UnknownName("study", name, self.exercise.studies)
+        place = self.exercise.place_of_study(name)
+        with self._one_at_a_time:
+            if name in self._under_way:
+                around = " → ".join([*self._under_way[self._under_way.index(name) :], name])
+                raise UsageError(
+                    f"{place}: the study {name!r} needs its own facts to find them ({around}); leave one of them out there"
+                )
+            if name not in self._shown:
+                self._under_way.append(name)
+                try:
+                    self._shown[name] = carried_out(self.exercise.studies[name], self)
+                except NotIdentifiable as error:
+                    raise NotIdentifiable(f"the study {name!r}: {error}") from error
+                except UsageError as error:
+                    raise UsageError(f"{place}: the study {name!r}: {error}") from error
+                finally:
+                    self._under_way.pop()
+            return self._shown[name]
+
+    def found(self) -> Mapping[str, Fact]:
+        """Return the facts of the studies that were carried out until now, by name."""
+        return {
+            key: fact for name, shown in self._shown.items() for key, fact in facts_in(name, shown).items()
+        }
+
+
+@dataclass(frozen=True, eq=False)
+class _AllFacts(Mapping[str, Fact]):
+    """The evidence, and the facts of studies, which are carried out when one of theirs is asked for, not to list them."""
+
+    evidence: Evidence
+    stand: MotorStand
+
+    def __getitem__(self, name: str) -> Fact:
+        """Return a fact; raises `KeyError` where there is none of that name."""
+        study, _, rest = name.partition("_")
+        if rest and study in self.stand.exercise.studies:
+            return facts_in(study, self.stand.shown(study))[name]
+        return self.evidence[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter({**dict.fromkeys(self.evidence), **dict.fromkeys(self.stand.found())})
+
+    def __len__(self) -> int:
+        return len(list(iter(self)))
+
+
+@lru_cache(maxsize=64)
+def stand_on_the_twin(exercise: Exercise) -> MotorStand:
+    """Return the stand of an exercise with the simulated motor, in virtual time; raises `UsageError` if another is asked for."""
+    if exercise.experiment.device.name != TWIN:
+        raise UsageError(
+            f"{exercise.source}: the device is {exercise.experiment.device.name!r}; only the twin runs without a motor"
+        )
+    return stand_with(exercise, exercise.experiment.device)
+
+
+def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
+    """Return the stand of an exercise with a device, a twin in virtual time; nothing moves until it is asked for a recording.
+
+    Raises `UnknownName` for a device that isn't known, and `UsageError` for settings that it hasn't.
+    """
+    chosen = _in_virtual_time(device) if device.name == TWIN else device
+
+    def carry_out(experiment: Experiment) -> Recording:
+        from servobench.loop.run import run
+
+        asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
+        with _connected(asked.device) as motor:
+            return run(asked, motor)
+
+    return MotorStand(
+        exercise=exercise,
+        experiment=exercise.experiment.model_copy(update={"device": chosen}),
+        info=_connected(chosen).info,
+        carry_out=carry_out,
+    )
+
+
+def stand_of(exercise: Exercise, recording: Recording) -> MotorStand:
+    """Return the stand of an exercise with a recording alone: a study that runs something is told that there is no motor.
+
+    Raises `MissingInformation` for a recording that doesn't say what device it is of.
+    """
+    if recording.info is None:
+        raise MissingInformation(recording.name, ["the device that it was made with"])
+
+    def refuse(experiment: Experiment) -> Recording:
+        raise NotIdentifiable(
+            f"this takes further runs of the motor, and {recording.name} is one recording alone; do the exercise with the motor, "
+            "or with the simulated one"
+        )
+
+    return MotorStand(
+        exercise=exercise,
+        experiment=exercise.experiment,
+        info=recording.info,
+        made=recording,
+        carry_out=refuse,
+    )
+
+
+def _connected(device: DeviceChoice) -> Device:
+    """The device, not yet entered."""
+    from servobench.devices.base import connect
+    from servobench.devices.faulty import with_faults
+
+    return with_faults(connect(device.name, **device.settings), device.faults)
+
+
+def _in_virtual_time(device: DeviceChoice) -> DeviceChoice:
+    return device.model_copy(update={"settings": {**device.settings, "timing": "virtual"}})
+
+
+def _same_motor(own: DeviceChoice, asked: DeviceChoice) -> DeviceChoice:
+    """The stand's own motor; what a study asks of a twin beside, such as another dead band, is set on top."""
+    if own.name != asked.name or own.name != TWIN:
+        return own
+    return _in_virtual_time(asked.model_copy(update={"settings": {**own.settings, **asked.settings}}))
