@@ -20,6 +20,7 @@ from servobench.cli.faults import faults
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
+from servobench.cli.lab import lab
 from servobench.cli.panel import panel
 from servobench.cli.recover import recover
 from servobench.cli.run import run
@@ -77,6 +78,7 @@ for command in (
     convert,
     recover,
     panel,
+    lab,
     devices,
     faults,
     signals,

@@ -1,0 +1,256 @@
+"""`servobench lab`: the exercises, listed, worked through, and written as pages."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from servobench.cli.failures import DONE
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servobench.lab.exercise import Exercise
+    from servobench.lab.stand import MotorStand
+    from servobench.lab.worked import Worked
+
+
+def lab(
+    name: Annotated[str | None, typer.Argument(metavar="[NAME | FILE.md]", hidden=True)] = None,
+    everything: Annotated[
+        bool, typer.Option("--all", help="All exercises, as pages that lead to each other.")
+    ] = False,
+    folder: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A folder with exercises of your own, in place of those that come along."
+        ),
+    ] = None,
+    answers: Annotated[
+        list[str] | None,
+        typer.Option(
+            metavar="BLANK=VALUE", help='An answer to check, such as "gain=23.4 rad/(s*V)"; may be repeated.'
+        ),
+    ] = None,
+    solution: Annotated[
+        bool, typer.Option("--solution", help="Show the right answers beside the blanks.")
+    ] = False,
+    device: Annotated[
+        str | None,
+        typer.Option(
+            metavar="NAME", help="The device, in place of the exercise's; see `servobench devices`."
+        ),
+    ] = None,
+    recording: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="A recording that you made for the exercise, in place of a run."),
+    ] = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="PAGE.html | DIR",
+            help="Where to write the page; with --all the folder of the pages, without one called after the time.",
+        ),
+    ] = None,
+    as_json: Annotated[
+        bool,
+        typer.Option("--json", help="Print what comes out as JSON, and nothing else, on standard output."),
+    ] = False,
+) -> None:
+    """Do an exercise: its text, what comes out, what to fill in, and where the paper errs.
+
+    Without a name the exercises are listed. With one it is done on the simulated motor, in virtual time, or on a device.
+    An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
+    """
+    from servobench.cli.terminal import messages, output
+    from servobench.errors import UsageError
+    from servobench.lab.exercise import FOLDER
+
+    _check_together(name, everything, recording, device, answers, as_json, out)
+    where = folder or FOLDER
+    if folder is not None and not folder.is_dir():
+        raise UsageError(f"--folder {folder}: is no folder; expected one with exercises, NAME.md")
+    console = messages() if as_json else output()
+    if everything:
+        _write_all(console, where, device, out, solution=solution, as_json=as_json)
+    elif name is None:
+        _list(console, where)
+    else:
+        found = _asked_for(name, where)
+        given = dict(_answer(text) for text in answers or ())
+        for blank in given:
+            found.blank(blank)  # a misspelt one is told before anything is run
+        _one(console, found, device, recording, given, out, solution=solution, as_json=as_json)
+    raise typer.Exit(DONE)
+
+
+def _check_together(
+    name: str | None,
+    everything: bool,
+    recording: Path | None,
+    device: str | None,
+    answers: Sequence[str] | None,
+    as_json: bool,
+    out: Path | None,
+) -> None:
+    from servobench.cli.conclusion import check_report
+    from servobench.errors import UsageError
+
+    if everything and name is not None:
+        raise UsageError(f"--all and the exercise {name!r} don't go together; give one of them")
+    if everything and (recording is not None or answers):
+        raise UsageError(
+            "--all goes with neither --recording nor --answers; name the exercise that they belong to"
+        )
+    if recording is not None and device is not None:
+        raise UsageError("--recording and --device don't go together; give one of them")
+    if name is None and not everything:
+        for option, given in (
+            ("--answers", answers),
+            ("--recording", recording),
+            ("--out", out),
+            ("--json", as_json),
+        ):
+            if given:
+                raise UsageError(
+                    f"{option} belongs to an exercise; name one, or give --all: servobench lab lists them"
+                )
+    if not everything:
+        check_report(out, [recording] if recording else [], option="--out")
+
+
+def _list(console: Console, folder: Path) -> None:
+    """Print the exercises in their order; those with mistakes are told, and end the command as a mistake does."""
+    from servobench.cli.layout import show_table
+    from servobench.errors import ServobenchError, UsageError
+    from servobench.lab.exercise import exercise, names
+
+    found: list[Exercise] = []
+    mistakes: list[str] = []
+    for name in names(folder):
+        try:
+            found.append(exercise(name, folder))
+        except ServobenchError as error:  # one file with a mistake doesn't hide the others
+            mistakes.append(str(error))
+    if not found and not mistakes:
+        raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
+    found.sort(key=lambda each: (each.order, each.name))
+    rows = [(str(each.order), each.name, each.title, each.sentence) for each in found]
+    show_table(console, ("order", "name", "title", "what it is about"), rows, right=("order",))
+    if mistakes:
+        raise UsageError("\n".join(mistakes))
+
+
+def _asked_for(name: str, folder: Path) -> Exercise:
+    from servobench.lab.exercise import exercise, load_exercise
+
+    return load_exercise(Path(name)) if name.endswith(".md") else exercise(name, folder)
+
+
+def _answer(text: str) -> tuple[str, str]:
+    from servobench.errors import UsageError
+
+    blank, equals, value = text.partition("=")
+    if not equals or not blank.strip() or not value.strip():
+        raise UsageError(
+            f'--answers {text!r} is no answer; expected the name of a blank and a value, such as "gain=23.4"'
+        )
+    return blank.strip(), value.strip()
+
+
+def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> MotorStand:
+    from servobench.errors import UsageError
+    from servobench.experiment.experiment import DeviceChoice
+    from servobench.formats.base import load
+    from servobench.lab.stand import stand_of, stand_on_the_twin, stand_with
+
+    if recording is not None:
+        made = load(recording)
+        if len(made) != 1:
+            raise UsageError(f"{recording} holds {len(made)} recordings; expected one of this exercise")
+        return stand_of(exercise, made[0])
+    asked = exercise.experiment.device
+    if device is None and asked.name == "twin":
+        return stand_on_the_twin(exercise)
+    # The settings in the file are another device's.
+    return stand_with(
+        exercise, asked if device in (None, asked.name) else DeviceChoice(name=device or asked.name)
+    )
+
+
+def _one(
+    console: Console,
+    exercise: Exercise,
+    device: str | None,
+    recording: Path | None,
+    given: dict[str, str],
+    out: Path | None,
+    *,
+    solution: bool,
+    as_json: bool,
+) -> None:
+    from servobench.cli.lab_shown import show_checked, show_worked
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.run import ended_like_ctrl_c
+    from servobench.cli.terminal import print_json, say
+    from servobench.lab.document import to_dict
+    from servobench.lab.page import write_exercise
+    from servobench.lab.worked import Worked
+
+    with Progress() as progress, told_when_compiling(progress), ended_like_ctrl_c():
+        progress.begin(f"doing {exercise.name}")
+        worked = Worked(exercise=exercise, stand=_stand(exercise, device, recording), given=given)
+        answered = to_dict([worked], solution=solution)
+        if out is not None:
+            write_exercise(worked, out, solution=solution)
+    if not given:
+        show_worked(console, worked, solution=solution)
+    else:
+        show_checked(console, worked)
+    if as_json:
+        print_json(answered)
+    if out is not None:
+        say(console, f"\npage: {out}")
+
+
+def _write_all(
+    console: Console, folder: Path, device: str | None, out: Path | None, *, solution: bool, as_json: bool
+) -> None:
+    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.run import ended_like_ctrl_c
+    from servobench.cli.terminal import print_json, say
+    from servobench.errors import UsageError
+    from servobench.lab.document import to_dict
+    from servobench.lab.exercise import exercises
+    from servobench.lab.page import INDEX, write_lab
+    from servobench.lab.worked import Worked
+
+    found = exercises(folder)
+    if not found:
+        raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
+    target = _empty(out)
+    lab = [Worked(exercise=each, stand=_stand(each, device, None), given={}) for each in found]
+    with Progress() as progress, told_when_compiling(progress), ended_like_ctrl_c():
+        progress.begin(f"doing {len(lab)} exercises")
+
+        def begun(number: int, worked: Worked) -> None:
+            progress.reached(number / len(lab))
+
+        write_lab(target, lab, solution=solution, begun=begun)
+    say(console, f"{len(lab)} exercises: {target / INDEX}")
+    if as_json:
+        print_json(to_dict(lab, solution=solution))
+
+
+def _empty(out: Path | None) -> Path:
+    """The folder for the pages, which holds nothing yet, so that no page of an earlier time is taken for one of this."""
+    from servobench.errors import UsageError
+
+    folder = out or Path(f"lab-{datetime.now():%Y%m%d-%H%M%S}")
+    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+        raise UsageError(f"--out {folder}: isn't an empty folder; give a new one")
+    return folder

@@ -1,0 +1,128 @@
+"""An exercise in words and figures, for a terminal or a text file."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from rich.console import Console, ConsoleOptions, RenderResult
+from rich.markdown import Heading, Markdown
+from rich.segment import Segment, Segments
+from rich.text import Text
+
+from servobench.cli.layout import show_table, show_wrapped
+from servobench.cli.terminal import printable
+
+if TYPE_CHECKING:
+    from servobench.lab.studies.base import Shown
+    from servobench.lab.worked import Worked
+
+
+def show_worked(console: Console, worked: Worked, *, solution: bool) -> None:
+    """Print an exercise: its text, what its studies found where they stand, its blanks, and what it corrects.
+
+    With `solution` the right answers stand beside the blanks.
+    """
+    exercise = worked.exercise
+    show_wrapped(console, Text(), exercise.title, hanging=0)
+    if exercise.sentence:
+        show_wrapped(console, Text(), exercise.sentence, hanging=0)
+    for piece in exercise.pieces:
+        console.print()
+        if piece.study:
+            _show_study(console, worked.shown(piece.study))
+        else:
+            show_markdown(console, piece.text)
+    console.print()
+    _show_blanks(console, worked, solution=solution)
+    if worked.corrections:
+        console.print()
+        _show_corrections(console, worked)
+
+
+def show_checked(console: Console, worked: Worked) -> None:
+    """Print what is to be said of the answers that were given."""
+    for name, said in worked.checked.items():
+        symbol, style = ("✓", "bold green") if said.right else ("✗", "bold red")
+        head = Text.assemble("  ", (symbol, style), f" {name} = {printable(worked.given[name])}: ")
+        show_wrapped(console, head, said.sentence, hanging=4)
+
+
+def show_markdown(console: Console, text: str) -> None:
+    """Print Markdown; no line ends with blanks."""
+    for line in console.render_lines(_Plain(printable(text).strip()), pad=False):
+        console.print(Segments([*_without_blanks_at_the_end(line), Segment.line()]), end="", soft_wrap=True)
+
+
+class _FlushHeading(Heading):
+    """A heading as bold words at the left."""
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> RenderResult:
+        self.text.justify = "left"
+        self.text.stylize("bold")
+        yield self.text
+
+
+class _Plain(Markdown):
+    elements: ClassVar = {**Markdown.elements, "heading_open": _FlushHeading}
+
+
+def _without_blanks_at_the_end(line: Iterable[Segment]) -> list[Segment]:
+    kept = list(line)
+    while kept and not kept[-1].text.strip():
+        kept.pop()
+    if kept:
+        last = kept[-1]
+        kept[-1] = Segment(last.text.rstrip(), last.style, last.control)
+    return kept
+
+
+def _show_study(console: Console, shown: Shown) -> None:
+    from servobench.lab.told import told
+
+    for number, table in enumerate(shown.tables):
+        if number:
+            console.print()
+        if table.title:
+            console.print(Text(printable(table.title), style="bold"), soft_wrap=True)
+        columns = told(table)
+        headings = [column.titled for column in columns]
+        # A column that ends with words is wrapped; one of numbers at the end is written out.
+        rows = list(zip(*(column.texts for column in columns), strict=True))
+        right = [column.titled for column in columns if column.kind != "word"]
+        show_table(console, headings, [[text.replace("−", "-") for text in row] for row in rows], right=right)
+        if table.note:
+            show_wrapped(console, Text("  "), table.note, hanging=2)
+    for figure in shown.figures:
+        head = Text.assemble(("Figure: ", "dim"), printable(figure.title), ". ")
+        show_wrapped(console, head, figure.description, hanging=2)
+    for sentence in shown.sentences:
+        show_wrapped(console, Text(), sentence, hanging=0)
+
+
+def _show_blanks(console: Console, worked: Worked, *, solution: bool) -> None:
+    exercise = worked.exercise
+    answers = {answer.blank.id: answer for answer in worked.answers} if solution else {}
+    headings = ("blank", *(("answer",) if solution else ("unit",)), "what is asked for")
+    rows: list[Any] = []
+    for blank in exercise.blanks:
+        beside = blank.unit
+        if solution:
+            answer = answers[blank.id]
+            beside = (answer.text or f"not told: {answer.why_not}").replace("−", "-")
+        rows.append((blank.id, beside, blank.label))
+    show_table(console, headings, rows)
+    if not solution and not worked.given:
+        first = exercise.blanks[0]
+        console.print()
+        text = f'check what you find out with --answers "{first.id}=..."; --solution tells the right answers'
+        show_wrapped(console, Text(), text, hanging=0)
+
+
+def _show_corrections(console: Console, worked: Worked) -> None:
+    console.print(Text("Where the paper errs", style="bold"))
+    for each in worked.corrections:
+        console.print()
+        show_wrapped(console, Text("  "), f"{each.correction.where}: {each.correction.paper}", hanging=4)
+        show_wrapped(console, Text("  here: ", style="bold"), each.ours, hanging=4)
+        show_wrapped(console, Text("  why: "), each.correction.why, hanging=4)

@@ -1,0 +1,74 @@
+"""The figure of an exercise's own run: voltage, speed behind the chain, and position, with the reference where there is one."""
+
+from __future__ import annotations
+
+from functools import partial
+from typing import TYPE_CHECKING
+
+from servobench.errors import MissingInformation, NotIdentifiable
+from servobench.measurement.base import Chain
+from servobench.measurement.measure import measure
+from servobench.report import figures
+from servobench.report.decimation import held
+from servobench.report.figures import Course, Curve, Panel
+from servobench.report.illustrations import Illustration
+from servobench.rounding import with_unit
+
+if TYPE_CHECKING:
+    from servobench.measurement.dataset import Dataset
+    from servobench.recording.recording import Recording
+
+NAME = "course"
+
+
+def course_of(recording: Recording, chain: str) -> Illustration | None:
+    """Return what happened over time, looked at through a chain; None for a recording with too few samples to draw."""
+    try:
+        position = measure(recording)
+        shown = measure(recording, chain) if Chain.parse(chain) else position
+    except (NotIdentifiable, MissingInformation):
+        return (
+            None  # a recording with less than two samples, or without roles; the blanks that need it say so
+        )
+    panels = [_voltage(position)]
+    if shown.kind == "speed":
+        panels.append(_output("Speed", shown))
+    if position.kind == "position":
+        panels.append(_output("Position", position))
+    behind = f" The speed is what comes out of the chain ‘{shown.chain}’." if shown.kind == "speed" else ""
+    name = "" if recording.info is None else f" on the device ‘{recording.info.name}’"
+    return Illustration(
+        name=NAME,
+        title="The run of this exercise",
+        caption=f"Recorded{name}.{behind}",
+        description=_in_words(position, shown),
+        draw=partial(figures.time_courses, (Course(panels=tuple(panels)),)),
+    )
+
+
+def _voltage(data: Dataset) -> Panel:
+    start = data.t_output[0]
+    t, u = held(data.t_input - start, data.u, data.input_before, data.duration)
+    return Panel(title="Voltage", unit=data.input_unit, curves=(Curve(t=t, y=u, look="input"),), height=90.0)
+
+
+def _output(title: str, data: Dataset) -> Panel:
+    start = data.t_output[0]
+    followed = data.closed_loop and data.reference_unit == data.output_unit and data.reference is not None
+    measured = Curve(t=data.t_output - start, y=data.y, look="measured", label="measured" if followed else "")
+    curves: tuple[Curve, ...] = (measured,)
+    if followed and data.reference is not None:
+        t, r = held(data.t_input - start, data.reference, float(data.reference[0]), data.duration)
+        curves = (measured, Curve(t=t, y=r, look="model", label="reference"))
+    return Panel(title=title, unit=data.output_unit, curves=curves)
+
+
+def _in_words(position: Dataset, shown: Dataset) -> str:
+    told = [
+        f"the {what} is between {with_unit(float(y.min()), unit, 3)} and {with_unit(float(y.max()), unit, 3)}"
+        for what, y, unit in (
+            ("voltage", position.u, position.input_unit),
+            *((data.kind, data.y, data.output_unit) for data in dict.fromkeys((shown, position))),
+        )
+    ]
+    return f"Over {with_unit(position.duration, 's', 3)} {', '.join(told)}."

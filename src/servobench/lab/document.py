@@ -1,0 +1,94 @@
+"""What comes out of exercises as plain data, for other programs: `servobench.lab/1`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import Cell, Column, Shown
+from servobench.lab.worked import Corrected, Worked
+
+SCHEMA = "servobench.lab/1"
+
+
+def to_dict(lab: Sequence[Worked], *, solution: bool) -> dict[str, Any]:
+    """Return exercises that were worked through as plain data; with `solution` the right answers are told."""
+    return {"schema": SCHEMA, "exercises": [_exercise(worked, solution=solution) for worked in lab]}
+
+
+def _exercise(worked: Worked, *, solution: bool) -> dict[str, Any]:
+    exercise = worked.exercise
+    return {
+        "name": exercise.name,
+        "title": exercise.title,
+        "sentence": exercise.sentence,
+        "order": exercise.order,
+        "device": worked.stand.info.name,
+        "blanks": [_blank(worked, number, solution=solution) for number in range(len(exercise.blanks))],
+        "studies": {name: _study(worked.shown(name)) for name in exercise.studies},
+        "corrections": [_correction(each) for each in worked.corrections],
+    }
+
+
+def _blank(worked: Worked, number: int, *, solution: bool) -> dict[str, Any]:
+    blank = worked.exercise.blanks[number]
+    said = worked.checked.get(blank.id)
+    return {
+        "id": blank.id,
+        "label": blank.label,
+        "unit": blank.unit,
+        "right_answer": (worked.answers[number].text or None) if solution else None,
+        "given": worked.given.get(blank.id),
+        "right": None if said is None else said.right,
+        "sentence": None if said is None else said.sentence,
+    }
+
+
+def _study(shown: Shown) -> dict[str, Any]:
+    return {
+        "tables": [
+            {"title": table.title, "note": table.note, "columns": [_column(each) for each in table.columns]}
+            for table in shown.tables
+        ],
+        "figures": [
+            {"name": figure.name, "title": figure.title, "description": figure.description}
+            for figure in shown.figures
+        ],
+        "sentences": list(shown.sentences),
+        "facts": {name: _fact(fact) for name, fact in shown.facts.items()},
+    }
+
+
+def _column(column: Column) -> dict[str, Any]:
+    return {
+        "name": column.name,
+        "heading": column.heading,
+        "unit": column.unit,
+        "values": [_cell(value) for value in column.values],
+        "paper": [_cell(value) for value in column.paper],
+    }
+
+
+def _fact(fact: Fact) -> dict[str, float | None]:
+    return {"value": _finite(fact.value), "half": _finite(fact.half)}
+
+
+def _correction(each: Corrected) -> dict[str, Any]:
+    return {
+        "where": each.correction.where,
+        "paper": each.correction.paper,
+        "ours": each.ours,
+        "value": None if each.value is None else _finite(each.value),
+        "unit": each.correction.unit,
+        "why": each.correction.why,
+    }
+
+
+def _cell(cell: Cell) -> Cell | None:
+    return cell if isinstance(cell, str) else _finite(cell)
+
+
+def _finite(value: float) -> float | None:
+    return value if math.isfinite(value) else None

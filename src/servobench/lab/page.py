@@ -1,0 +1,212 @@
+"""Exercises as pages for people to read: one of an exercise, or a folder with all of them, what they correct, and a way in.
+
+Each page is one file that needs no network and runs nothing; the pages of a folder lead to each other.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from servobench._version import __version__
+from servobench.errors import StorageError
+from servobench.lab.exercise import Exercise
+from servobench.lab.markdown import to_html
+from servobench.lab.studies.base import Shown
+from servobench.lab.told import OFF, PAPER, Told, told
+from servobench.lab.worked import Worked
+from servobench.report import words
+from servobench.report.document import write_page
+from servobench.report.html import Drawn, single, source, template
+from servobench.report.tables import capital
+from servobench.rounding import with_unit
+
+INDEX, PAPERS = "index.html", "paper.html"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Neighbours:
+    """What leads from an exercise's page to the others of a folder: its number, how many there are, and the two beside it."""
+
+    number: int
+    of: int
+    before: Exercise | None
+    after: Exercise | None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Block:
+    """What stands in one place of an exercise's text: HTML of its Markdown, or what a study shows there."""
+
+    html: str = ""
+    study: str = ""
+    tables: tuple[tuple[str, tuple[Told, ...], str], ...] = ()
+    sentences: tuple[str, ...] = ()
+    drawings: tuple[Drawn, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Beside:
+    """A number of the paper beside ours, and which exercise's table it stands in."""
+
+    exercise: Exercise
+    table: str
+    what: str
+    ours: str
+    paper: str
+    off: str
+
+
+def exercise_page(worked: Worked, *, solution: bool, neighbours: Neighbours | None = None) -> str:
+    """Return the page of an exercise; with `solution` the right answers stand in the blanks."""
+    exercise = worked.exercise
+    answers = worked.answers if solution else ()
+    return _page(
+        "lab_exercise.html.j2",
+        title=exercise.title,
+        exercise=exercise,
+        blocks=_blocks(worked),
+        course=single(worked.course),
+        told=_in_short(worked),
+        toml=worked.stand.experiment.to_toml(),
+        answers={answer.blank.id: answer for answer in answers},
+        given=worked.given,
+        checked=worked.checked,
+        corrections=worked.corrections,
+        neighbours=neighbours,
+    )
+
+
+def write_exercise(worked: Worked, path: Path, *, solution: bool) -> None:
+    """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
+    write_page(exercise_page(worked, solution=solution), path)
+
+
+def write_lab(
+    folder: Path, lab: Sequence[Worked], *, solution: bool, begun: Callable[[int, Worked], object]
+) -> None:
+    """Write the pages of all exercises, of what they correct, and the way in; `begun` is told of each exercise before its page.
+
+    Raises `StorageError`, which says why one can't be written.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
+    for number, worked in enumerate(lab):
+        begun(number, worked)
+        text = exercise_page(worked, solution=solution, neighbours=_neighbours(lab, number))
+        write_page(text, folder / page_of(worked.exercise))
+    write_page(papers_page(lab), folder / PAPERS)
+    write_page(index_page(lab), folder / INDEX)
+
+
+def index_page(lab: Sequence[Worked]) -> str:
+    """Return the way in: all exercises in their order, and what leads to the page of corrections."""
+    return _page("lab_index.html.j2", title="The laboratory", lab=lab, numbers=len(_beside(lab)))
+
+
+def papers_page(lab: Sequence[Worked]) -> str:
+    """Return the page on the paper: all corrections of all exercises, and each of its numbers beside ours."""
+    return _page("lab_paper.html.j2", title="The paper's figures and ours", lab=lab, beside=_beside(lab))
+
+
+def page_of(exercise: Exercise) -> str:
+    """Return the name of an exercise's page in the folder of all."""
+    return f"{exercise.name}.html"
+
+
+def _page(name: str, **known: Any) -> str:
+    text = template(name).render(
+        style=f"{source('style.css')}\n{source('lab.css')}",
+        version=__version__,
+        sentence=words.sentence,
+        capital=capital,
+        page_of=page_of,
+        index=INDEX,
+        papers=PAPERS,
+        **known,
+    )
+    return text.encode("utf-8", "replace").decode("utf-8")
+
+
+def _blocks(worked: Worked) -> tuple[Block, ...]:
+    return tuple(
+        _study(piece.study, worked.shown(piece.study)) if piece.study else _text(piece.text)
+        for piece in worked.exercise.pieces
+    )
+
+
+def _text(text: str) -> Block:
+    from markupsafe import Markup
+
+    # The page's own title is its only heading of the first level; a tag of the writer's comes out as text.
+    html = to_html(text).replace("<h1>", "<h2>").replace("</h1>", "</h2>")
+    return Block(html=Markup(html))
+
+
+def _study(name: str, shown: Shown) -> Block:
+    return Block(
+        study=name,
+        tables=tuple((table.title, told(table), table.note) for table in shown.tables),
+        sentences=shown.sentences,
+        drawings=tuple(drawn for figure in shown.figures if (drawn := single(figure))),
+    )
+
+
+def _in_short(worked: Worked) -> tuple[str, ...]:
+    """What the exercise is done with: the device, how long and how often, and the chain."""
+    asked = worked.stand.experiment
+    chain = f"the speed through ‘{asked.chain}’" if asked.chain not in ("", "none") else ""
+    rate = f"{with_unit(asked.duration or 0.0, 's')} at {with_unit(asked.sample_rate, 'Hz')}"
+    return tuple(filter(None, (f"device: {worked.stand.info.name}", rate, chain)))
+
+
+def _neighbours(lab: Sequence[Worked], number: int) -> Neighbours:
+    return Neighbours(
+        number=number + 1,
+        of=len(lab),
+        before=lab[number - 1].exercise if number else None,
+        after=lab[number + 1].exercise if number + 1 < len(lab) else None,
+    )
+
+
+def _beside(lab: Sequence[Worked]) -> tuple[Beside, ...]:
+    """Each number of the paper that a table of an exercise has, in the order of the exercises."""
+    return tuple(
+        found
+        for worked in lab
+        for piece in worked.exercise.pieces
+        if piece.study
+        for table in worked.shown(piece.study).tables
+        for found in _in_table(worked.exercise, table.title, told(table))
+    )
+
+
+def _in_table(exercise: Exercise, title: str, columns: Sequence[Told]) -> list[Beside]:
+    """The paper's numbers in a table; a row is called by its words or, without any, by its first number."""
+    rows = range(len(columns[0].texts)) if columns else ()
+    units = next((column.texts for column in columns if column.heading == "unit"), None)
+    found = []
+    for ours, paper, off in zip(columns, columns[1:], [*columns[2:], None], strict=False):
+        if paper.heading != PAPER:
+            continue
+        for row in rows:
+            if not paper.texts[row]:
+                continue
+            unit = ours.unit or (units[row] if units else "")
+            named = "" if columns[0] is ours else f"{columns[0].texts[row]} {columns[0].unit}".strip()
+            heading = "" if units else ours.heading
+            found.append(
+                Beside(
+                    exercise=exercise,
+                    table=title,
+                    what=": ".join(filter(None, (named, heading))),
+                    ours=f"{ours.texts[row]} {unit}".rstrip(),
+                    paper=paper.texts[row],
+                    off=off.texts[row] if off is not None and off.heading == OFF else "",
+                )
+            )
+    return found

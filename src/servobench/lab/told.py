@@ -1,0 +1,79 @@
+"""Tables of studies as texts: our numbers, the paper's beside them, and how far the paper's are off."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Literal, TypeAlias
+
+from servobench.lab.studies.base import Cell, Column, Table
+from servobench.rounding import SPACE, plain
+
+Kind: TypeAlias = Literal["word", "number", "paper", "off"]
+
+PAPER, OFF = "paper", "off by"
+_WRITTEN = 9  # digits of a number of the paper: all that it gives
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """One column as texts: what stands above it, its unit, and its kind: words, our numbers, the paper's, or how far off."""
+
+    heading: str
+    unit: str
+    kind: Kind
+    texts: tuple[str, ...]
+
+    @property
+    def titled(self) -> str:
+        """The heading with its unit."""
+        return f"{self.heading} [{self.unit}]" if self.unit else self.heading
+
+
+def told(table: Table) -> tuple[Told, ...]:
+    """Return the columns of a table, the paper's numbers in columns of their own behind ours, with the difference in per cent."""
+    return tuple(each for column in table.columns for each in _told(column))
+
+
+def off_by(ours: Cell, paper: Cell) -> str:
+    """Return by how much of our number the paper's is off, such as `+30 %`; empty where one is no number, or ours is 0."""
+    if isinstance(ours, str) or isinstance(paper, str):
+        return ""
+    if not (math.isfinite(ours) and math.isfinite(paper)) or ours == 0:
+        return ""
+    percent = 100 * (paper / ours - 1)
+    if abs(percent) < 0.005:  # per cent; the paper's own rounding is coarser
+        return f"0{SPACE}%"
+    return f"{'+' if percent > 0 else ''}{plain(percent, 2)}{SPACE}%"
+
+
+def written(cell: Cell, digits: int) -> str:
+    """Return a cell as a text; empty for NaN, which is no number."""
+    if isinstance(cell, str):
+        return cell
+    return "" if math.isnan(cell) else plain(cell, digits)
+
+
+def _told(column: Column) -> list[Told]:
+    words = all(isinstance(value, str) for value in column.values)
+    ours = Told(
+        heading=column.heading,
+        unit=column.unit,
+        kind="word" if words else "number",
+        texts=tuple(written(value, column.digits) for value in column.values),
+    )
+    if not column.paper:
+        return [ours]
+    beside = [
+        ours,
+        Told(
+            heading=PAPER,
+            unit="",
+            kind="word" if words else "paper",
+            texts=tuple(written(value, _WRITTEN) for value in column.paper),
+        ),
+    ]
+    if not words:
+        texts = tuple(off_by(a, b) for a, b in zip(column.values, column.paper, strict=True))
+        beside.append(Told(heading=OFF, unit="", kind="off", texts=texts))
+    return beside

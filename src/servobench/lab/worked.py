@@ -1,0 +1,101 @@
+"""An exercise worked through on a stand: what its studies found, its answers, and its corrections with their figures."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+from servobench.errors import NotIdentifiable, UsageError
+from servobench.lab.check import Checked, check, right_answer
+from servobench.lab.course import course_of
+from servobench.lab.exercise import Blank, Correction, Exercise
+from servobench.lab.expression import Expression
+from servobench.lab.stand import MotorStand
+from servobench.lab.studies.base import Shown
+from servobench.report.illustrations import Illustration
+from servobench.rounding import SPACE, plain
+
+
+@dataclass(frozen=True, kw_only=True)
+class Answer:
+    """The right answer to a blank as text, with how far one may be off; `why_not` says why there is none, and `text` is empty."""
+
+    blank: Blank
+    text: str = ""
+    why_not: str = ""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Corrected:
+    """A correction with our figure worked out: `ours` is the sentence, `value` the figure in the correction's unit, or None."""
+
+    correction: Correction
+    ours: str
+    value: float | None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Worked:
+    """An exercise and the stand that it is done on; everything is worked out when it is first asked for.
+
+    `given` are somebody's answers by the ids of blanks.
+    """
+
+    exercise: Exercise
+    stand: MotorStand
+    given: Mapping[str, str]
+
+    def shown(self, name: str) -> Shown:
+        """Return what a study found; where the stand can't tell it, that is the only sentence.
+
+        The names of its figures are its own, so that no two on a page are alike. Raises `UsageError` as the stand does.
+        """
+        try:
+            found = self.stand.shown(name)
+        except NotIdentifiable as error:
+            return Shown(sentences=(f"Nothing can be shown here: {error}.",))
+        figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in found.figures)
+        return replace(found, figures=figures)
+
+    @cached_property
+    def course(self) -> Illustration | None:
+        """The figure of the exercise's own run."""
+        return course_of(self.stand.recording, self.exercise.experiment.chain)
+
+    @cached_property
+    def checked(self) -> Mapping[str, Checked]:
+        """What is to be said of the answers that were given; raises `UnknownName` for a blank that isn't there."""
+        return check(self.exercise, self.given, self.stand.facts)
+
+    @cached_property
+    def answers(self) -> tuple[Answer, ...]:
+        """The right answers; raises `UsageError`, with file and line, for a rule that can't be worked out."""
+        return tuple(self._answer(blank) for blank in self.exercise.blanks)
+
+    @cached_property
+    def corrections(self) -> tuple[Corrected, ...]:
+        """The corrections; raises `UsageError`, with file and line, for one whose figure can't be worked out."""
+        return tuple(self._corrected(each) for each in self.exercise.corrections)
+
+    def _answer(self, blank: Blank) -> Answer:
+        try:
+            return Answer(blank=blank, text=right_answer(blank, self.stand.facts))
+        except NotIdentifiable as error:
+            return Answer(blank=blank, why_not=str(error))
+        except UsageError as error:
+            raise UsageError(f"{self.exercise.place(blank)}: blank {blank.id!r}: {error}") from error
+
+    def _corrected(self, correction: Correction) -> Corrected:
+        if not correction.answer:
+            return Corrected(correction=correction, ours=correction.ours, value=None)
+        try:
+            value = Expression(correction.answer).evaluate(self.stand.facts).value
+        except NotIdentifiable as error:
+            told = correction.ours.replace("{}", "a figure that can't be told here")
+            return Corrected(correction=correction, ours=f"{told}: {error}", value=None)
+        except UsageError as error:
+            place = self.exercise.place_of_correction(correction)
+            raise UsageError(f"{place}: the correction of {correction.where!r}: {error}") from error
+        figure = f"{plain(value, correction.digits)}{SPACE}{correction.unit}".rstrip()
+        return Corrected(correction=correction, ours=correction.ours.replace("{}", figure), value=value)

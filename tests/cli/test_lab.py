@@ -1,0 +1,239 @@
+"""`servobench lab`: exercises listed, done, checked, and written as pages."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import pytest
+
+from servobench.lab.exercise import exercises
+from tests.cli.conftest import Command, Ended
+
+MINE = """+++
+title = "Mine"
+sentence = "One of my own."
+order = 7
+
+[experiment]
+duration = "2 s"
+chain = "derivative | lowpass 50 rad/s"
+
+[signal]
+type = "step"
+final = "2 V"
+
+[studies.twice]
+type = "values"
+title = "Worked out from the encoder"
+
+[[studies.twice.rows]]
+label = "two turns"
+answer = "2 * counts_per_rev"
+unit = "counts"
+paper = 4000
+
+[[blanks]]
+id = "turns"
+label = "Counts in two turns"
+unit = "counts"
+answer = "twice_value_1"
+tolerance = "exact"
+
+[[corrections]]
+where = "II.B"
+paper = "4000 counts"
+ours = "{}"
+answer = "twice_value_1"
+unit = "counts"
+digits = 6
+why = "A turn has 2048. Two have twice as many."
++++
+
+## To do
+
+1. Count.
+
+{{ twice }}
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    made = tmp_path / "mine"
+    made.mkdir()
+    (made / "mine.md").write_text(MINE, encoding="utf-8")
+    return made
+
+
+def told(ended: Ended) -> dict[str, Any]:
+    """The answer as JSON, which holds nothing else; checked against the packaged schema."""
+    found: dict[str, Any] = json.loads(ended.out)
+    schema = json.loads(files("servobench").joinpath("schemas/lab-1.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.Draft202012Validator(schema).validate(found)
+    return found
+
+
+def test_the_exercises_are_listed_in_their_order(servobench: Command) -> None:
+    ended = servobench("lab")
+
+    names = [line.split()[1] for line in ended.out.splitlines()[1:] if line.split()[0].isdigit()]
+    assert ended.status == 0
+    assert names == [each.name for each in exercises()]
+
+
+def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
+    servobench: Command, folder: Path
+) -> None:
+    (folder / "bad.md").write_text(MINE.replace('"2 s"', '"2 V"'), encoding="utf-8")
+
+    ended = servobench("lab", "--folder", folder)
+
+    assert ended.status == 2
+    assert "7  mine  Mine   One of my own." in ended.out
+    assert f"{folder / 'bad.md'}:7: experiment.duration: '2 V' is a voltage" in ended.err
+
+
+def test_an_exercise_shows_text_study_blanks_and_corrections_without_the_answers(
+    servobench: Command, folder: Path
+) -> None:
+    ended = servobench("lab", folder / "mine.md")
+
+    assert ended.status == 0
+    lines = ended.out.splitlines()
+    assert not any(line != line.rstrip() for line in lines)
+    assert [line for line in lines if line in ("Mine", "To do", " 1 Count.")] == [
+        "Mine",
+        "To do",
+        " 1 Count.",
+    ]
+    in_words = [" ".join(line.split()) for line in lines]
+    assert "two turns 4096 4000 -2.3 % counts" in in_words  # 4000/4096 - 1 = -0.0234
+    assert "turns counts Counts in two turns" in in_words
+    assert "II.B: 4000 counts" in in_words
+    assert "here: 4096 counts" in in_words
+
+
+def test_the_solution_is_told_when_it_is_asked_for(servobench: Command) -> None:
+    without, with_it = servobench("lab", "encoder"), servobench("lab", "encoder", "--solution")
+
+    assert "2048" not in without.out
+    assert "2048 counts" in with_it.out.replace("\u00a0", " ")
+
+
+def test_answers_are_checked(servobench: Command) -> None:
+    ended = servobench("lab", "encoder", "--answers", "counts=2048", "--answers", "degrees = 0.3 deg")
+
+    assert ended.status == 0
+    assert [line[2:] for line in ended.out.splitlines() if line.startswith("  ✓")] == [
+        "✓ counts = 2048: Right."
+    ]
+    assert "✗ degrees = 0.3 deg: It is too large" in ended.out
+    assert "What to do" not in ended.out
+
+
+def test_json_is_what_its_schema_says(servobench: Command, folder: Path) -> None:
+    asked = ("lab", "mine", "--folder", folder, "--answers", "turns=4095", "--json")
+    (found,) = told(servobench(*asked))["exercises"]
+
+    assert found["blanks"][0] | {"sentence": ""} == {
+        "id": "turns",
+        "label": "Counts in two turns",
+        "unit": "counts",
+        "right_answer": None,
+        "given": "4095",
+        "right": False,
+        "sentence": "",
+    }
+    (column,) = [c for c in found["studies"]["twice"]["tables"][0]["columns"] if c["name"] == "value"]
+    assert (column["values"], column["paper"]) == ([4096], [4000])
+    assert (found["corrections"][0]["value"], found["device"]) == (4096, "twin")
+    (solved,) = told(servobench(*asked, "--solution"))["exercises"]
+    assert solved["blanks"][0]["right_answer"].replace("\u00a0", " ") == "4096 counts"
+
+
+def test_a_recording_of_ones_own_is_what_answers_are_held_against(
+    servobench: Command, folder: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "asked.toml"
+    text = """
+[experiment]
+duration = "3.5 s"
+[signal]
+type = "step"
+final = "1 V"
+start = "1 s"
+[device.settings]
+disc_inertia = "6e-5 kg*m^2"
+"""
+    file.write_text(text, encoding="utf-8")
+    assert servobench("run", file, "--out", tmp_path / "run").status == 0
+
+    given = ("--answers", "time_constant=0.0991")
+    own = servobench("lab", "step", "--recording", tmp_path / "run" / "recording.mcap", *given)
+    twin = servobench("lab", "step", *given)
+
+    assert "✓ time_constant" in twin.out
+    assert "✗ time_constant" in own.out
+
+
+def test_a_page_is_written_where_it_is_asked_for(servobench: Command, folder: Path, tmp_path: Path) -> None:
+    page = tmp_path / "page.html"
+
+    ended = servobench("lab", "mine", "--folder", folder, "--out", page)
+
+    assert ended.status == 0
+    assert f"page: {page}" in ended.out
+    assert "Worked out from the encoder" in page.read_text(encoding="utf-8")
+
+
+def test_all_exercises_are_pages_in_a_folder(servobench: Command, folder: Path, tmp_path: Path) -> None:
+    (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
+
+    ended = servobench("lab", "--all", "--folder", folder, "--out", tmp_path / "pages", "--json")
+
+    assert ended.status == 0, ended.err
+    assert [each["name"] for each in told(ended)["exercises"]] == ["mine", "other"]
+    names = sorted(path.name for path in (tmp_path / "pages").iterdir())
+    assert names == ["index.html", "mine.html", "other.html", "paper.html"]
+    again = servobench("lab", "--all", "--folder", folder, "--out", tmp_path / "pages")
+    assert (again.status, "isn't an empty folder" in again.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (("nothing",), "no exercise called 'nothing'"),
+        (("encodr",), "did you mean 'encoder'?"),
+        (("encoder", "--all"), "don't go together"),
+        (("--all", "--answers", "a=1"), "--all goes with neither --recording nor --answers"),
+        (
+            ("encoder", "--recording", "a.mcap", "--device", "twin"),
+            "--recording and --device don't go together",
+        ),
+        (("--json",), "--json belongs to an exercise"),
+        (("--answers", "a=1"), "--answers belongs to an exercise"),
+        (("encoder", "--answers", "2048"), "'2048' is no answer"),
+        (("encoder", "--answers", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
+        (("encoder", "--device", "nothing"), "no device called 'nothing'"),
+        (("encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),
+        (("encoder", "--out", "nowhere/page.html"), "--out nowhere"),
+        (("--folder", "nowhere"), "--folder nowhere: is no folder"),
+        (("nowhere.md",), "nowhere.md: can't be read"),
+    ],
+)
+def test_a_mistake_is_told(servobench: Command, words: tuple[str, ...], said: str) -> None:
+    ended = servobench("lab", *words)
+
+    assert ended.status == 2
+    assert said in ended.err
+    assert "Traceback" not in ended.err
+
+
+def test_an_empty_folder_is_told(servobench: Command, tmp_path: Path) -> None:
+    for words in ((), ("--all", "--out", tmp_path / "pages")):
+        ended = servobench("lab", "--folder", tmp_path, *words)
+        assert (ended.status, "there are no exercises" in ended.err) == (2, True)
+    assert not (tmp_path / "pages").exists()
