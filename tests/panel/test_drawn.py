@@ -21,7 +21,7 @@ from servobench.panel.diagram import diagram
 from servobench.panel.placement import drawing
 
 STATIC = Path(module.__file__).parent / "static"
-POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'"
+POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:"
 HOSTILE = "<img src=x onerror=\"document.title='run'\"><script>document.title='run'</script>"
 KINDS = {".js": "text/javascript", ".css": "text/css"}
 PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>test</title>
@@ -193,7 +193,7 @@ SHOWN = exercise("step")
 STEP: dict[str, Any] = {
     "name": "step",
     "title": SHOWN.title,
-    "html": to_html(SHOWN.text),
+    "pieces": [{"study": p.study} if p.study else {"html": to_html(p.text)} for p in SHOWN.pieces],
     "blanks": [{"id": b.id, "label": b.label, "unit": b.unit} for b in SHOWN.blanks],
     "experiment": {"signal": {"type": "step"}, "chain": "derivative"},
 }
@@ -248,7 +248,7 @@ def test_an_answer_that_is_changed_is_no_longer_called_right_and_is_kept_when_on
 
 def test_even_a_text_that_a_server_let_through_holds_nothing_but_text(opened: Any) -> None:
     bad = f'<p onclick="x()" style="color:red">a {HOSTILE}<a href="javascript:x()">b</a><iframe src="/"></iframe><b>c</b></p>'
-    page = opened("exercises", ANSWERS | {"/api/exercises/step": STEP | {"html": bad}})
+    page = opened("exercises", ANSWERS | {"/api/exercises/step": STEP | {"pieces": [{"html": bad}]}})
     page.get_by_role("button", name=SHOWN.title).click()
     page.wait_for_selector("form")
 
@@ -257,6 +257,62 @@ def test_even_a_text_that_a_server_let_through_holds_nothing_but_text(opened: An
     assert all("Content Security Policy" in told for told in opened.said)
     opened.said.clear()
     assert inside == "<p>a document.title='run'<a>b</a>c</p>"
+
+
+FOUND = {
+    "studies": {
+        "levels": {
+            "tables": [
+                {
+                    "title": HOSTILE,
+                    "note": "A note.",
+                    "columns": [
+                        {"heading": "level", "kind": "word", "texts": ["low", HOSTILE]},
+                        {"heading": "τ [s]", "kind": "number", "texts": ["0.0998", "0.122"]},
+                        {"heading": "paper", "kind": "paper", "texts": ["0.13", ""]},
+                    ],
+                }
+            ],
+            "figures": [
+                {
+                    "title": "A line",
+                    "caption": "It rises.",
+                    "description": "From 0 to 1.",
+                    "svg": '<svg viewBox="0 0 40 20" width="40" height="20" role="img"><title>A line</title>'
+                    '<path d="M0 20L40 0" style="stroke: var(--model); fill: none"/></svg>',
+                }
+            ],
+            "sentences": [HOSTILE],
+        }
+    },
+    "corrections": [{"where": "II.E", "paper": "7.69", "ours": HOSTILE, "why": "A sign was lost."}],
+}
+STUDIED = ANSWERS | {
+    "/api/exercises/step": STEP
+    | {"pieces": [{"html": "<p>Before.</p>"}, {"study": "levels"}, {"html": "<p>After.</p>"}]},
+    "/api/exercises/step/results": FOUND,
+}
+
+
+def test_what_studies_find_is_shown_in_its_place_when_it_is_asked_for(opened: Any) -> None:
+    page = opened("exercises", STUDIED)
+    page.get_by_role("button", name=SHOWN.title).click()
+    page.wait_for_selector("form")
+    assert page.locator(".exercises-text > *").all_text_contents() == [
+        "Before.",
+        "Show what comes out",
+        "After.",
+    ]
+
+    page.get_by_role("button", name="Show what comes out").click()
+    page.wait_for_selector(".exercises-study table")
+
+    cells = page.locator(".exercises-study :is(th, td)").all_text_contents()
+    assert cells == ["level", "τ [s]", "paper", "low", "0.0998", "0.13", HOSTILE, "0.122", ""]
+    picture = page.get_by_role("img", name="A line. From 0 to 1.")
+    assert picture.evaluate("(image) => image.decode().then(() => image.naturalWidth)") == 40
+    assert "II.E" in page.locator(".exercises-corrections").inner_text()
+    assert page.title() == "test"  # nothing that is hostile has run
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -272,4 +328,10 @@ def test_both_are_accessible(opened: Any, scheme: str) -> None:
     page.get_by_label(SHOWN.blank("gain").label).fill("19.9")
     page.get_by_role("button", name="Check the answers").click()
     page.wait_for_selector("[data-right=false]")
+    assert serious(page) == []
+
+    page = opened("exercises", STUDIED, **options)
+    page.get_by_role("button", name=SHOWN.title).click()
+    page.get_by_role("button", name="Show what comes out").click()
+    page.wait_for_selector(".exercises-study table")
     assert serious(page) == []

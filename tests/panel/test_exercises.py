@@ -9,17 +9,35 @@ from typing import Any
 import httpx
 import pytest
 from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import JSONResponse
 from starlette.routing import Route
 
 from servobench.experiment.experiment import AnyController
 from servobench.lab.exercise import exercise, exercises
-from servobench.panel.exercises import check_exercise, list_exercises, show_exercise
+from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
+from servobench.panel.work import exercise_results
 from servobench.signals.base import AnySignal
+
+WORKED: list[Any] = []
+
+
+async def work(asked: Any) -> dict[str, Any]:
+    """Do the work here, and note that it was asked for."""
+    WORKED.append(asked)
+    assert asked["do"] == "exercise"
+    return exercise_results(json.loads(json.dumps(asked)))
+
+
+async def results(request: Request) -> JSONResponse:
+    return await show_results(request, work)
+
 
 APP = Starlette(
     routes=[
         Route("/api/exercises", list_exercises),
         Route("/api/exercises/{name}", show_exercise),
+        Route("/api/exercises/{name}/results", results),
         Route("/api/exercises/{name}/check", check_exercise, methods=["POST"]),
     ]
 )
@@ -141,7 +159,7 @@ def test_a_lecturers_folder_takes_the_place_of_ours(folder: Path) -> None:
     (folder / "mine.md").write_text(GOOD, encoding="utf-8")
 
     assert [each["title"] for each in ask("GET", "/api/exercises")[1]] == ["A lecturer's own"]
-    assert ask("GET", "/api/exercises/mine")[1]["html"] == "<p>Enter one.</p>\n"
+    assert ask("GET", "/api/exercises/mine")[1]["pieces"] == [{"html": "<p>Enter one.</p>\n"}]
     status, said = ask("POST", "/api/exercises/mine/check", json={"answers": {"one": "1"}})
     assert (status, said["answers"]["one"]["right"]) == (200, True)
 
@@ -168,3 +186,63 @@ def test_an_exercise_for_a_motor_that_is_not_here_says_so(folder: Path) -> None:
 
     assert status == 400
     assert "only the twin runs without a motor" in said["error"]
+
+
+STUDY = """[studies.twice]
+type = "values"
+title = "Twice"
+[[studies.twice.rows]]
+label = "two turns"
+answer = "2 * counts_per_rev"
+paper = 4000
+[[corrections]]
+where = "II.B"
+paper = "4000"
+ours = "{}"
+answer = "twice_value_1"
+why = "A turn has more."
+[[blanks]]"""
+
+
+def test_what_studies_find_is_worked_out_once_until_the_file_changes(folder: Path) -> None:
+    import os
+
+    file = folder / "mine.md"
+    text = GOOD.replace("[[blanks]]", STUDY).replace("Enter one.", "Enter one.\n\n{{ twice }}")
+    file.write_text(text, encoding="utf-8")
+    WORKED.clear()
+    assert ask("GET", "/api/exercises/mine")[1]["pieces"][1] == {"study": "twice"}
+
+    status, found = ask("GET", "/api/exercises/mine/results")
+    again = ask("GET", "/api/exercises/mine/results")[1]
+
+    assert (status, again, len(WORKED)) == (200, found, 1)
+    (table,) = found["studies"]["twice"]["tables"]
+    assert [column["texts"] for column in table["columns"]][:3] == [["two turns"], ["4096"], ["4000"]]
+    assert found["corrections"] == [
+        {"where": "II.B", "paper": "4000", "ours": "4096", "why": "A turn has more."}
+    ]
+    file.write_text(text.replace("2 * counts", "3 * counts"), encoding="utf-8")
+    os.utime(file, ns=(0, 12345))
+    assert ask("GET", "/api/exercises/mine/results")[1]["corrections"][0]["ours"] == "6144"
+
+
+def test_a_study_that_can_not_be_carried_out_is_told_with_its_line(folder: Path) -> None:
+    text = GOOD.replace("[[blanks]]", STUDY.replace("counts_per_rev", "counts_a_rev"))
+    (folder / "mine.md").write_text(text.replace("Enter one.", "{{ twice }}"), encoding="utf-8")
+
+    status, said = ask("GET", "/api/exercises/mine/results")
+
+    assert status == 400
+    assert "mine.md:7: the study 'twice': no fact called 'counts_a_rev'" in said["error"]
+
+
+@pytest.mark.parametrize("found", exercises(), ids=lambda e: e.name)
+def test_all_that_exercises_show_can_be_sent(found: Any) -> None:
+    status, sent = ask("GET", f"/api/exercises/{found.name}/results")
+
+    assert status == 200
+    assert set(sent["studies"]) == {piece.study for piece in found.pieces if piece.study}
+    assert len(sent["corrections"]) == len(found.corrections)
+    drawings = [figure["svg"] for study in sent["studies"].values() for figure in study["figures"]]
+    assert all(svg.startswith("<svg ") and "<script" not in svg for svg in drawings)

@@ -56,6 +56,12 @@ def panel(
         Path,
         typer.Option(metavar="DIR", help="The folder of the recordings; made where it isn't there."),
     ] = Path("recordings"),
+    exercises: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="A folder with exercises of your own, in place of those that come along."
+        ),
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
@@ -74,7 +80,10 @@ def panel(
     from servobench.errors import UsageError
 
     tls = _tls(host, tls_cert, tls_key, without_tls)
+    if exercises is not None and not exercises.is_dir():
+        raise UsageError(f"--exercises {exercises}: is no folder; expected one with exercises, NAME.md")
     try:
+        from servobench.lab.exercise import FOLDER
         from servobench.panel.keys import Keys
         from servobench.panel.library import Library
         from servobench.panel.pages import Panel
@@ -106,7 +115,17 @@ def panel(
                 _open(f"{base}?token={keys.new('operator', once=True)}")
 
         try:
-            run(Panel(motor=MotorSession(asked, library), library=library, door=door), listener, tls, begun)
+            run(
+                Panel(
+                    motor=MotorSession(asked, library),
+                    library=library,
+                    door=door,
+                    exercises=(exercises or FOLDER).resolve(),
+                ),
+                listener,
+                tls,
+                begun,
+            )
         except KeyboardInterrupt:
             say(console, "\nthe motor is at rest")
 

@@ -8,8 +8,10 @@ from __future__ import annotations
 
 import asyncio
 import json
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from weakref import WeakKeyDictionary
 
 from pydantic import TypeAdapter
 from starlette.requests import Request
@@ -24,10 +26,14 @@ from servobench.lab.markdown import to_html
 from servobench.signals.base import AnySignal
 
 if TYPE_CHECKING:
+    from servobench.panel.work import Work
     from servobench.recording.recording import Recording
 
 _LARGEST_BODY = 64 * 1024  # bytes; answers are a few dozen short texts
 _NOT_FOUND, _WRONG, _TOO_LARGE = 404, 400, 413
+_results: WeakKeyDictionary[Exercise, Mapping[str, Any]] = (
+    WeakKeyDictionary()
+)  # a file that was changed is another exercise
 
 
 async def list_exercises(request: Request) -> JSONResponse:
@@ -36,7 +42,10 @@ async def list_exercises(request: Request) -> JSONResponse:
 
 
 async def show_exercise(request: Request) -> JSONResponse:
-    """Answer GET /api/exercises/{name}: title, text as HTML of ours, blanks without their answers, and the experiment."""
+    """Answer GET /api/exercises/{name}: title, text, blanks without their answers, and the experiment.
+
+    The text is in pieces: HTML of ours, or the name of a study that stands there.
+    """
     found = await _named(request)
     if isinstance(found, JSONResponse):
         return found
@@ -44,11 +53,31 @@ async def show_exercise(request: Request) -> JSONResponse:
         {
             "name": found.name,
             "title": found.title,
-            "html": to_html(found.text),
+            "pieces": [
+                {"study": piece.study} if piece.study else {"html": to_html(piece.text)}
+                for piece in found.pieces
+            ],
             "blanks": [{"id": b.id, "label": b.label, "unit": b.unit} for b in found.blanks],
             "experiment": _settable(found.experiment),
         }
     )
+
+
+async def show_results(request: Request, work: Work) -> JSONResponse:
+    """Answer GET /api/exercises/{name}/results: what its studies find on the simulated motor, and what it corrects.
+
+    They are carried out once, by `work`, as that takes seconds.
+    """
+    found = await _named(request)
+    if isinstance(found, JSONResponse):
+        return found
+    if found not in _results:
+        asked = {"do": "exercise", "name": found.name, "folder": str(_folder(request))}
+        try:
+            _results[found] = await work(asked)
+        except ServobenchError as error:
+            return _error(str(error), _WRONG)
+    return JSONResponse(_results[found])
 
 
 async def check_exercise(request: Request, recording: Recording | None = None) -> JSONResponse:

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import PackageNotFoundError, files
 from importlib.resources import files as resources
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -20,10 +21,11 @@ from servobench._version import __version__
 from servobench.channels import DeviceInfo
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
+from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
 from servobench.panel.bodies import json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
-from servobench.panel.exercises import check_exercise, list_exercises, show_exercise
+from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
 from servobench.panel.gate import COOKIE, Asks, Door, Refused
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
@@ -51,6 +53,8 @@ class Panel:
     door: Door
     work: Work = field(default=done_elsewhere, repr=False)
     """Has a piece of work done in another process."""
+    exercises: Path = FOLDER
+    """The folder of the exercises."""
 
 
 async def front(request: Request, panel: Panel) -> Response:
@@ -138,6 +142,11 @@ async def exercise_list(request: Request, panel: Panel) -> Response:
 async def exercise(request: Request, panel: Panel) -> Response:
     """One exercise."""
     return await show_exercise(request)
+
+
+async def exercise_results(request: Request, panel: Panel) -> Response:
+    """What an exercise's studies find."""
+    return await show_results(request, panel.work)
 
 
 async def exercise_checked(request: Request, panel: Panel) -> Response:

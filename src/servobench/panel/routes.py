@@ -61,6 +61,7 @@ TABLE = (
     Way(method="GET", path="/api/diagram", asks=READS, answer=pages.drawn),
     Way(method="GET", path="/api/exercises", asks=READS, answer=pages.exercise_list),
     Way(method="GET", path="/api/exercises/{name}", asks=READS, answer=pages.exercise),
+    Way(method="GET", path="/api/exercises/{name}/results", asks=READS, answer=pages.exercise_results),
     Way(method="POST", path="/api/exercises/{name}/check", asks=SAYS, answer=pages.exercise_checked),
     Way(method="WS", path="/ws", asks=SOCKET),
 )

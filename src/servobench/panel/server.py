@@ -48,6 +48,7 @@ def app(panel: Panel) -> ASGIApp:
 
     inner = Starlette(routes=routes(panel, panel.door), lifespan=lifespan)
     inner.router.redirect_slashes = False
+    inner.state.exercises = panel.exercises
     return Gate(inner, panel.door)
 
 

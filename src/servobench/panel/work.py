@@ -102,10 +102,24 @@ def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {}
 
 
+def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Do the exercise `name` of the folder `folder` on the simulated motor; return what its studies find and what it corrects."""
+    from pathlib import Path
+
+    from servobench.lab.drawn import results
+    from servobench.lab.exercise import exercise
+    from servobench.lab.stand import stand_on_the_twin
+    from servobench.lab.worked import Worked
+
+    found = exercise(asked["name"], Path(asked["folder"]))
+    return results(Worked(exercise=found, stand=stand_on_the_twin(found), given={}))
+
+
 PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "identify": identified,
     "import": imported,
     "convert": converted,
+    "exercise": exercise_results,
 }
 
 

@@ -1,4 +1,6 @@
-// Exercises: what to do, what to enter, and whether it is right.
+// Exercises: what to do, what comes out, what to enter, and whether it is right.
+
+import { places } from "./results.js";
 
 // What an exercise's text may hold; anything else becomes its text.
 const KEPT = new Set([
@@ -40,9 +42,10 @@ async function show(view, name) {
   const load = html("button", { class: "exercises-load", type: "button" }, "Load this experiment");
   const told = html("p", { class: "exercises-told", role: "status" });
   load.addEventListener("click", () => loaded(view, exercise, told));
+  const results = places(exercise, (path) => view.api.get(path));
   const text = html("div", { class: "exercises-text" });
-  text.append(...safe(exercise.html));
-  view.element.replaceChildren(back, heading, load, told, text, form(view, exercise));
+  for (const piece of exercise.pieces) text.append(...(piece.study ? [results.place(piece.study)] : safe(piece.html)));
+  view.element.replaceChildren(back, heading, load, told, text, results.status, form(view, exercise), results.corrections);
   heading.focus();
 }
 

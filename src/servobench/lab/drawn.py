@@ -1,0 +1,62 @@
+"""What an exercise shows, ready to be put before somebody: tables as texts and figures as drawings, in plain data."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from servobench.lab.studies.base import Shown
+from servobench.lab.told import told
+from servobench.lab.worked import Worked
+from servobench.report.html import NARROW
+from servobench.report.illustrations import Illustration
+from servobench.report.svg import inline_svg
+
+
+def results(worked: Worked) -> dict[str, Any]:
+    """Return what the studies that stand in the text found, and the corrections, as plain data.
+
+    A figure is an `<svg>` element whose colours are variables of the page, such as `var(--ink)`.
+    """
+    return {
+        "studies": {
+            piece.study: _study(worked.shown(piece.study)) for piece in worked.exercise.pieces if piece.study
+        },
+        "corrections": [
+            {
+                "where": each.correction.where,
+                "paper": each.correction.paper,
+                "ours": each.ours,
+                "why": each.correction.why,
+            }
+            for each in worked.corrections
+        ],
+    }
+
+
+def _study(shown: Shown) -> dict[str, Any]:
+    return {
+        "tables": [
+            {
+                "title": table.title,
+                "note": table.note,
+                "columns": [
+                    {"heading": column.titled, "kind": column.kind, "texts": list(column.texts)}
+                    for column in told(table)
+                ],
+            }
+            for table in shown.tables
+        ],
+        "figures": [_figure(figure) for figure in shown.figures],
+        "sentences": list(shown.sentences),
+    }
+
+
+def _figure(figure: Illustration) -> dict[str, str]:
+    return {
+        "title": figure.title,
+        "caption": figure.caption,
+        "description": figure.description,
+        "svg": inline_svg(
+            figure.draw(NARROW), name=figure.name, title=figure.title, description=figure.description
+        ),
+    }
