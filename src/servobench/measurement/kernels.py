@@ -64,6 +64,33 @@ def mean_slope(x: Array, t: Array, window: float) -> Array:
 
 
 @compiled
+def line_slope(x: Array, t: Array, window: float) -> Array:
+    """Return the slope (N, P) of the straight line nearest to the samples x (N, P) at t (N,) of the time before each sample.
+
+    Each window is summed anew, from values less the newest one: no sum is carried along that could drift.
+    """
+    samples, signals = x.shape
+    y = np.zeros((samples, signals))
+    oldest = 0
+    for k in range(1, samples):
+        while oldest < k - 1 and t[k] - t[oldest] > window:
+            oldest += 1
+        count = k - oldest + 1
+        middle = 0.0
+        for i in range(oldest, k + 1):
+            middle += (t[i] - t[k]) / count
+        spread = 0.0
+        for i in range(oldest, k + 1):
+            spread += (t[i] - t[k] - middle) ** 2
+        for p in range(signals):
+            moment = 0.0
+            for i in range(oldest, k + 1):
+                moment += (t[i] - t[k] - middle) * (x[i, p] - x[k, p])
+            y[k, p] = moment / spread
+    return y
+
+
+@compiled
 def _before_window(t: Array, k: int, oldest: int, window: float) -> tuple[float, float]:
     """How much of the oldest interval lies before the window that ends at sample k, and the time from there to sample k."""
     reach = t[k] - t[oldest]
