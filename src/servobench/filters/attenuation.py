@@ -37,7 +37,7 @@ def attenuation(cutoff: float, omega: float) -> Attenuation:
 
 
 def cutoff_for(omega: float, amplitude: float) -> float:
-    """Return the cut-off [rad/s] that leaves a part `amplitude`, between 0 and 1, of a sine of ω [rad/s]: ω/√(1/amplitude² - 1)."""
+    """Return the cut-off [rad/s] that leaves a part A, between 0 and 1, of a sine's amplitude at ω [rad/s]: ω/√(1/A² - 1)."""
     check_positive("the frequency", omega, "rad/s")
     check_positive("the part that is left", amplitude, "")
     check_positive("what is taken", 1.0 - amplitude, "")

@@ -14,8 +14,8 @@ def edge_speed(
 ) -> Array:
     """Return the speed (M,) at times `at` (M,) [s] from the time that the last `counts` counts took.
 
-    ω = n Δ/(t_j - t_{j-n}), t_j the time of the last count, to whole ticks of the `timer` [s]. `position` (N,) [rad] at times t
-    (N,) [s] is the shaft's true one, which doesn't fall; between them it is straight, and `quantum` Δ [rad] is the encoder's step.
+    ω = n Δ/(t_j - t_{j-n}), t_j the time of the last count, to whole ticks of the `timer` [s]. `position` (N,) [rad] at times
+    t (N,) [s] is the shaft's true one, which doesn't fall; between them it is straight. `quantum` Δ [rad] is the encoder's step.
     Where the next count is overdue it is no faster than that allows; before `counts` counts, zero.
     At a constant speed only the timer makes noise: a step of it is ω² timer/(n Δ). Four counts are one line of the disc, which
     leaves out that the four are never quite evenly spaced. It lags by half of the time that it goes over, n Δ/(2ω), and by half
@@ -27,7 +27,9 @@ def edge_speed(
     if counts < 1:
         raise UsageError(f"a tachometer goes over {counts} counts; expected 1 or more")
     if (np.diff(position) < 0).any():
-        raise UsageError("the shaft turns back; expected a position that doesn't fall, as in a step from rest")
+        raise UsageError(
+            "the shaft turns back; expected a position that doesn't fall, as in a step from rest"
+        )
     first, last = np.floor(position[0] / quantum) + 1, np.floor(position[-1] / quantum)
     edges = quantum * np.arange(first, last + 1)
     rising = np.concatenate([[True], np.diff(position) > 0])

@@ -42,14 +42,12 @@ class Rise:
     def position(self, t: Array) -> Array:
         """Return the angle [rad] at times t [s] since the step, of any shape."""
         since = np.maximum(t, 0.0)
-        return np.asarray(
-            self.speed * (since + self.time_constant * np.expm1(-since / self.time_constant))
-        )
+        return np.asarray(self.speed * (since + self.time_constant * np.expm1(-since / self.time_constant)))
 
     def times(self, sample_time: float) -> Array:
         """Return sample times (N,) [s], one of them that of the step, 0: from rest until it has long settled."""
         before, after = (math.ceil(part * self.time_constant / sample_time) for part in (_REST, _SPAN))
-        return sample_time * np.arange(-before, after + 1)
+        return sample_time * np.arange(-before, after + 1, dtype=np.float64)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +111,9 @@ def edge_reading_error(
 ) -> ReadingError:
     """Return the error of τ read at 63.2 % off a tachometer that measures the time of `counts` counts; as `reading_error`."""
     t = rise.times(sample_time)
-    fine = np.linspace(0.0, t[-1], 20 * len(t))  # straight lines between are off by ω'' h²/8: less than 1e-5 of the way
+    fine = np.linspace(
+        0.0, t[-1], 20 * len(t)
+    )  # straight lines between are off by ω'' h²/8: less than 1e-5 of the way
     starts = quantum * (np.arange(places) + 0.5) / places
     speeds = [edge_speed(fine, rise.position(fine) + start, t, quantum, counts) for start in starts]
     return _error(np.stack(speeds, axis=1), t, rise)
@@ -128,11 +128,11 @@ def best_cutoff(
 ) -> BestCutoff:
     """Return which cut-off of `derivative | lowpass` makes the smallest rms error of a reading that its lag isn't taken off.
 
-    A low cut-off reads the filter's own lag, a high one the encoder's steps. `cutoffs` are those tried [rad/s], by default 60
+    A low cut-off reads the filter's own lag, a high one the encoder's steps. `cutoffs` are those tried [rad/s], by default 40
     from 1/τ to 1.9/T, which forward Euler just bears. The error is `pooled` over speeds `nearby`.
     """
     if cutoffs is None:
-        cutoffs = np.geomspace(1.0 / rise.time_constant, 1.9 / sample_time, 60).tolist()
+        cutoffs = np.geomspace(1.0 / rise.time_constant, 1.9 / sample_time, 40).tolist()
     chains = [filtered_derivative(cutoff, discretisation) for cutoff in cutoffs]
     rises = nearby(rise, sample_time, quantum)
     errors = [

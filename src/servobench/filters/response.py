@@ -25,7 +25,7 @@ def impulse_response(estimate: SpeedEstimate, sample_time: float) -> Array:
     while length <= _LONGEST:
         x = np.zeros(2 * length)
         x[length] = 1.0  # late enough for every window to be filled
-        g = estimate(x, sample_time * np.arange(2 * length))[length:]
+        g = estimate(x, sample_time * np.arange(2 * length, dtype=np.float64))[length:]
         seen = np.flatnonzero(np.abs(g) > _GONE * np.abs(g).max())
         if len(seen) and seen[-1] < length // 2:
             return np.asarray(g[: seen[-1] + 1])

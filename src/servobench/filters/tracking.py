@@ -29,7 +29,8 @@ class AlphaBeta:
     def __post_init__(self) -> None:
         if not (self.alpha > 0 and self.beta > 0 and 2 * self.alpha + self.beta < 4):
             raise UsageError(
-                f"an α-β filter with α = {self.alpha:g} and β = {self.beta:g} isn't stable; expected both above 0 and 2 α + β below 4"
+                f"an α-β filter with α = {self.alpha:g} and β = {self.beta:g} isn't stable; expected both above 0, and 2 α + β "
+                "below 4"
             )
 
     @classmethod
@@ -76,9 +77,9 @@ class AlphaBeta:
 class MotorKalman:
     """The steady Kalman filter of a first-order motor that knows its voltage: τ dω/dt = K u - ω + τ a.
 
-    `gain` K [rad/(s·V)] and `time_constant` τ [s] are what the filter is told of the motor; `voltage` gives u [V] at times (N,) [s],
-    each held to the next; `acceleration` is the standard deviation a [rad/s²] of what the model doesn't know, constant
-    through a sample; `quantum` the encoder's step [rad]. The gains are those of the discrete Riccati equation at `sample_time` [s].
+    `gain` K [rad/(s·V)] and `time_constant` τ [s] are what the filter is told of the motor; `voltage` gives u [V] at times
+    (N,) [s], each held to the next; `acceleration` is the standard deviation a [rad/s²] of what the model doesn't know, constant
+    through a sample; `quantum` the encoder's step [rad]. The gains solve the discrete Riccati equation at `sample_time` [s].
     It lags behind nothing that its model foresees. Where the model is wrong it shows something between motor and model.
     """
 

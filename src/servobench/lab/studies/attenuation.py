@@ -1,0 +1,98 @@
+"""The study `attenuation`: what a first-order low-pass filter leaves of sines of several frequencies."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Annotated, get_args
+
+import numpy as np
+from pydantic import Field
+
+from servobench.channels import Array
+from servobench.filters.attenuation import attenuation
+from servobench.filters.response import frequency_response
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.drawing import Axis, Line, lines
+from servobench.measurement.base import Chain
+from servobench.measurement.lowpass import Discretisation, Lowpass
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import Speed
+
+_POINTS = 200
+
+
+@STUDIES.member("attenuation")
+class AttenuationTable(StudySettings):
+    """Amplitude, power, decibels and phase behind ω_c/(s + ω_c), and behind the filter as it is computed at the sample time."""
+
+    cutoff: Annotated[Speed, Field(gt=0)] = 50.0
+    """Cut-off of the filter [rad/s]."""
+    frequencies: Annotated[tuple[Annotated[Speed, Field(gt=0)], ...], Field(min_length=1)] = (
+        5.0,
+        25.0,
+        50.0,
+        100.0,
+        500.0,
+    )
+    """Frequencies of the sines [rad/s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table, and the amplitudes over frequency."""
+        omega = np.array(self.frequencies)
+        left = [attenuation(self.cutoff, w) for w in self.frequencies]
+        sample_time = stand.experiment.sample_time
+        columns = (
+            Column(name="frequency", heading="frequency", unit="rad/s", values=self.frequencies),
+            Column(name="hz", heading="frequency", unit="Hz", values=tuple(float(w) for w in omega / (2 * math.pi))),
+            Column(name="amplitude", heading="amplitude", unit="%", values=tuple(100 * a.amplitude for a in left)),
+            Column(name="power", heading="power", unit="%", values=tuple(100 * a.power for a in left)),
+            Column(name="decibels", heading="attenuation", unit="dB", values=tuple(a.decibels for a in left)),
+            Column(name="phase", heading="phase", unit="°", values=tuple(math.degrees(a.phase) for a in left)),
+            *(
+                Column(
+                    name=how,
+                    heading=f"amplitude, {how}",
+                    unit="%",
+                    values=tuple(100 * float(part) for part in self._computed(how, omega, sample_time)),
+                )
+                for how in get_args(Discretisation)
+            ),
+        )  # fmt: skip
+        table = Table(
+            title=f"What a filter of {plain(self.cutoff)} rad/s leaves of a sine",
+            columns=columns,
+            note=f"The last three are the filter as a program computes it every {plain(1e3 * sample_time)} ms.",
+        )
+        return Shown(tables=(table,), figures=(self._figure(sample_time),))
+
+    def _computed(self, how: Discretisation, omega: Array, sample_time: float) -> Array:
+        filtered = Chain((Lowpass(cutoff=self.cutoff, discretisation=how),))
+        return np.asarray(np.abs(frequency_response(filtered, omega, sample_time)))
+
+    def _figure(self, sample_time: float) -> Illustration:
+        omega = np.geomspace(0.1 * self.cutoff, math.pi / sample_time, _POINTS)
+        exact = np.array([attenuation(self.cutoff, w).amplitude for w in omega])
+        drawn = (
+            Line(x=omega, y=exact, label="the filter", stroke="wide"),
+            Line(x=omega, y=self._computed("euler", omega, sample_time), label="Euler", stroke="dashed"),
+            Line(x=omega, y=self._computed("tustin", omega, sample_time), label="Tustin", stroke="plain"),
+        )
+        return Illustration(
+            name="attenuation",
+            title="What is left of a sine",
+            caption=(
+                "The axis ends at half of the sample rate. There Tustin's filter lets nothing through, Euler's more than it should."
+            ),
+            description=(
+                f"Amplitude over frequency behind a filter of {plain(self.cutoff)} rad/s: 70.7 % at the cut-off, then falling "
+                "to a tenth for each tenfold of the frequency."
+            ),
+            draw=partial(
+                lines,
+                drawn,
+                Axis(title="frequency (rad/s)", logarithmic=True),
+                Axis(title="Amplitude", logarithmic=True, ends=(0.01, 1.3)),
+            ),
+        )  # fmt: skip

@@ -1,0 +1,195 @@
+"""The study `cutoff_sweep`: noise, lag and the reading of a time constant behind low-pass filters of several cut-offs."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from servobench.channels import Array
+from servobench.estimators.step_63 import time_to_63
+from servobench.estimators.steps import Readings, read_steps
+from servobench.filters.quantisation import noise
+from servobench.filters.reading import BestCutoff, Rise, best_cutoff, filtered_derivative
+from servobench.filters.response import lag
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
+from servobench.lab.studies.steady import quantum_of, steady_run, top_level
+from servobench.measurement.base import Chain
+from servobench.measurement.dataset import Dataset
+from servobench.measurement.lowpass import Discretisation
+from servobench.measurement.measure import measure
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain, with_unit
+from servobench.settings import Speed
+
+_BAND = 0.02  # of a step: what counts as settled
+_STROKES: tuple[Stroke, ...] = ("wide", "strong", "plain")
+
+
+@STUDIES.member("cutoff_sweep")
+class CutoffSweep(StudySettings):
+    """The exercise's own recording, its counts differenced and filtered by one cut-off after the other."""
+
+    cutoffs: Annotated[tuple[Annotated[Speed, Field(gt=0)], ...], Field(min_length=1)] = (
+        10.0,
+        20.0,
+        50.0,
+        100.0,
+        150.0,
+        200.0,
+    )
+    """Cut-offs of the filter [rad/s]."""
+    discretisation: Discretisation = "euler"
+    """How the filter is computed: euler (as the paper's simulation loop does), zoh or tustin."""
+    voltage: float | None = None
+    """Constant voltage at which the noise is looked at; without it the highest of the exercise's signal [V]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table of the sweep, the filtered speeds, and the cut-off with the smallest error of a reading."""
+        position = measure(stand.recording)
+        chains = [filtered_derivative(cutoff, self.discretisation) for cutoff in self.cutoffs]
+        speeds = [_through(position, chain) for chain in chains]
+        readings = [read_steps([speed], time_to_63) for speed in speeds]
+        true = stand.facts["time_constant"].value
+        table = self._table(stand, chains, speeds, readings, true)
+        best = best_cutoff(
+            Rise(speed=_swing(readings[-1]), time_constant=true),
+            stand.experiment.sample_time,
+            quantum_of(position),
+            discretisation=self.discretisation,
+        )
+        return Shown(
+            tables=(table,),
+            figures=(_rises(self.cutoffs, speeds, readings[0]),),
+            sentences=(_told(best, true),),
+            facts={
+                "best": Fact(value=best.cutoff),
+                "best_low": Fact(value=best.low),
+                "best_high": Fact(value=best.high),
+                "best_error": Fact(value=best.error.rms),
+            },
+        )
+
+    def _table(
+        self,
+        stand: Stand,
+        chains: list[Chain],
+        speeds: list[Dataset],
+        readings: list[Readings],
+        true: float,
+    ) -> Table:
+        sample_time = stand.experiment.sample_time
+        level = top_level(stand) if self.voltage is None else self.voltage
+        steady = steady_run(stand, level, sample_time)
+        read = np.array([each.mean[1] for each in readings])
+        columns = (
+            Column(name="cutoff", heading="cut-off", unit="rad/s", values=self.cutoffs),
+            Column(name="hz", heading="cut-off", unit="Hz", values=_tuple(np.array(self.cutoffs) / (2 * math.pi))),
+            Column(name="time", heading="1/ω of the filter", unit="s", values=_tuple(1 / np.array(self.cutoffs))),
+            Column(name="lag", heading="lag", unit="ms", values=tuple(1e3 * lag(c, sample_time) for c in chains)),
+            Column(
+                name="noise", heading="noise", unit="rad/s", values=tuple(steady.noise(c) for c in chains), digits=3
+            ),
+            Column(
+                name="exact",
+                heading="noise by formula",
+                unit="rad/s",
+                values=tuple(noise(c, steady.speed, sample_time, steady.quantum) for c in chains),
+                digits=3,
+            ),
+            Column(name="reading", heading="63.2 % after", unit="s", values=_tuple(read)),
+            Column(name="bias", heading="too late by", unit="ms", values=_tuple(1e3 * (read - true)), digits=3),
+            Column(
+                name="settling",
+                heading="within 2 % after",
+                unit="s",
+                values=tuple(_settling(s, r) for s, r in zip(speeds, readings, strict=True)),
+                digits=3,
+            ),
+        )  # fmt: skip
+        return Table(
+            title="What the cut-off does",
+            columns=columns,
+            note=(
+                f"Noise is the rms at {plain(steady.speed, 4)} rad/s, from a run at {plain(level)} V. The motor's own time "
+                f"constant is {plain(true, 4)} s, identified from the counts."
+            ),
+        )
+
+
+def _through(position: Dataset, chain: Chain) -> Dataset:
+    """The speed that a chain makes of a position, as data of its own."""
+    return replace(
+        position,
+        y=chain(position.y, position.t_output),
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+        applied=position.applied + chain,
+    )
+
+
+def _swing(readings: Readings) -> float:
+    """How far the speed moves in the steps that were read, on average [rad/s]."""
+    return float(
+        np.mean(
+            [abs(v[0] * (s.after - s.before)) for s, v in zip(readings.steps, readings.values, strict=True)]
+        )
+    )
+
+
+def _settling(speed: Dataset, readings: Readings) -> float:
+    """When the speed is for the last time more than 2 % of a step away from its steady value, as a mean over steps [s]."""
+    times = []
+    for step in readings.steps:
+        first, last = (float(part.mean()) for part in step.steady(speed.t_output, speed.y))
+        here = step.samples(speed.t_output)
+        away = np.abs(speed.y[here] - last) > _BAND * abs(last - first)
+        times.append(float(speed.t_output[here][np.flatnonzero(away)[-1]] - step.start))
+    return float(np.mean(times))
+
+
+def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings) -> Illustration:
+    """The first step that was read, behind three of the filters."""
+    step = next((s for s in readings.steps if s.after > s.before), readings.steps[0])
+    shown = sorted({0, len(cutoffs) // 2, len(cutoffs) - 1}, reverse=True)
+    drawn = []
+    for stroke, n in zip(_STROKES, shown, strict=False):
+        here = step.samples(speeds[n].t_output)
+        since = speeds[n].t_output[here] - step.start
+        near = since <= 6 * float(readings.mean[1])
+        drawn.append(
+            Line(
+                x=since[near], y=speeds[n].y[here][near], label=f"{plain(cutoffs[n])} rad/s", stroke=stroke
+            )
+        )  # fmt: skip
+    return Illustration(
+        name="sweep",
+        title="One step behind filters of several cut-offs",
+        caption="A high cut-off lets the encoder's steps through; a low one makes the motor look slow.",
+        description=(
+            f"The speed after a step behind filters of {', '.join(plain(cutoffs[n]) for n in shown)} rad/s: the lower the "
+            "cut-off, the smoother and the later."
+        ),
+        draw=partial(lines, drawn, Axis(title="time since the step (s)"), Axis(title="Speed (rad/s)")),
+    )
+
+
+def _told(best: BestCutoff, true: float) -> str:
+    off = best.error
+    return (
+        f"Read at 63.2 % with nothing taken off, the time constant is least wrong behind a cut-off of {plain(best.cutoff, 2)} "
+        f"rad/s (from {plain(best.low, 2)} to {plain(best.high, 2)} rad/s it is at most a tenth worse): off by "
+        f"{with_unit(off.rms, 's', 2)}, from {with_unit(off.bias, 's', 2)} of lag and {with_unit(off.sd, 's', 2)} of scatter "
+        f"that the encoder's steps make. That is {plain(100 * off.rms / true, 2)} % of the time constant."
+    )
+
+
+def _tuple(values: Array) -> tuple[float, ...]:
+    return tuple(float(value) for value in values)

@@ -1,0 +1,116 @@
+"""The study `quantisation_noise`: the noise of differenced counts, by formula and by run, over speeds and sample times."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from servobench.filters.quantisation import count_fraction, derivative_noise
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
+from servobench.lab.studies.steady import SteadyRun, steady_run
+from servobench.measurement.base import Chain
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import PositiveTime, Speed, Voltage
+
+_STROKES: tuple[Stroke, ...] = ("strong", "plain")
+_ARCHES, _POINTS = 4, 256
+
+
+@STUDIES.member("quantisation_noise")
+class QuantisationNoise(StudySettings):
+    """Runs at constant voltages and several sample times, and named speeds that only the formula is asked for."""
+
+    voltages: Annotated[tuple[Voltage, ...], Field(min_length=1)] = (1.0, 2.0, 3.0)
+    """Constant voltages to run at [V]."""
+    sample_times: Annotated[tuple[PositiveTime, ...], Field(min_length=1)] = (0.002, 0.001)
+    """Sample times [s]."""
+    speeds: tuple[Speed, ...] = ()
+    """Speeds that the formula alone is asked for [rad/s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return formula beside run for each voltage and sample time; facts: `worst`, the largest noise at the first time."""
+        runs = [(v, T, steady_run(stand, v, T)) for v in self.voltages for T in self.sample_times]
+        quantum = runs[0][2].quantum
+        tables = [_table(runs)]
+        if self.speeds:
+            tables.append(self._named(quantum))
+        return Shown(
+            tables=tuple(tables),
+            figures=(_figure(self.sample_times[:2], quantum, max(abs(run.speed) for _, _, run in runs)),),
+            facts={"worst": Fact(value=0.5 * quantum / self.sample_times[0])},
+        )
+
+    def _named(self, quantum: float) -> Table:
+        rows = [(speed, T) for speed in self.speeds for T in self.sample_times]
+        columns = (
+            Column(name="speed", heading="speed", unit="rad/s", values=tuple(speed for speed, _ in rows)),
+            Column(name="time", heading="sample time", unit="ms", values=tuple(1e3 * T for _, T in rows)),
+            Column(
+                name="formula",
+                heading="noise by formula",
+                unit="rad/s",
+                values=tuple(derivative_noise(speed, T, quantum) for speed, T in rows),
+                digits=3,
+            ),
+        )
+        return Table(title="The formula at speeds next to each other", columns=columns)
+
+
+def _table(runs: Sequence[tuple[float, float, SteadyRun]]) -> Table:
+    difference = Chain.parse("derivative")
+    at = [(run.speed, T, run.quantum) for _, T, run in runs]
+    columns = (
+        Column(name="voltage", heading="voltage", unit="V", values=tuple(v for v, _, _ in runs)),
+        Column(name="sample", heading="sample time", unit="ms", values=tuple(1e3 * T for _, T, _ in runs)),
+        Column(name="turning", heading="speed", unit="rad/s", values=tuple(run.speed for _, _, run in runs), digits=6),
+        Column(name="counts", heading="counts a sample", values=tuple(w * T / q for w, T, q in at), digits=5),
+        Column(name="fraction", heading="fraction f", values=tuple(count_fraction(*each) for each in at), digits=3),
+        Column(name="exact", heading="noise by formula", unit="rad/s", values=tuple(derivative_noise(*each) for each in at)),
+        Column(name="noise", heading="noise of the run", unit="rad/s", values=tuple(run.noise(difference) for _, _, run in runs)),
+    )  # fmt: skip
+    return Table(
+        title="Noise of the differenced counts",
+        columns=columns,
+        note="Formula: (Δ/T) √(f (1 − f)), with f the fraction of ωT/Δ, at the speed that the run had.",
+    )
+
+
+def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Illustration:
+    """The arches of the formula, for one or two sample times, over the last few counts a sample below the fastest run."""
+    arch = quantum / max(sample_times)
+    last = math.ceil(fastest / arch)
+    # So many points to an arch that its ends are among them, where the noise is zero.
+    speeds = (
+        arch / _POINTS * np.arange(max(last - _ARCHES, 0) * _POINTS, last * _POINTS + 1, dtype=np.float64)
+    )
+    drawn = [
+        Line(
+            x=speeds,
+            y=np.array([derivative_noise(w, T, quantum) for w in speeds]),
+            label=f"{plain(1e3 * T)} ms",
+            stroke=stroke,
+        )
+        for T, stroke in zip(sample_times, _STROKES, strict=False)
+    ]
+    largest = quantum / min(sample_times) / 2
+    return Illustration(
+        name="quantisation",
+        title="The noise depends on which speed",
+        caption=(
+            "Where a sample takes a whole number of counts there is no noise at all; half a count beside it is most. "
+            "A shorter sample time makes the arches higher and wider."
+        ),
+        description=(
+            f"Noise of the difference over the speed: arches from zero to {plain(largest, 3)} rad/s, one for each count a "
+            f"sample, {plain(2 * largest, 3)} rad/s wide."
+        ),
+        draw=partial(lines, drawn, Axis(title="speed (rad/s)"), Axis(title="Noise, rms (rad/s)")),
+    )
