@@ -23,6 +23,11 @@ _TAIL = 0.2  # of the time after the step: its end, over which the steady speed 
 _PLACES = 64  # of the shaft within a count
 _SPEEDS = 8
 _AS_GOOD = 1.1  # times the smallest error
+_NO_RINGING = {
+    "euler": 1.0,
+    "zoh": 2.0,
+    "tustin": 2.0,
+}  # ω T; ZOH never rings, but above has no filter left to speak of
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -129,10 +134,12 @@ def best_cutoff(
     """Return which cut-off of `derivative | lowpass` makes the smallest rms error of a reading that its lag isn't taken off.
 
     A low cut-off reads the filter's own lag, a high one the encoder's steps. `cutoffs` are those tried [rad/s], by default 40
-    from 1/τ to 1.9/T, which forward Euler just bears. The error is `pooled` over speeds `nearby`.
+    from 1/τ to where the filter's pole reaches zero, above which it rings: 1/T by forward Euler, 2/T by Tustin. The error is
+    `pooled` over speeds `nearby`.
     """
     if cutoffs is None:
-        cutoffs = np.geomspace(1.0 / rise.time_constant, 1.9 / sample_time, 40).tolist()
+        highest = _NO_RINGING[discretisation] / sample_time
+        cutoffs = np.geomspace(1.0 / rise.time_constant, highest, 40).tolist()
     chains = [filtered_derivative(cutoff, discretisation) for cutoff in cutoffs]
     rises = nearby(rise, sample_time, quantum)
     errors = [
@@ -153,6 +160,11 @@ def _error(speeds: Array, t: Array, rise: Rise) -> ReadingError:
     """Mean and standard deviation of the errors of what is read off speeds (N, P)."""
     after = t >= 0
     steady = speeds[t >= (1 - _TAIL) * t[-1]].mean(axis=0)
+    if not (steady > 0).all():
+        raise NotIdentifiable(
+            f"a speed of {rise.speed:g} rad/s moves the shaft by less than a count in {_TAIL * t[-1]:g} s, so that nothing can be "
+            "read; take a larger step"
+        )
     read = np.array([time_to_63(t[after], part) for part in (speeds[after] / steady).T])
     if not np.isfinite(read).all():
         raise NotIdentifiable(

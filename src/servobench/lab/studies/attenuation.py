@@ -83,7 +83,7 @@ class AttenuationTable(StudySettings):
             name="attenuation",
             title="What is left of a sine",
             caption=(
-                "The axis ends at half of the sample rate. There Tustin's filter lets nothing through, Euler's more than it should."
+                "The axis ends at half of the sample rate. There Tustin's filter lets nothing through, Euler's too much."
             ),
             description=(
                 f"Amplitude over frequency behind a filter of {plain(self.cutoff)} rad/s: 70.7 % at the cut-off, then falling "

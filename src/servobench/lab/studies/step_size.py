@@ -1,0 +1,72 @@
+"""The study `step_size`: what a shorter sample time gives, and what it takes: resolution of time, of speed, of the estimate."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated
+
+from pydantic import Field
+
+from servobench.errors import NotIdentifiable
+from servobench.filters.quantisation import mean_noise
+from servobench.identification import identify
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.measurement.base import Chain
+from servobench.measurement.measure import measure
+from servobench.rounding import plain
+from servobench.settings import PositiveTime
+
+
+@STUDIES.member("step_size")
+class StepSize(StudySettings):
+    """The exercise's experiment at several sample times, identified from the counts of each."""
+
+    sample_times: Annotated[tuple[PositiveTime, ...], Field(min_length=1)] = (0.02, 0.01, 0.005, 0.002, 0.001)
+    """Sample times [s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table, a row for each sample time; raises `NotIdentifiable` where a run can't be identified."""
+        quantum = 2 * math.pi / stand.facts["counts_per_rev"].value
+        known = [_identified(stand, T) for T in self.sample_times]
+        difference = Chain.parse("derivative")
+        columns = (
+            Column(name="time", heading="sample time", unit="ms", values=tuple(1e3 * T for T in self.sample_times)),
+            Column(
+                name="samples",
+                heading="samples in a time constant",
+                values=tuple(tau.value / T for tau, T in zip(known, self.sample_times, strict=True)),
+                digits=3,
+            ),
+            Column(name="speed", heading="step of the speed", unit="rad/s", values=tuple(quantum / T for T in self.sample_times)),
+            Column(
+                name="noise",
+                heading="noise, all speeds",
+                unit="rad/s",
+                values=tuple(mean_noise(difference, T, quantum) for T in self.sample_times),
+                digits=3,
+            ),
+            Column(name="tau", heading="time constant from counts", unit="s", values=tuple(tau.value for tau in known), digits=5),
+            Column(name="half", heading="± (95 %)", unit="ms", values=tuple(1e3 * tau.half for tau in known), digits=2),
+        )  # fmt: skip
+        table = Table(
+            title="What the sample time decides",
+            columns=columns,
+            note=(
+                f"One count more or less in a sample is a step of the speed of Δ/T, with Δ = {plain(quantum)} rad. The time "
+                "constant is identified from the counts themselves, not from the speed."
+            ),
+        )
+        return Shown(tables=(table,))
+
+
+def _identified(stand: Stand, sample_time: float) -> Fact:
+    if sample_time == stand.experiment.sample_time:
+        return stand.facts["time_constant"]
+    recording = stand.run(stand.experiment.model_copy(update={"sample_time": sample_time}))
+    result = identify(measure(recording))
+    if result.fit is None:
+        said = "; ".join(finding.sentence for finding in result.findings)
+        raise NotIdentifiable(f"the run with {sample_time:g} s tells no time constant: {said}")
+    tau = result.fit["time_constant"]
+    return Fact(value=tau.value, half=0.5 * (tau.interval[1] - tau.interval[0]))
