@@ -162,8 +162,8 @@ def _error(speeds: Array, t: Array, rise: Rise) -> ReadingError:
     steady = speeds[t >= (1 - _TAIL) * t[-1]].mean(axis=0)
     if not (steady > 0).all():
         raise NotIdentifiable(
-            f"a speed of {rise.speed:g} rad/s moves the shaft by less than a count in {_TAIL * t[-1]:g} s, so that nothing can be "
-            "read; take a larger step"
+            f"a speed of {rise.speed:g} rad/s moves the shaft by less than a count in {_TAIL * t[-1]:g} s, so that nothing can "
+            "be read; take a larger step"
         )
     read = np.array([time_to_63(t[after], part) for part in (speeds[after] / steady).T])
     if not np.isfinite(read).all():
