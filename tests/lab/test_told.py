@@ -22,7 +22,12 @@ def table(paper: tuple[float | str, ...] = ()) -> Table:
     [
         (0.0998, 0.13, f"+30{NBSP}%"),  # 0.13/0.0998 - 1 = 0.3026
         (0.00667, 0.006, f"−10{NBSP}%"),
-        (0.17578125, 0.175778125, f"0{NBSP}%"),  # 18 ppm: the paper's rounding
+        (0.17578125, 0.175778125, f"−0.0018{NBSP}%"),  # 18 ppm, and no rounding of the right one
+        (7.9577, 7.96, f"0{NBSP}%"),  # rounded as the paper has it
+        (23.8095, 23.8, f"0{NBSP}%"),
+        (50.3, 50, f"0{NBSP}%"),
+        (50.6, 50, f"−1.2{NBSP}%"),  # 50/50.6 - 1
+        (4.04e-6, 4e-6, f"0{NBSP}%"),
         (-10.0, 7.69, f"−177{NBSP}%"),  # a lost sign: -0.769 - 1
         (2.0, 2.0, f"0{NBSP}%"),
         (0.0, 1.0, ""),

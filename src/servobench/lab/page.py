@@ -24,6 +24,7 @@ from servobench.report.tables import capital
 from servobench.rounding import with_unit
 
 INDEX, PAPERS = "index.html", "paper.html"
+_MOST_BESIDE = 7  # columns that the width of the text has room for
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -45,6 +46,13 @@ class Block:
     tables: tuple[tuple[str, tuple[Told, ...], str], ...] = ()
     sentences: tuple[str, ...] = ()
     drawings: tuple[Drawn, ...] = ()
+
+    @property
+    def is_broad(self) -> bool:
+        """Whether a table in it has so many columns that it may be wider than the text."""
+        return any(
+            sum(column.kind != "off" for column in columns) > _MOST_BESIDE for _, columns, _ in self.tables
+        )
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -110,7 +118,7 @@ def index_page(lab: Sequence[Worked]) -> str:
 
 def papers_page(lab: Sequence[Worked]) -> str:
     """Return the page on the paper: all corrections of all exercises, and each of its numbers beside ours."""
-    return _page("lab_paper.html.j2", title="The paper's figures and ours", lab=lab, beside=_beside(lab))
+    return _page("lab_paper.html.j2", title="The paper’s figures and ours", lab=lab, beside=_beside(lab))
 
 
 def page_of(exercise: Exercise) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from servobench.lab.studies.base import Cell, Column, Table
@@ -36,15 +37,24 @@ def told(table: Table) -> tuple[Told, ...]:
 
 
 def off_by(ours: Cell, paper: Cell) -> str:
-    """Return by how much of our number the paper's is off, such as `+30 %`; empty where one is no number, or ours is 0."""
+    """Return by how much of our number the paper's is off, such as `+30 %`; `0 %` where it is ours, rounded as the paper has it.
+
+    Empty where one of them is no number, or ours is 0.
+    """
     if isinstance(ours, str) or isinstance(paper, str):
         return ""
     if not (math.isfinite(ours) and math.isfinite(paper)) or ours == 0:
         return ""
-    percent = 100 * (paper / ours - 1)
-    if abs(percent) < 0.005:  # per cent; the paper's own rounding is coarser
+    if round(ours, _decimals(paper)) == paper:
         return f"0{SPACE}%"
+    percent = 100 * (paper / ours - 1)
     return f"{'+' if percent > 0 else ''}{plain(percent, 2)}{SPACE}%"
+
+
+def _decimals(written: float) -> int:
+    """The decimals of a number as it was written: 2 of 7.96, 0 of 50, 6 of 4e-6."""
+    exponent = Decimal(repr(written)).normalize().as_tuple().exponent
+    return max(-exponent, 0) if isinstance(exponent, int) else 0
 
 
 def written(cell: Cell, digits: int) -> str:

@@ -33,6 +33,8 @@ class Corrected:
     correction: Correction
     ours: str
     value: float | None
+    studies: tuple[str, ...] = ()
+    """The studies in the text that the figure comes from."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -98,4 +100,12 @@ class Worked:
             place = self.exercise.place_of_correction(correction)
             raise UsageError(f"{place}: the correction of {correction.where!r}: {error}") from error
         figure = f"{plain(value, correction.digits)}{SPACE}{correction.unit}".rstrip()
-        return Corrected(correction=correction, ours=correction.ours.replace("{}", figure), value=value)
+        asked = dict.fromkeys(name.partition("_")[0] for name in Expression(correction.answer).names)
+        return Corrected(
+            correction=correction,
+            ours=correction.ours.replace("{}", figure),
+            value=value,
+            studies=tuple(
+                piece.study for piece in self.exercise.pieces if piece.study and piece.study in asked
+            ),
+        )
