@@ -232,6 +232,17 @@ def test_a_mistake_is_told(servobench: Command, words: tuple[str, ...], said: st
     assert "Traceback" not in ended.err
 
 
+def test_a_run_that_a_fault_ended_is_told_and_ends_as_a_run_does(servobench: Command, folder: Path) -> None:
+    """5 V turn the motor beyond 50 rad/s, the limit of its speed: 5 V / 0.042 V·s/rad is 119 rad/s."""
+    text = MINE.replace('final = "2 V"', 'final = "5 V"\n\n[limits]\nspeed = "50 rad/s"')
+    (folder / "mine.md").write_text(text, encoding="utf-8")
+
+    ended = servobench("lab", "mine", "--folder", folder)
+
+    assert ended.status == 4
+    assert "! the run ended before its time: " in ended.out
+
+
 def test_an_empty_folder_is_told(servobench: Command, tmp_path: Path) -> None:
     for words in ((), ("--all", "--out", tmp_path / "pages")):
         ended = servobench("lab", "--folder", tmp_path, *words)

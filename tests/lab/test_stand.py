@@ -238,6 +238,20 @@ def test_lines_of_studies_and_corrections_are_known() -> None:
     assert found.place_of_correction(found.corrections[0]) == "two.md:32"
 
 
+def test_who_stops_a_run_is_not_given_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Ctrl-C in a run is a result of that run; the exercise ends with it."""
+    from servobench.loop import run as loop
+    from servobench.recording.recording import Stopped
+
+    stand = stand_with(read(), read().experiment.device)
+    stopped = Stopped(reason="interrupted", sentence="stopped by the keyboard")
+    cut = replace(stand.recording, stopped=stopped)
+    monkeypatch.setattr(loop, "run", lambda *_: cut)
+
+    with pytest.raises(KeyboardInterrupt, match="stopped by the keyboard"):
+        stand.run(stand.experiment)
+
+
 @pytest.mark.parametrize("found", exercises(), ids=lambda e: e.name)
 def test_all_studies_and_corrections_of_an_exercise_have_their_figures(found: Exercise) -> None:
     stand: MotorStand = stand_on_the_twin(found)

@@ -315,6 +315,15 @@ def test_what_studies_find_is_shown_in_its_place_when_it_is_asked_for(opened: An
     assert page.title() == "test"  # nothing that is hostile has run
 
 
+def test_what_can_not_be_shown_is_told_and_can_be_asked_for_again(opened: Any) -> None:
+    page = opened("exercises", STUDIED | {"/api/exercises/step/results": None})
+    page.get_by_role("button", name=SHOWN.title).click()
+    page.get_by_role("button", name="Show what comes out").click()
+    page.get_by_text("It can't be shown").wait_for()
+
+    assert page.get_by_role("button", name="Show what comes out").is_enabled()
+
+
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_both_are_accessible(opened: Any, scheme: str) -> None:
     options = {"color_scheme": scheme, "bypass_csp": True}  # or the checker's own script is kept out

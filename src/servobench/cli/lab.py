@@ -66,6 +66,7 @@ def lab(
     Without a name the exercises are listed. With one it is done on the simulated motor, in virtual time, or on a device.
     An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
     """
+    from servobench.cli.run import CUT_SHORT
     from servobench.cli.terminal import messages, output
     from servobench.errors import UsageError
     from servobench.lab.exercise import FOLDER
@@ -84,7 +85,9 @@ def lab(
         given = dict(_answer(text) for text in answers or ())
         for blank in given:
             found.blank(blank)  # a misspelt one is told before anything is run
-        _one(console, found, device, recording, given, out, solution=solution, as_json=as_json)
+        worked = _one(console, found, device, recording, given, out, solution=solution, as_json=as_json)
+        if recording is None:
+            raise typer.Exit(CUT_SHORT.get(worked.stand.recording.stopped.reason, DONE))
     raise typer.Exit(DONE)
 
 
@@ -192,7 +195,7 @@ def _one(
     *,
     solution: bool,
     as_json: bool,
-) -> None:
+) -> Worked:
     from servobench.cli.lab_shown import show_checked, show_worked
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
@@ -215,6 +218,7 @@ def _one(
         print_json(answered)
     if out is not None:
         say(console, f"\npage: {out}")
+    return worked
 
 
 def _write_all(

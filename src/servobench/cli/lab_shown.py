@@ -34,6 +34,10 @@ def show_worked(console: Console, worked: Worked, *, solution: bool) -> None:
         else:
             show_markdown(console, piece.text)
     console.print()
+    if worked.cut_short:
+        head = Text.assemble(("! ", "bold yellow"), "the run ended before its time: ")
+        show_wrapped(console, head, worked.cut_short, hanging=2)
+        console.print()
     _show_blanks(console, worked, solution=solution)
     if worked.corrections:
         console.print()

@@ -77,6 +77,7 @@ def exercise_page(worked: Worked, *, solution: bool, neighbours: Neighbours | No
         exercise=exercise,
         blocks=_blocks(worked),
         course=single(worked.course),
+        cut_short=worked.cut_short,
         told=_in_short(worked),
         toml=worked.stand.experiment.to_toml(),
         answers={answer.blank.id: answer for answer in answers},

@@ -135,7 +135,10 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
 
         asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
         with _connected(asked.device) as motor:
-            return run(asked, motor)
+            recording = run(asked, motor)
+        if recording.stopped.reason == "interrupted":
+            raise KeyboardInterrupt(recording.stopped.sentence)  # who stops a run doesn't want the next one
+        return recording
 
     return MotorStand(
         exercise=exercise,

@@ -60,6 +60,12 @@ class Worked:
         figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in found.figures)
         return replace(found, figures=figures)
 
+    @property
+    def cut_short(self) -> str:
+        """Why the exercise's run ended before its time, as a sentence; empty where it didn't."""
+        stopped = self.stand.recording.stopped
+        return "" if stopped.reason == "finished" else stopped.sentence
+
     @cached_property
     def course(self) -> Illustration | None:
         """The figure of the exercise's own run."""

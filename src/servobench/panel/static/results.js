@@ -2,6 +2,7 @@
 
 // The page's colours for those that a figure is drawn in.
 const COLOURS = { ink: "--ink", muted: "--quiet", rule: "--line", measured: "--edge", model: "--accent", band: "--accent-soft", shade: "--raised" };
+const SHOW = "Show what comes out";
 const FONT = "font-family: system-ui, sans-serif";
 
 // The places of an exercise's studies and of its corrections, empty but for a button. `get(path)` resolves to the answer's JSON.
@@ -11,21 +12,23 @@ export function places(exercise, get) {
   const status = html("p", { class: "exercises-told", role: "status" });
   const fill = async () => {
     const buttons = [...found.values()].flatMap((place) => [...place.querySelectorAll("button")]);
-    for (const button of buttons) button.disabled = true;
-    status.textContent = "The motor is being simulated…";
+    const say = (text, busy) => {
+      for (const button of buttons) Object.assign(button, { textContent: busy ? text : SHOW, disabled: busy });
+      status.textContent = text;
+    };
+    say("The motor is being simulated…", true);
     try {
       const { studies, corrections: errs } = await get(`/api/exercises/${encodeURIComponent(exercise.name)}/results`);
       for (const [name, place] of found) place.replaceChildren(...shown(studies[name]));
       if (errs.length) corrections.replaceChildren(html("h3", {}, "Where the paper errs"), ...errs.map(correction));
       status.textContent = "";
     } catch (error) {
-      status.textContent = `It can't be shown: ${error.message}`;
-      for (const button of buttons) button.disabled = false;
+      say(`It can't be shown: ${error.message}`, false);
     }
   };
   const place = (name) => {
     const made = html("section", { class: "exercises-study", "aria-label": `What is found: ${name}` });
-    const button = html("button", { class: "exercises-reveal", type: "button" }, "Show what comes out");
+    const button = html("button", { class: "exercises-reveal", type: "button" }, SHOW);
     button.addEventListener("click", fill);
     made.append(button);
     found.set(name, made);
