@@ -26,7 +26,7 @@ from servobench.measurement.lowpass import Discretisation
 from servobench.measurement.measure import measure
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, with_unit
-from servobench.settings import Speed
+from servobench.settings import Speed, Voltage
 
 _BAND = 0.02  # of a step: what counts as settled
 _STROKES: tuple[Stroke, ...] = ("wide", "strong", "plain")
@@ -47,7 +47,7 @@ class CutoffSweep(StudySettings):
     """Cut-offs of the filter [rad/s]."""
     discretisation: Discretisation = "euler"
     """How the filter is computed: euler (as the paper's simulation loop does), zoh or tustin."""
-    voltage: float | None = None
+    voltage: Voltage | None = None
     """Constant voltage at which the noise is looked at; without it the highest of the exercise's signal [V]."""
 
     def __call__(self, stand: Stand) -> Shown:

@@ -26,7 +26,7 @@ from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure
 from servobench.rounding import plain
-from servobench.settings import PositiveTime, Settings
+from servobench.settings import In, PositiveTime, Settings
 
 _PLACES = 16
 
@@ -37,6 +37,7 @@ def _makes_a_speed(text: str) -> str:
     return text
 
 
+Acceleration = Annotated[float, In("rad/s²"), Field(gt=0)]
 SpeedChain = Annotated[str, AfterValidator(_makes_a_speed)]
 
 
@@ -45,7 +46,7 @@ class KalmanCase(Settings):
 
     time_constant: PositiveTime
     """Time constant that the filter is told [s]."""
-    acceleration: Annotated[float, Field(gt=0)] = 10.0
+    acceleration: Acceleration = 10.0
     """Standard deviation of the acceleration that the model doesn't know; a small one believes the model [rad/s²]."""
 
 
@@ -72,7 +73,7 @@ class SpeedEstimators(StudySettings):
     """Measurement chains that make a speed of a position."""
     alpha_beta: tuple[PositiveTime, ...] = (0.01,)
     """Time constants of critically damped α-β filters [s]."""
-    constant_speed: tuple[Annotated[float, Field(gt=0)], ...] = (100.0,)
+    constant_speed: tuple[Acceleration, ...] = (100.0,)
     """Random accelerations for Kalman filters of a shaft that keeps its speed [rad/s²]."""
     motor: tuple[KalmanCase, ...] = ()
     """Kalman filters of a first-order motor."""
