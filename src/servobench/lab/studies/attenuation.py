@@ -45,27 +45,38 @@ class AttenuationTable(StudySettings):
         sample_time = stand.experiment.sample_time
         columns = (
             Column(name="frequency", heading="frequency", unit="rad/s", values=self.frequencies),
-            Column(name="hz", heading="frequency", unit="Hz", values=tuple(float(w) for w in omega / (2 * math.pi))),
-            Column(name="amplitude", heading="amplitude", unit="%", values=tuple(100 * a.amplitude for a in left)),
+            Column(
+                name="hz",
+                heading="frequency",
+                unit="Hz",
+                values=tuple(float(w) for w in omega / (2 * math.pi)),
+            ),
+            Column(
+                name="amplitude", heading="amplitude", unit="%", values=tuple(100 * a.amplitude for a in left)
+            ),
             Column(name="power", heading="power", unit="%", values=tuple(100 * a.power for a in left)),
             Column(name="decibels", heading="attenuation", unit="dB", values=tuple(a.decibels for a in left)),
-            Column(name="phase", heading="phase", unit="°", values=tuple(math.degrees(a.phase) for a in left)),
-            *(
-                Column(
-                    name=how,
-                    heading=f"amplitude, {how}",
-                    unit="%",
-                    values=tuple(100 * float(part) for part in self._computed(how, omega, sample_time)),
-                )
-                for how in get_args(Discretisation)
+            Column(
+                name="phase", heading="phase", unit="°", values=tuple(math.degrees(a.phase) for a in left)
             ),
-        )  # fmt: skip
-        table = Table(
-            title=f"What a filter of {plain(self.cutoff)} rad/s leaves of a sine",
-            columns=columns,
-            note=f"The last three are the filter as a program computes it every {plain(1e3 * sample_time)} ms.",
         )
-        return Shown(tables=(table,), figures=(self._figure(sample_time),))
+        table = Table(title=f"What a filter of {plain(self.cutoff)} rad/s leaves of a sine", columns=columns)
+        computed = Table(
+            title=f"The amplitude behind the filter as a program computes it, every {plain(1e3 * sample_time)} ms",
+            columns=(
+                Column(name="sine", heading="frequency", unit="rad/s", values=self.frequencies),
+                *(
+                    Column(
+                        name=how,
+                        heading=how,
+                        unit="%",
+                        values=tuple(100 * float(part) for part in self._computed(how, omega, sample_time)),
+                    )
+                    for how in get_args(Discretisation)
+                ),
+            ),
+        )
+        return Shown(tables=(table, computed), figures=(self._figure(sample_time),))
 
     def _computed(self, how: Discretisation, omega: Array, sample_time: float) -> Array:
         filtered = Chain((Lowpass(cutoff=self.cutoff, discretisation=how),))

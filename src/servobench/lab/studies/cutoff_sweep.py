@@ -65,7 +65,7 @@ class CutoffSweep(StudySettings):
             discretisation=self.discretisation,
         )
         return Shown(
-            tables=(table,),
+            tables=(self._filters(), table),
             figures=(_rises(self.cutoffs, speeds, readings[0]),),
             sentences=(_told(best, true),),
             facts={
@@ -76,6 +76,16 @@ class CutoffSweep(StudySettings):
             },
         )
 
+    def _filters(self) -> Table:
+        """What the filters are: the paper's Table 1-4."""
+        cutoffs = np.array(self.cutoffs)
+        columns = (
+            Column(name="cutoff", heading="cut-off", unit="rad/s", values=self.cutoffs),
+            Column(name="hz", heading="cut-off", unit="Hz", values=_tuple(cutoffs / (2 * math.pi))),
+            Column(name="time", heading="1/ω", unit="s", values=_tuple(1 / cutoffs)),
+        )
+        return Table(title="The filters", columns=columns)
+
     def _table(
         self,
         stand: Stand,
@@ -84,41 +94,32 @@ class CutoffSweep(StudySettings):
         readings: list[Readings],
         true: float,
     ) -> Table:
-        sample_time = stand.experiment.sample_time
+        T = stand.experiment.sample_time
         level = top_level(stand) if self.voltage is None else self.voltage
-        steady = steady_run(stand, level, sample_time)
+        steady = steady_run(stand, level, T)
         read = np.array([each.mean[1] for each in readings])
+        exact = tuple(noise(chain, steady.speed, T, steady.quantum) for chain in chains)
+        settled = tuple(_settling(s, r) for s, r in zip(speeds, readings, strict=True))
         columns = (
-            Column(name="cutoff", heading="cut-off", unit="rad/s", values=self.cutoffs),
-            Column(name="hz", heading="cut-off", unit="Hz", values=_tuple(np.array(self.cutoffs) / (2 * math.pi))),
-            Column(name="time", heading="1/ω of the filter", unit="s", values=_tuple(1 / np.array(self.cutoffs))),
-            Column(name="lag", heading="lag", unit="ms", values=tuple(1e3 * lag(c, sample_time) for c in chains)),
+            Column(name="filter", heading="cut-off", unit="rad/s", values=self.cutoffs),
             Column(
-                name="noise", heading="noise", unit="rad/s", values=tuple(steady.noise(c) for c in chains), digits=3
+                name="lag", heading="lag", unit="ms", values=tuple(1e3 * lag(chain, T) for chain in chains)
             ),
             Column(
-                name="exact",
-                heading="noise by formula",
-                unit="rad/s",
-                values=tuple(noise(c, steady.speed, sample_time, steady.quantum) for c in chains),
-                digits=3,
+                name="noise", heading="noise", unit="rad/s", values=tuple(map(steady.noise, chains)), digits=3
             ),
+            Column(name="exact", heading="formula", unit="rad/s", values=exact, digits=3),
             Column(name="reading", heading="63.2 % after", unit="s", values=_tuple(read)),
-            Column(name="bias", heading="too late by", unit="ms", values=_tuple(1e3 * (read - true)), digits=3),
-            Column(
-                name="settling",
-                heading="within 2 % after",
-                unit="s",
-                values=tuple(_settling(s, r) for s, r in zip(speeds, readings, strict=True)),
-                digits=3,
-            ),
-        )  # fmt: skip
+            Column(name="bias", heading="late by", unit="ms", values=_tuple(1e3 * (read - true)), digits=3),
+            Column(name="settling", heading="settles in", unit="s", values=settled, digits=3),
+        )
         return Table(
             title="What the cut-off does",
             columns=columns,
             note=(
-                f"Noise is the rms at {plain(steady.speed, 4)} rad/s, from a run at {plain(level)} V. The motor's own time "
-                f"constant is {plain(true, 4)} s, identified from the counts."
+                f"Noise is the rms at {plain(steady.speed, 4)} rad/s, from a run at {plain(level)} V, beside the exact formula. "
+                f"The motor's own time constant is {plain(true, 4)} s, identified from the counts. The speed has settled when it "
+                "stays within 2 % of the step."
             ),
         )
 

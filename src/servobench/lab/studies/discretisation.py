@@ -52,7 +52,7 @@ class DiscretisationTable(StudySettings):
             Column(name="method", heading="method", values=tuple(how for _, how in cases)),
             Column(name="product", heading="ω T", values=tuple(row.product for row in rows)),
             Column(name="pole", heading="pole z", values=tuple(row.pole for row in rows)),
-            Column(name="lag", heading="lag with the difference", unit="ms", values=tuple(1e3 * row.lag for row in rows)),
+            Column(name="lag", heading="lag", unit="ms", values=tuple(1e3 * row.lag for row in rows)),
             Column(name="noise", heading="noise", unit="rad/s", values=tuple(row.noise for row in rows), digits=3),
             Column(name="amplitude", heading="left at ω", unit="%", values=tuple(100 * row.amplitude for row in rows)),
             Column(name="behaves", heading="a step", values=tuple(row.behaves for row in rows)),
@@ -60,7 +60,10 @@ class DiscretisationTable(StudySettings):
         table = Table(
             title=f"The filter {plain(self.cutoff)}/(s + {plain(self.cutoff)}) as a program computes it",
             columns=columns,
-            note=f"Noise is that of an encoder's counts at {plain(self.speed)} rad/s, behind difference and filter.",
+            note=(
+                "Lag and noise are those of difference and filter together, the noise of an encoder's counts at "
+                f"{plain(self.speed)} rad/s."
+            ),
         )
         return Shown(tables=(table,))
 

@@ -72,14 +72,14 @@ def _table(runs: Sequence[tuple[float, float, SteadyRun]]) -> Table:
         Column(name="sample", heading="sample time", unit="ms", values=tuple(1e3 * T for _, T, _ in runs)),
         Column(name="turning", heading="speed", unit="rad/s", values=tuple(run.speed for _, _, run in runs), digits=6),
         Column(name="counts", heading="counts a sample", values=tuple(w * T / q for w, T, q in at), digits=5),
-        Column(name="fraction", heading="fraction f", values=tuple(count_fraction(*each) for each in at), digits=3),
-        Column(name="exact", heading="noise by formula", unit="rad/s", values=tuple(derivative_noise(*each) for each in at)),
-        Column(name="noise", heading="noise of the run", unit="rad/s", values=tuple(run.noise(difference) for _, _, run in runs)),
+        Column(name="fraction", heading="f", values=tuple(count_fraction(*each) for each in at), digits=3),
+        Column(name="exact", heading="formula", unit="rad/s", values=tuple(derivative_noise(*each) for each in at)),
+        Column(name="noise", heading="noise", unit="rad/s", values=tuple(run.noise(difference) for _, _, run in runs)),
     )  # fmt: skip
     return Table(
         title="Noise of the differenced counts",
         columns=columns,
-        note="Formula: (Δ/T) √(f (1 − f)), with f the fraction of ωT/Δ, at the speed that the run had.",
+        note="Noise of the run, beside the formula (Δ/T) √(f (1 − f)), with f the fraction of ωT/Δ at the speed of the run.",
     )
 
 

@@ -107,19 +107,20 @@ class SpeedEstimators(StudySettings):
 def _table(rows: list[_Row], work: _Work) -> Table:
     columns = (
         Column(name="name", heading="speed by", values=tuple(row.name for row in rows)),
-        Column(name="noise", heading="noise of the run", unit="rad/s", values=tuple(row.run_noise for row in rows), digits=3),
-        Column(name="exact", heading="noise by formula", unit="rad/s", values=tuple(row.exact_noise for row in rows), digits=3),
+        Column(name="noise", heading="noise", unit="rad/s", values=tuple(row.run_noise for row in rows), digits=3),
+        Column(name="exact", heading="formula", unit="rad/s", values=tuple(row.exact_noise for row in rows), digits=3),
         Column(name="lag", heading="lag", unit="ms", values=tuple(1e3 * row.lag for row in rows)),
         Column(name="reading", heading="63.2 % after", unit="s", values=tuple(row.reading for row in rows)),
-        Column(name="bias", heading="late on average", unit="ms", values=tuple(1e3 * row.error.bias for row in rows), digits=3),
+        Column(name="bias", heading="late by", unit="ms", values=tuple(1e3 * row.error.bias for row in rows), digits=3),
         Column(name="scatter", heading="scatter", unit="ms", values=tuple(1e3 * row.error.sd for row in rows), digits=2),
     )  # fmt: skip
     return Table(
         title="Ways to a speed",
         columns=columns,
         note=(
-            f"Noise at {plain(work.steady.speed)} rad/s. The last two columns are computed, over all places where the shaft may "
-            f"have stood, for a motor of {plain(work.rise.time_constant)} s that speeds up by {plain(work.rise.speed, 3)} rad/s."
+            f"Noise of the run at {plain(work.steady.speed)} rad/s, beside the exact formula. The last two columns are computed, "
+            f"over all places where the shaft may have stood, for a motor of {plain(work.rise.time_constant)} s that speeds up by "
+            f"{plain(work.rise.speed, 3)} rad/s."
         ),
     )
 

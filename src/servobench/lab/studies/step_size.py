@@ -34,27 +34,28 @@ class StepSize(StudySettings):
             Column(name="time", heading="sample time", unit="ms", values=tuple(1e3 * T for T in self.sample_times)),
             Column(
                 name="samples",
-                heading="samples in a time constant",
+                heading="samples in τ",
                 values=tuple(tau.value / T for tau, T in zip(known, self.sample_times, strict=True)),
                 digits=3,
             ),
-            Column(name="speed", heading="step of the speed", unit="rad/s", values=tuple(quantum / T for T in self.sample_times)),
+            Column(name="speed", heading="speed step", unit="rad/s", values=tuple(quantum / T for T in self.sample_times)),
             Column(
                 name="noise",
-                heading="noise, all speeds",
+                heading="noise",
                 unit="rad/s",
                 values=tuple(mean_noise(difference, T, quantum) for T in self.sample_times),
                 digits=3,
             ),
-            Column(name="tau", heading="time constant from counts", unit="s", values=tuple(tau.value for tau in known), digits=5),
-            Column(name="half", heading="± (95 %)", unit="ms", values=tuple(1e3 * tau.half for tau in known), digits=2),
+            Column(name="tau", heading="τ from counts", unit="s", values=tuple(tau.value for tau in known), digits=5),
+            Column(name="half", heading="± of τ", unit="ms", values=tuple(1e3 * tau.half for tau in known), digits=2),
         )  # fmt: skip
         table = Table(
             title="What the sample time decides",
             columns=columns,
             note=(
-                f"One count more or less in a sample is a step of the speed of Δ/T, with Δ = {plain(quantum)} rad. The time "
-                "constant is identified from the counts themselves, not from the speed."
+                f"One count more or less in a sample is a step of the speed of Δ/T, with Δ = {plain(quantum)} rad. Noise is the "
+                "rms over all speeds. The time constant τ is identified from the counts themselves, not from the speed, with its "
+                "95 % interval."
             ),
         )
         return Shown(tables=(table,))

@@ -40,17 +40,17 @@ class WrongClock(StudySettings):
         columns = (
             Column(name="who", heading="the program counts", values=("the clock's time", "its own")),
             Column(name="step", heading="in a step", unit="ms", values=(1e3 * self.clock, 1e3 * believed)),
-            Column(name="gain", heading="speed for each volt", unit="rad/(s·V)", values=tuple(row[0] for row in rows)),
+            Column(name="gain", heading="gain", unit="rad/(s·V)", values=tuple(row[0] for row in rows)),
             Column(name="reading", heading="63.2 % after", unit="s", values=tuple(row[1] for row in rows)),
-            Column(name="cutoff", heading="its filter, by the clock", unit="rad/s", values=(cutoff, cutoff * ratio)),
-            Column(name="simulated", heading="its simulated motor, by the clock", unit="s", values=(motor, motor / ratio)),
+            Column(name="cutoff", heading="its filter", unit="rad/s", values=(cutoff, cutoff * ratio)),
+            Column(name="simulated", heading="its motor", unit="s", values=(motor, motor / ratio)),
         )  # fmt: skip
         table = Table(
             title=f"Steps of {plain(1e3 * believed)} ms on a clock of {plain(1e3 * self.clock)} ms",
             columns=columns,
             note=(
                 f"What the program measures comes out wrong by {plain(ratio)}: times too long, speeds too small. What it "
-                "computes, a filter or a simulated motor, runs too fast by the same factor."
+                "computes, its filter or a simulated motor, runs too fast by the same factor; these two are told in true time."
             ),
         )
         return Shown(tables=(table,))
