@@ -119,8 +119,8 @@ def _table(rows: list[_Row], work: _Work) -> Table:
         columns=columns,
         note=(
             f"Noise of the run at {plain(work.steady.speed)} rad/s, beside the exact formula. The last two columns are computed, "
-            f"over all places where the shaft may have stood, for a motor of {plain(work.rise.time_constant)} s that speeds up by "
-            f"{plain(work.rise.speed, 3)} rad/s."
+            f"over all places where the shaft may have stood, for a motor of {plain(work.rise.time_constant)} s that speeds up "
+            f"by {plain(work.rise.speed, 3)} rad/s."
         ),
     )
 
