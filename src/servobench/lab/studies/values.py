@@ -37,6 +37,8 @@ class Values(StudySettings):
     """Heading of the table."""
     rows: Annotated[tuple[Row, ...], Field(min_length=1)]
     """The numbers, in their order."""
+    digits: Annotated[int, Field(ge=1, le=12)] = 4
+    """How many significant digits are shown."""
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the table; raises `UnknownName` for a fact that isn't there."""
@@ -48,6 +50,7 @@ class Values(StudySettings):
                 name="value",
                 heading="value",
                 values=values,
+                digits=self.digits,
                 paper=paper if any(p != "" for p in paper) else (),
             ),
             Column(name="unit", heading="unit", values=tuple(row.unit for row in self.rows)),

@@ -1,0 +1,75 @@
+"""What a recording says of the shaft: voltage and angle over time, where the voltage changes, and how fast the shaft turned."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.errors import MissingInformation
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """Times t [s], applied voltage [V] and angle since the start [rad], each (N,); `count` is the angle of one count [rad].
+
+    The voltage at k holds from t[k] on. The angle is that of the unwrapped counter, whole counts, 0 at the start.
+    """
+
+    t: Array
+    voltage: Array
+    angle: Array
+    count: float
+
+    @property
+    def area(self) -> float:
+        """The integral of the voltage over time [V·s]."""
+        return float(self.voltage[:-1] @ np.diff(self.t))
+
+    def between(self, start: float, end: float) -> Motion:
+        """Return the part from one time to another [s], both included; times and angles stay as they are."""
+        slack = 1e-6 * float(self.t[1] - self.t[0])
+        part = (self.t >= start - slack) & (self.t <= end + slack)
+        return Motion(t=self.t[part], voltage=self.voltage[part], angle=self.angle[part], count=self.count)
+
+    @property
+    def mean_speed(self) -> float:
+        """The angle from the first to the last sample over the time between them [rad/s]."""
+        return float((self.angle[-1] - self.angle[0]) / (self.t[-1] - self.t[0]))
+
+    @property
+    def starts(self) -> tuple[int, ...]:
+        """Where each level of the voltage begins: 0, and each sample whose voltage differs from the one before."""
+        return (0, *(int(k) + 1 for k in np.flatnonzero(np.diff(self.voltage))))
+
+
+def motion_of(recording: Recording) -> Motion:
+    """Return the motion in a recording of a run; raises `MissingInformation` where it doesn't say how many counts make a turn."""
+    from servobench.measurement.unwrap import unwrapped
+
+    counts = recording["counts"]
+    per_rev, bits = counts.channel.counts_per_rev, counts.channel.counter_bits
+    t = recording["applied"].t
+    if per_rev is None or t is None:
+        raise MissingInformation(
+            recording.name, ["how many counts make a turn (counts_per_rev), and the times"]
+        )
+    travel = np.asarray(counts.values, dtype=float)
+    if bits is not None:
+        travel = unwrapped(travel, 2.0**bits).count
+    count = 2 * math.pi / per_rev
+    return Motion(t=t, voltage=recording["applied"].values, angle=(travel - travel[0]) * count, count=count)
+
+
+def speed_of(recording: Recording, chain: str) -> tuple[Array, Array]:
+    """Return the speed behind a chain [rad/s] and its times [s], (N,) each."""
+    from servobench.measurement.measure import measure
+
+    data = measure(recording, chain)
+    return data.t_output, data.y

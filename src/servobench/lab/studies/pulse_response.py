@@ -1,0 +1,145 @@
+"""The study `pulse_response`: pulses of several widths, how far each turns the shaft, and what friction takes of it."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from servobench.errors import NotIdentifiable
+from servobench.experiment import Experiment
+from servobench.lab.motion import Motion, motion_of, speed_of
+from servobench.lab.pictures import line, over_time, panel
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.recording.recording import Recording
+from servobench.report.figures import Course
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import PositiveTime, Settings, Voltage
+from servobench.signals.pulse import Pulse
+
+_REST = 1.5  # s after a pulse: fifteen time constants of a QUBE-Servo
+
+
+class Push(Settings):
+    """A pulse: its voltage and its width."""
+
+    voltage: Voltage = 1.0
+    """Voltage [V]."""
+    width: PositiveTime = 0.5
+    """Width [s]."""
+
+
+@STUDIES.member("pulse_response")
+class PulseResponse(StudySettings):
+    """Pulses from rest to rest: the angle that each leaves behind, against K times its area.
+
+    From rest to rest, J dω/dt = k i - b ω - T_c adds up to θ = K (∫u dt - u_c t_m), where t_m is how long the shaft moved and
+    u_c = R T_c/k the friction voltage. Without friction a pulse would turn the shaft by K ∫u dt, whatever its shape; the data
+    sheet's K is taken.
+    """
+
+    start: PositiveTime = 0.2
+    """When each pulse begins [s]."""
+    pulses: Annotated[tuple[Push, ...], Field(min_length=1)] = (
+        Push(width=0.1),
+        Push(width=0.25),
+        Push(width=0.5),
+        Push(voltage=2.0, width=0.25),
+        Push(voltage=-1.0, width=0.5),
+    )
+    """The pulses."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table of pulses; raises `NotIdentifiable` where the shaft doesn't move or doesn't come to rest."""
+        runs = [stand.run(self._experiment(stand.experiment, pulse)) for pulse in self.pulses]
+        motions = [motion_of(run) for run in runs]
+        gain = stand.facts["sheet_gain"].value
+        areas = [motion.area for motion in motions]
+        angles = [float(motion.angle[-1]) for motion in motions]
+        moving = [_moving(m, p, self.start) for m, p in zip(motions, self.pulses, strict=True)]
+        friction = [
+            (abs(area) - abs(angle) / gain) / (until - since)
+            for area, angle, (since, until) in zip(areas, angles, moving, strict=True)
+        ]
+        ends = [self.start + pulse.width for pulse in self.pulses]
+        table = Table(
+            title="Pulses from rest",
+            columns=(
+                Column(
+                    name="voltage", heading="voltage", unit="V", values=tuple(p.voltage for p in self.pulses)
+                ),
+                Column(name="width", heading="width", unit="s", values=tuple(p.width for p in self.pulses)),
+                Column(name="area", heading="area", unit="V·s", values=tuple(areas)),
+                Column(
+                    name="linear",
+                    heading="K × area, without friction",
+                    unit="rad",
+                    digits=3,
+                    values=tuple(gain * a for a in areas),
+                ),
+                Column(name="angle", heading="angle at the end", unit="rad", digits=3, values=tuple(angles)),
+                Column(
+                    name="rest",
+                    heading="at rest after the pulse",
+                    unit="s",
+                    digits=2,
+                    values=tuple(until - end for (_, until), end in zip(moving, ends, strict=True)),
+                ),
+                Column(
+                    name="friction", heading="friction voltage", unit="V", digits=2, values=tuple(friction)
+                ),
+            ),
+            note="The friction voltage is (area − angle/K) over the time that the shaft moved, with the data sheet's K.",
+        )
+        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
+
+    def _experiment(self, asked: Experiment, pulse: Push) -> Experiment:
+        return asked.model_copy(
+            update={
+                "signal": Pulse(rest=0.0, level=pulse.voltage, start=self.start, width=pulse.width),
+                "duration": self.start + pulse.width + _REST,
+            }
+        )
+
+
+def _moving(motion: Motion, pulse: Push, start: float) -> tuple[float, float]:
+    """From when to when the shaft moved [s]; raises `NotIdentifiable` where it never did or is moving still.
+
+    The first count comes late, as the shaft has to turn by one before: it is taken to move from the pulse's begin on.
+    """
+    steps = np.flatnonzero(np.diff(motion.angle))
+    if not len(steps):
+        raise NotIdentifiable(
+            f"a pulse of {plain(pulse.voltage)} V and {plain(pulse.width)} s doesn't move the shaft"
+        )
+    last = float(motion.t[steps[-1] + 1])
+    if last > motion.t[-1] - 0.1:
+        raise NotIdentifiable(f"the shaft still moves {_REST:g} s after a pulse of {plain(pulse.voltage)} V")
+    return start, last
+
+
+def _figure(first: Recording, last: Recording, pulses: tuple[Push, ...]) -> Illustration:
+    courses = []
+    for run, pulse in ((first, pulses[0]), (last, pulses[-1])):
+        motion = motion_of(run)
+        t, speed = speed_of(run, "derivative | lowpass 50 rad/s")
+        courses.append(
+            Course(
+                title=f"{plain(pulse.voltage)} V for {plain(pulse.width)} s",
+                panels=(
+                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Speed", "rad/s", line(t, speed, "measured")),
+                    panel("Angle", "rad", line(motion.t, motion.angle, "model")),
+                ),
+            )
+        )
+    angles = (float(motion_of(run).angle[-1]) for run in (first, last))
+    return over_time(
+        "pulses",
+        "Two pulses",
+        "The speed comes back to zero; the angle stays where the pulse has left it.",
+        f"After the pulses the speed is zero, and the angle stays at {' and '.join(plain(a, 3) for a in angles)} rad.",
+        courses,
+    )

@@ -1,0 +1,184 @@
+"""The study `sinusoid_response`: amplitude and phase of the speed under a sinusoid, and where the position goes meanwhile."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.lab.motion import Motion, motion_of, speed_of
+from servobench.lab.pictures import line, over_time, panel
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.recording.recording import Recording
+from servobench.report.figures import Course
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import PositiveFrequency, PositiveVoltage, Settings, Voltage
+from servobench.signals.sine import Sine
+
+
+class Wave(Settings):
+    """A sinusoid: amplitude, offset and frequency."""
+
+    amplitude: PositiveVoltage = 1.0
+    """Amplitude [V]."""
+    offset: Voltage = 0.0
+    """Mean voltage [V]."""
+    frequency: PositiveFrequency = 0.4
+    """Frequency [Hz]."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Answer:
+    """Amplitude [rad/s] and phase [deg] of the speed, drift of the angle in a period [rad], its span in the last one [rad]."""
+
+    amplitude: float
+    phase: float
+    drift: float
+    span: float
+
+
+@STUDIES.member("sinusoid_response")
+class SinusoidResponse(StudySettings):
+    """Amplitude and phase of the speed at the frequency of the voltage, against the data sheet's motor without friction.
+
+    K/√(1 + (ωτ)²), and -arctan(ωτ) - ωT/2, as a voltage that is held for a sample time T comes half of it late. From the angle of
+    the last whole period: its drift is taken off, then the least-squares sinusoid is found; the speed's is ω times that.
+    """
+
+    periods: Annotated[int, Field(ge=3, le=50)] = 4
+    """How many periods each run lasts; the last two are looked at."""
+    waves: Annotated[tuple[Wave, ...], Field(min_length=1)] = (
+        Wave(),
+        Wave(amplitude=3.0),
+        Wave(offset=2.0),
+    )
+    """The sinusoids."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table of sinusoids; raises `UsageError` for a period that isn't a whole number of samples."""
+        runs = [stand.run(self._experiment(stand.experiment, wave)) for wave in self.waves]
+        answers = [_answer(motion_of(run), wave) for run, wave in zip(runs, self.waves, strict=True)]
+        linear = [_linear(stand, wave) for wave in self.waves]
+        table = Table(
+            title="The speed's answer, and the angle's drift",
+            columns=(
+                Column(
+                    name="input", heading="amplitude", unit="V", values=tuple(w.amplitude for w in self.waves)
+                ),
+                Column(name="offset", heading="offset", unit="V", values=tuple(w.offset for w in self.waves)),
+                Column(
+                    name="frequency",
+                    heading="frequency",
+                    unit="Hz",
+                    values=tuple(w.frequency for w in self.waves),
+                ),
+                Column(
+                    name="amplitude",
+                    heading="speed's amplitude",
+                    unit="rad/s",
+                    values=tuple(a.amplitude for a in answers),
+                ),
+                Column(
+                    name="linear",
+                    heading="without friction",
+                    unit="rad/s",
+                    values=tuple(size for size, _ in linear),
+                ),
+                Column(
+                    name="phase",
+                    heading="phase",
+                    unit="deg",
+                    digits=3,
+                    values=tuple(a.phase for a in answers),
+                ),
+                Column(
+                    name="lag",
+                    heading="without friction",
+                    unit="deg",
+                    digits=3,
+                    values=tuple(lag for _, lag in linear),
+                ),
+                Column(
+                    name="drift",
+                    heading="angle's drift in a period",
+                    unit="rad",
+                    digits=3,
+                    values=tuple(a.drift for a in answers),
+                ),
+                Column(
+                    name="span",
+                    heading="angle from end to end in a period",
+                    unit="rad",
+                    digits=3,
+                    values=tuple(a.span for a in answers),
+                ),
+            ),
+        )
+        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.waves),))
+
+    def _experiment(self, asked: Experiment, wave: Wave) -> Experiment:
+        in_samples = 1 / (wave.frequency * asked.sample_time)
+        if abs(in_samples - round(in_samples)) > 1e-6:
+            raise UsageError(
+                f"a period of {1 / wave.frequency:g} s is {in_samples:g} samples of {asked.sample_time:g} s; expected a whole "
+                "number of them"
+            )
+        return asked.model_copy(
+            update={
+                "signal": Sine(amplitude=wave.amplitude, offset=wave.offset, frequency=wave.frequency),
+                "duration": self.periods / wave.frequency + asked.sample_time,
+            }
+        )
+
+
+def _linear(stand: Stand, wave: Wave) -> tuple[float, float]:
+    """Amplitude [rad/s] and phase [deg] of the speed of the data sheet's motor, without friction."""
+    omega = 2 * math.pi * wave.frequency
+    turn = omega * stand.facts["sheet_time_constant"].value
+    late = math.atan(turn) + 0.5 * omega * stand.experiment.sample_time
+    return stand.facts["sheet_gain"].value * wave.amplitude / math.hypot(1.0, turn), -math.degrees(late)
+
+
+def _answer(motion: Motion, wave: Wave) -> _Answer:
+    """What the last two whole periods say; the mean over a whole period knows nothing of what repeats in it."""
+    n = round(1 / (wave.frequency * float(motion.t[1] - motion.t[0])))
+    last, before = motion.angle[-n:], motion.angle[-2 * n : -n]
+    t, omega = motion.t[-n:], 2 * math.pi * wave.frequency
+    drift = float(last.mean() - before.mean())
+    swing = last - drift * wave.frequency * (t - t[0])
+    # θ = Re(c e^(jωt)); the speed's is jω c, and the voltage is sin ωt = Re(-j e^(jωt)), so their ratio is -ω c.
+    ratio = -omega * complex(2 * np.mean(swing * np.exp(-1j * omega * t)))
+    phase = math.degrees(math.atan2(ratio.imag, ratio.real))
+    return _Answer(amplitude=abs(ratio), phase=phase, drift=drift, span=float(last.max() - last.min()))
+
+
+def _figure(first: Recording, last: Recording, waves: tuple[Wave, ...]) -> Illustration:
+    courses = []
+    for run, wave in ((first, waves[0]), (last, waves[-1])):
+        motion = motion_of(run)
+        t, speed = speed_of(run, "derivative | lowpass 50 rad/s")
+        courses.append(
+            Course(
+                title=f"{plain(wave.amplitude)} V about {plain(wave.offset)} V",
+                panels=(
+                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Speed", "rad/s", line(t, speed, "measured")),
+                    panel("Angle", "rad", line(motion.t, motion.angle, "model")),
+                ),
+            )
+        )
+    ends = [float(motion_of(run).angle[-1]) for run in (first, last)]
+    return over_time(
+        "waves",
+        "A sinusoid about zero, and one about an offset",
+        "Left (or above) the angle goes to and fro and stays where it is; with an offset it goes away.",
+        f"Both speeds swing with the voltage. The first angle ends at {plain(ends[0], 3)} rad, the second one at "
+        f"{plain(ends[1], 3)} rad.",
+        courses,
+    )

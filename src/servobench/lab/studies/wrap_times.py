@@ -1,0 +1,107 @@
+"""The study `wrap_times`: how far counters of several widths reach, and for how long at full speed."""
+
+from __future__ import annotations
+
+import math
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import Field
+
+from servobench.errors import UsageError
+from servobench.experiment.limits import Limits
+from servobench.lab.motion import motion_of
+from servobench.lab.pictures import line, over_time, panel
+from servobench.lab.simulated import simulated
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.recording.recording import Recording
+from servobench.report.figures import Course
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import PositiveTime
+from servobench.signals.constant import Constant
+
+
+@STUDIES.member("wrap_times")
+class WrapTimes(StudySettings):
+    """Counters of n bits: 2ⁿ values, 2ⁿ/counts_per_rev turns from wrap to wrap, and the time for them at the fastest speed.
+
+    The speed is that of the data sheet at the voltage limit, K u, without friction. The first jump comes after half of the way,
+    as the counter starts at zero; from rest it comes a time constant later. A simulated motor shows the narrowest one.
+    """
+
+    bits: Annotated[tuple[Literal[16, 24, 32], ...], Field(min_length=1)] = (16, 24, 32)
+    """Widths of the counters."""
+    duration: PositiveTime = 2.5
+    """How long the simulated motor with the narrowest counter runs at its voltage limit [s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table of widths, and the jumps of a simulated counter of the smallest one."""
+        facts = stand.facts
+        speed = facts["sheet_gain"].value * facts["voltage_limit"].value
+        counts = facts["counts_per_rev"].value
+        turns = [2.0**bits / counts for bits in self.bits]
+        wrap = [2 * math.pi * each / speed for each in turns]
+        widths = Table(
+            title=f"At {plain(speed, 3)} rad/s, the data sheet's speed at {plain(facts['voltage_limit'].value)} V",
+            columns=(
+                Column(name="bits", heading="width", values=self.bits, unit="bit"),
+                Column(name="values", heading="values", values=tuple(2.0**b for b in self.bits), digits=10),
+                Column(name="turns", heading="turns from wrap to wrap", values=tuple(turns), digits=7),
+                Column(name="first", heading="first jump after", values=tuple(w / 2 for w in wrap), unit="s"),
+                Column(name="wrap", heading="from jump to jump", values=tuple(wrap), unit="s"),
+            ),
+            note="The first jump comes after half of the range, as the counter starts at zero in its middle.",
+        )
+        recording = self._simulated(stand)
+        jumps, figure = _jumps(recording, min(self.bits))
+        return Shown(tables=(widths, jumps), figures=(figure,))
+
+    def _simulated(self, stand: Stand) -> Recording:
+        asked = stand.experiment.model_copy(
+            update={
+                "signal": Constant(value=stand.facts["voltage_limit"].value),
+                "duration": self.duration,
+                "limits": Limits(voltage=stand.facts["voltage_limit"].value),
+            }
+        )
+        return simulated(asked, counter_bits=min(self.bits))
+
+
+def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
+    """Where the counter jumped in a run, and the picture of it."""
+    motion = motion_of(recording)
+    shown = recording["counts"].values
+    steps = np.diff(shown)
+    at = np.flatnonzero(np.abs(steps) > 2.0 ** (bits - 1)) + 1
+    if not len(at):
+        raise UsageError(
+            f"in {motion.t[-1]:g} s a counter of {bits} bits doesn't jump; expected a longer `duration` or fewer `bits`"
+        )
+    table = Table(
+        title=f"A simulated counter of {bits} bits, from rest",
+        columns=(
+            Column(name="jump", heading="jump", values=tuple(range(1, len(at) + 1))),
+            Column(name="time", heading="at", values=tuple(float(t) for t in motion.t[at]), unit="s"),
+            Column(name="before", heading="from", values=tuple(shown[at - 1]), unit="counts", digits=7),
+            Column(name="after", heading="to", values=tuple(shown[at]), unit="counts", digits=7),
+        ),
+        note="What lies between the two is the shaft's own way in one sample, and one whole range of the counter.",
+    )
+    travel = motion.angle / motion.count
+    figure = over_time(
+        "wrap",
+        f"A counter of {bits} bits that comes to its end",
+        "Above what the counter shows, below the counts that the shaft has made: the same, with the jumps taken out.",
+        f"The counter rises, and falls from its largest to its smallest number {len(at)} times; unwrapped it rises steadily to "
+        f"{plain(float(travel[-1]), 6)} counts.",
+        (
+            Course(
+                panels=(
+                    panel("Counter", "counts", line(motion.t, shown, "measured")),
+                    panel("Unwrapped", "counts", line(motion.t, travel, "model")),
+                )
+            ),
+        ),
+    )
+    return table, figure
