@@ -9,12 +9,13 @@ import numpy as np
 from pydantic import Field
 
 from servobench.experiment import Experiment
+from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.simulated import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
-from servobench.report.figures import Course
+from servobench.report.figures import Course, Curve, Look
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, with_unit
 from servobench.settings import PositiveTime, PositiveVoltage, Settings, Torque, Voltage
@@ -23,6 +24,7 @@ from servobench.signals.ramp import Ramp
 
 _MOVED = 2  # counts; less may be an edge of the disc that stands at a sensor
 _STEADY = 2.0  # s; twenty time constants of a QUBE-Servo
+_SHOWN = 1.0  # rad of the figure
 _BISECTIONS = 60  # of a time: as fine as a float
 _FASTEST = 0.05  # rad/s: what a creeping count or two in half a second amounts to isn't turning
 
@@ -68,7 +70,7 @@ class Breakaway(StudySettings):
         own = motion_of(stand.run(ramp))
         ramps = [own, *(motion_of(_of(case, ramp)) for case in self.cases)]
         holds = [motion_of(r) for r in (stand.run(hold), *(_of(case, hold) for case in self.cases))]
-        resistance, k = (stand.facts[f"sheet_{name}"].value for name in ("resistance", "motor_constant"))
+        resistance, k = (known(stand, f"sheet_{name}") for name in ("resistance", "motor_constant"))
         friction = [math.nan, *(resistance * case.coulomb_torque / k for case in self.cases)]
         dead = [math.nan, *(case.dead_band for case in self.cases)]
         starts = [_start(each) for each in ramps]
@@ -103,9 +105,9 @@ class Breakaway(StudySettings):
 
     def _lateness(self, stand: Stand) -> float:
         """How much the ramp rises from where the data sheet's motor begins to slide until that is seen [V]."""
-        rate, tau = self.to / self.duration, stand.facts["sheet_time_constant"].value
-        seen = (_MOVED + 1) * 2 * math.pi / stand.facts["counts_per_rev"].value
-        turned = seen / (stand.facts["sheet_gain"].value * rate * tau**2)
+        rate, tau = self.to / self.duration, known(stand, "sheet_time_constant")
+        seen = (_MOVED + 1) * 2 * math.pi / known(stand, "counts_per_rev")
+        turned = seen / (known(stand, "sheet_gain") * rate * tau**2)
         low, high = (
             0.0,
             2.0 + math.sqrt(2 * turned),
@@ -147,12 +149,20 @@ def _speed(motion: Motion) -> float:
     return speed if abs(speed) > _FASTEST else 0.0
 
 
+def _beginning(motion: Motion, look: Look, label: str) -> Curve:
+    """The angle until the shaft has turned so far that the beginning can't be seen any more."""
+    far = np.abs(motion.angle) > _SHOWN
+    end = int(np.argmax(far)) if far.any() else len(far)
+    return line(motion.t[:end], motion.angle[:end], look, label)
+
+
 def _figure(own: Motion, other: Motion, case: Case) -> Illustration:
     where = f"behind a dead band of {plain(case.dead_band)} V"
     return over_time(
         "breakaway",
         "The ramp, and the angle that follows",
-        f"Wide and grey: this motor. Thin and blue: a simulated one {where}.",
+        f"Wide and grey: this motor. Thin and blue: a simulated one {where}. Each line ends where the shaft has turned by "
+        f"{_SHOWN:g} rad.",
         f"This motor begins to move at {plain(_start(own), 2)} V, the one {where} at {plain(_start(other), 2)} V.",
         (
             Course(
@@ -161,8 +171,8 @@ def _figure(own: Motion, other: Motion, case: Case) -> Illustration:
                     panel(
                         "Angle",
                         "rad",
-                        line(own.t, own.angle, "measured", "this motor"),
-                        line(other.t, other.angle, "model", f"dead band {plain(case.dead_band)} V"),
+                        _beginning(own, "measured", "this motor"),
+                        _beginning(other, "model", f"dead band {plain(case.dead_band)} V"),
                     ),
                 )
             ),

@@ -8,6 +8,7 @@ from typing import Annotated, Self, TypeAlias
 from pydantic import Field, model_validator
 
 from servobench.errors import UnknownName
+from servobench.lab.known import known
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.motor.parameters import disc_inertia
 from servobench.settings import In, Inertia, Settings
@@ -65,13 +66,13 @@ class Inertias(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the table; raises `UnknownName` for a sum over a body that isn't there."""
-        known = {body.name: body.value for body in self.bodies}
-        whole = math.fsum(known.values())
+        values = {body.name: body.value for body in self.bodies}
+        whole = math.fsum(values.values())
         rows = [
             *((body.name, body.mass, body.radius, body.value) for body in self.bodies),
-            *((total.name, None, None, _sum(total, known)) for total in self.totals),
+            *((total.name, None, None, _sum(total, values)) for total in self.totals),
         ]
-        scale = stand.facts["sheet_resistance"].value / stand.facts["sheet_motor_constant"].value ** 2
+        scale = known(stand, "sheet_resistance") / known(stand, "sheet_motor_constant") ** 2
         inertias = tuple(row[3] for row in rows)
         table = Table(
             title="All that turns",
@@ -106,11 +107,11 @@ class Inertias(StudySettings):
         return Shown(tables=(table,))
 
 
-def _sum(total: Total, known: dict[str, float]) -> float:
-    missing = next((name for name in total.of if name not in known), None)
+def _sum(total: Total, values: dict[str, float]) -> float:
+    missing = next((name for name in total.of if name not in values), None)
     if missing is not None:
-        raise UnknownName("body", missing, known)
-    return math.fsum(known[name] for name in total.of)
+        raise UnknownName("body", missing, values)
+    return math.fsum(values[name] for name in total.of)
 
 
 def _or_none(value: float | None) -> Cell:

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.lab.expression import Fact
+from servobench.lab.known import known
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
@@ -30,9 +30,9 @@ class _Sheet:
     inertia: float
 
     @classmethod
-    def of(cls, facts: Mapping[str, Fact]) -> _Sheet:
+    def of(cls, stand: Stand) -> _Sheet:
         names = ("resistance", "inductance", "motor_constant", "inertia")
-        return cls(**{name: facts[f"sheet_{name}"].value for name in names})
+        return cls(**{name: known(stand, f"sheet_{name}") for name in names})
 
     def speed(self, inductance: float) -> TransferFunction:
         """k/(L J s² + R J s + k²), all divided by k² so that the denominator ends in 1."""
@@ -53,8 +53,8 @@ class LinearModel(StudySettings):
     """
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the four transfer functions; raises `UnknownName` where the experiment names no data sheet (`nominal`)."""
-        sheet = _Sheet.of(stand.facts)
+        """Return the four transfer functions; raises `UsageError` where the experiment names no data sheet (`nominal`)."""
+        sheet = _Sheet.of(stand)
         plain_speed, full_speed = sheet.speed(0.0), sheet.speed(sheet.inductance)
         systems = (plain_speed, _position(plain_speed), full_speed, _position(full_speed))
         poles = [np.real_if_close(system.poles) for system in systems]

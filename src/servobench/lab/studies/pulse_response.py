@@ -9,6 +9,7 @@ from pydantic import Field
 
 from servobench.errors import NotIdentifiable
 from servobench.experiment import Experiment
+from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
@@ -55,7 +56,7 @@ class PulseResponse(StudySettings):
         """Return the table of pulses; raises `NotIdentifiable` where the shaft doesn't move or doesn't come to rest."""
         runs = [stand.run(self._experiment(stand.experiment, pulse)) for pulse in self.pulses]
         motions = [motion_of(run) for run in runs]
-        gain = stand.facts["sheet_gain"].value
+        gain = known(stand, "sheet_gain")
         areas = [motion.area for motion in motions]
         angles = [float(motion.angle[-1]) for motion in motions]
         moving = [_moving(m, p, self.start) for m, p in zip(motions, self.pulses, strict=True)]

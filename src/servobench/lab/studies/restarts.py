@@ -7,6 +7,7 @@ from typing import Annotated
 
 from pydantic import Field
 
+from servobench.lab.known import known
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 
 
@@ -24,7 +25,7 @@ class Restarts(StudySettings):
             *(stand.run(stand.experiment) for _ in range(self.runs - 1)),
         )
         counts = [recording["counts"].values for recording in recordings]
-        per_rev = stand.facts["counts_per_rev"].value
+        per_rev = known(stand, "counts_per_rev")
         last = tuple(float(each[-1]) for each in counts)
         return Shown(
             tables=(

@@ -11,6 +11,7 @@ from pydantic import Field
 
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
+from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
@@ -140,9 +141,9 @@ class SinusoidResponse(StudySettings):
 def _linear(stand: Stand, wave: Wave) -> tuple[float, float]:
     """Amplitude [rad/s] and phase [deg] of the speed of the data sheet's motor, without friction."""
     omega = 2 * math.pi * wave.frequency
-    turn = omega * stand.facts["sheet_time_constant"].value
+    turn = omega * known(stand, "sheet_time_constant")
     late = math.atan(turn) + 0.5 * omega * stand.experiment.sample_time
-    return stand.facts["sheet_gain"].value * wave.amplitude / math.hypot(1.0, turn), -math.degrees(late)
+    return known(stand, "sheet_gain") * wave.amplitude / math.hypot(1.0, turn), -math.degrees(late)
 
 
 def _answer(motion: Motion, wave: Wave) -> _Answer:

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from servobench.errors import NotIdentifiable
+from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
@@ -36,7 +37,7 @@ class StepReading(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the readings; raises `NotIdentifiable` where the recording has no step to be read."""
-        recording, tau = stand.recording, stand.facts["sheet_time_constant"].value
+        recording, tau = stand.recording, known(stand, "sheet_time_constant")
         filtered = f"derivative | lowpass {self.cutoff:g} rad/s"
         seen = behind_filter(tau, 1 / self.cutoff)
         rows = (
@@ -49,7 +50,7 @@ class StepReading(StudySettings):
                 _read(recording, filtered, "step_63_corrected"),
                 tau,
             ),
-            ("identified from all samples", stand.facts["time_constant"].value, tau),
+            ("identified from all samples", known(stand, "time_constant"), tau),
         )
         table = Table(
             title="One step, read in several ways",

@@ -10,6 +10,7 @@ from pydantic import Field
 
 from servobench.errors import UsageError
 from servobench.experiment.limits import Limits
+from servobench.lab.known import known
 from servobench.lab.motion import motion_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.simulated import simulated
@@ -37,13 +38,13 @@ class WrapTimes(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the table of widths, and the jumps of a simulated counter of the smallest one."""
-        facts = stand.facts
-        speed = facts["sheet_gain"].value * facts["voltage_limit"].value
-        counts = facts["counts_per_rev"].value
+        voltage = known(stand, "voltage_limit")
+        speed = known(stand, "sheet_gain") * voltage
+        counts = known(stand, "counts_per_rev")
         turns = [2.0**bits / counts for bits in self.bits]
         wrap = [2 * math.pi * each / speed for each in turns]
         widths = Table(
-            title=f"At {plain(speed, 3)} rad/s, the data sheet's speed at {plain(facts['voltage_limit'].value)} V",
+            title=f"At {plain(speed, 3)} rad/s, the data sheet's speed at {plain(voltage)} V",
             columns=(
                 Column(name="bits", heading="width", values=self.bits, unit="bit"),
                 Column(name="values", heading="values", values=tuple(2.0**b for b in self.bits), digits=10),
@@ -53,16 +54,16 @@ class WrapTimes(StudySettings):
             ),
             note="The first jump comes after half of the range, as the counter starts at zero in its middle.",
         )
-        recording = self._simulated(stand)
+        recording = self._simulated(stand, voltage)
         jumps, figure = _jumps(recording, min(self.bits))
         return Shown(tables=(widths, jumps), figures=(figure,))
 
-    def _simulated(self, stand: Stand) -> Recording:
+    def _simulated(self, stand: Stand, voltage: float) -> Recording:
         asked = stand.experiment.model_copy(
             update={
-                "signal": Constant(value=stand.facts["voltage_limit"].value),
+                "signal": Constant(value=voltage),
                 "duration": self.duration,
-                "limits": Limits(voltage=stand.facts["voltage_limit"].value),
+                "limits": Limits(voltage=voltage),
             }
         )
         return simulated(asked, counter_bits=min(self.bits))
@@ -98,8 +99,8 @@ def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
         (
             Course(
                 panels=(
-                    panel("Counter", "counts", line(motion.t, shown, "measured")),
-                    panel("Unwrapped", "counts", line(motion.t, travel, "model")),
+                    panel("Counter", "1000 counts", line(motion.t, 1e-3 * shown, "measured")),
+                    panel("Unwrapped", "1000 counts", line(motion.t, 1e-3 * travel, "model")),
                 )
             ),
         ),

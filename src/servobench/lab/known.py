@@ -1,0 +1,25 @@
+"""Facts that a study can't do without."""
+
+from __future__ import annotations
+
+from servobench.errors import UnknownName, UsageError
+from servobench.lab.studies.base import Stand
+from servobench.motor.parameters import DATA_SHEETS
+
+_SHEET = "sheet_"
+
+
+def known(stand: Stand, name: str) -> float:
+    """Return the value of a fact of a stand, in SI units.
+
+    Raises `UsageError` for one of a data sheet where the experiment names none, and `UnknownName` for any other that isn't there.
+    """
+    if name.startswith(_SHEET) and not stand.experiment.nominal:
+        sheets = " or ".join(f'"{sheet}"' for sheet in DATA_SHEETS)
+        raise UsageError(
+            f"this takes the {name.removeprefix(_SHEET).replace('_', ' ')} of a data sheet, and the experiment names none; add "
+            f"nominal = {sheets} to the table [experiment]"
+        )
+    if name not in stand.facts:
+        raise UnknownName("fact", name, stand.facts)
+    return stand.facts[name].value
