@@ -361,8 +361,8 @@ def test_the_rotor_is_a_fifth_of_all_that_turns_and_of_the_time_constant() -> No
         [100 * j / J for j in (ROTOR, HUB, DISC, HUB + DISC, J)], rel=1e-12
     )
     assert 0.18 < ROTOR / J < 0.21  # "a fifth"
-    assert column("modelling", "bodies", "mass").paper == ("", 0.0106, 0.053, "", "")
-    assert column("modelling", "bodies", "radius").paper == ("", 0.0111, 0.0248, "", "")
+    assert column("modelling", "bodies", "mass").values[1:3] == (0.0106, 0.053)
+    assert column("modelling", "bodies", "radius").values[1:3] == (0.0111, 0.0248)
 
 
 def test_table_1_is_the_data_sheet_and_the_recording_tells_gain_and_time_constant() -> None:
@@ -385,6 +385,12 @@ def test_the_poles_are_the_eigenvalues_of_the_equations() -> None:
     assert poles[0] == pytest.approx([short, 0, slow, 0], rel=1e-9)
     assert poles[1] == pytest.approx([math.nan, short, fast, slow], rel=1e-9, nan_ok=True)
     assert poles[2] == pytest.approx([math.nan] * 3 + [fast], rel=1e-9, nan_ok=True)
+    assert column("modelling", "linear", "form").values == (
+        "23.81 / (0.09977 s + 1)",
+        "23.81 / (0.09977 s² + s)",
+        "23.81 / (0.00001378 s² + 0.09977 s + 1)",
+        "23.81 / (0.00001378 s³ + 0.09977 s² + s)",
+    )
     facts = stand("modelling").facts
     assert facts["linear_gain"].value == pytest.approx(SHEET_GAIN, rel=1e-12)
     assert [facts[f"linear_{n}"].value for n in ("slow", "fast", "neglected", "electrical")] == pytest.approx(

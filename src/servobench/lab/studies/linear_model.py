@@ -14,10 +14,11 @@ from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import with_unit
+from servobench.rounding import plain, with_unit
 from servobench.transfer_function import TransferFunction
 
 _POINTS = 400  # of a curve
+_POWERS = ("", " s", " s²", " s³")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -75,7 +76,7 @@ class LinearModel(StudySettings):
                     heading="from voltage to",
                     values=("speed, L = 0", "position, L = 0", "speed", "position"),
                 ),
-                Column(name="form", heading="G(s)", values=tuple(str(system) for system in systems)),
+                Column(name="form", heading="G(s)", values=tuple(map(_written, systems))),
                 *columns,
             ),
             note="The first pole is the slow one, or that of the integrator at 0.",
@@ -99,6 +100,17 @@ class LinearModel(StudySettings):
             ),
             facts=facts,
         )
+
+
+def _written(system: TransferFunction) -> str:
+    """G(s) in one line, as a person would write it."""
+    highest = len(system.denominator) - 1
+    terms = [
+        _POWERS[n].strip() if n and value == 1 else f"{plain(value)}{_POWERS[n]}"
+        for n, value in zip(range(highest, -1, -1), system.denominator, strict=True)
+        if value
+    ]
+    return f"{plain(system.numerator[-1])} / ({' + '.join(terms)})"
 
 
 def _position(speed: TransferFunction) -> TransferFunction:

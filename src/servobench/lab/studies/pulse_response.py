@@ -92,7 +92,8 @@ class PulseResponse(StudySettings):
                     name="friction", heading="friction voltage", unit="V", digits=2, values=tuple(friction)
                 ),
             ),
-            note="The friction voltage is (area − angle/K) over the time that the shaft moved, with the data sheet's K.",
+            note="The friction voltage is (area − angle/K) over the time that the shaft moved. It comes out a little high, "
+            "as the data sheet's K is, and as the shaft creeps on after its last count.",
         )
         return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
 

@@ -62,26 +62,20 @@ class SinusoidResponse(StudySettings):
     """The sinusoids."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the table of sinusoids; raises `UsageError` for a period that isn't a whole number of samples."""
+        """Return the tables of sinusoids; raises `UsageError` for a period that isn't a whole number of samples."""
         runs = [stand.run(self._experiment(stand.experiment, wave)) for wave in self.waves]
         answers = [_answer(motion_of(run), wave) for run, wave in zip(runs, self.waves, strict=True)]
         linear = [_linear(stand, wave) for wave in self.waves]
-        table = Table(
-            title="The speed's answer, and the angle's drift",
+        names = tuple(
+            f"{plain(w.amplitude)} V about {plain(w.offset)} V, {plain(w.frequency)} Hz" for w in self.waves
+        )
+        speed = Table(
+            title="The speed's answer",
             columns=(
-                Column(
-                    name="input", heading="amplitude", unit="V", values=tuple(w.amplitude for w in self.waves)
-                ),
-                Column(name="offset", heading="offset", unit="V", values=tuple(w.offset for w in self.waves)),
-                Column(
-                    name="frequency",
-                    heading="frequency",
-                    unit="Hz",
-                    values=tuple(w.frequency for w in self.waves),
-                ),
+                Column(name="wave", heading="voltage", values=names),
                 Column(
                     name="amplitude",
-                    heading="speed's amplitude",
+                    heading="amplitude",
                     unit="rad/s",
                     values=tuple(a.amplitude for a in answers),
                 ),
@@ -89,7 +83,7 @@ class SinusoidResponse(StudySettings):
                     name="linear",
                     heading="without friction",
                     unit="rad/s",
-                    values=tuple(size for size, _ in linear),
+                    values=tuple(a for a, _ in linear),
                 ),
                 Column(
                     name="phase",
@@ -103,25 +97,33 @@ class SinusoidResponse(StudySettings):
                     heading="without friction",
                     unit="deg",
                     digits=3,
-                    values=tuple(lag for _, lag in linear),
+                    values=tuple(b for _, b in linear),
                 ),
+            ),
+            note="Without friction: K·A/√(1 + (ωτ)²) and −arctan(ωτ) of the data sheet's motor, and half a sample that each "
+            "voltage is held for.",
+        )
+        angle = Table(
+            title="The angle meanwhile",
+            columns=(
+                Column(name="wave", heading="voltage", values=names),
                 Column(
                     name="drift",
-                    heading="angle's drift in a period",
+                    heading="drift in a period",
                     unit="rad",
                     digits=3,
                     values=tuple(a.drift for a in answers),
                 ),
                 Column(
                     name="span",
-                    heading="angle from end to end in a period",
+                    heading="from end to end in a period",
                     unit="rad",
                     digits=3,
                     values=tuple(a.span for a in answers),
                 ),
             ),
         )
-        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.waves),))
+        return Shown(tables=(speed, angle), figures=(_figure(runs[0], runs[-1], self.waves),))
 
     def _experiment(self, asked: Experiment, wave: Wave) -> Experiment:
         in_samples = 1 / (wave.frequency * asked.sample_time)
