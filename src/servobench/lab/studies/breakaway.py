@@ -80,7 +80,9 @@ class Breakaway(StudySettings):
                 Column(
                     name="motor", heading="motor", values=("this one", *("simulated" for _ in self.cases))
                 ),
-                Column(name="friction", heading="friction R·T/k", unit="V", values=tuple(friction), digits=3),
+                Column(
+                    name="friction", heading="Coulomb voltage", unit="V", values=tuple(friction), digits=3
+                ),
                 Column(name="dead", heading="dead band", unit="V", values=tuple(dead), digits=3),
                 Column(
                     name="sum",

@@ -7,6 +7,7 @@ from servobench.lab.motion import Motion, motion_of
 from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
+from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 
 _MOST = 40  # levels; a voltage that changes at every sample has none
@@ -23,47 +24,53 @@ class Levels(StudySettings):
         """Return the table of levels; raises `UsageError` where the voltage is no sequence of levels."""
         motion = motion_of(stand.recording)
         levels = _levels(motion)
-        table = Table(
-            title="Level by level",
-            columns=(
-                Column(
-                    name="voltage",
-                    heading="voltage",
-                    unit="V",
-                    values=tuple(float(p.voltage[0]) for p in levels),
-                ),
-                Column(
-                    name="counts",
-                    heading="counts added",
-                    unit="counts",
-                    digits=6,
-                    values=tuple(round(float(p.angle[-1] - p.angle[0]) / p.count) for p in levels),
-                ),
-                Column(name="turned", heading="the counter", values=tuple(_way(p) for p in levels)),
-                Column(
-                    name="speed",
-                    heading="mean speed in the second half",
-                    unit="rad/s",
-                    values=tuple(p.between(0.5 * (p.t[0] + p.t[-1]), p.t[-1]).mean_speed for p in levels),
-                ),
+        return Shown(tables=(_table(levels),), figures=(_figure(motion, levels),))
+
+
+def _table(levels: list[Motion]) -> Table:
+    return Table(
+        title="Level by level",
+        columns=(
+            Column(
+                name="voltage",
+                heading="voltage",
+                unit="V",
+                values=tuple(float(p.voltage[0]) for p in levels),
             ),
-            note="What a level adds at rest is the run-out of the one before.",
-        )
-        figure = over_time(
-            "levels",
-            "Voltage and angle",
-            "The angle follows the sign of the voltage: this is what every controller takes for granted.",
-            " ".join(f"At {plain(float(p.voltage[0]))} V the counter {_way(p)}." for p in levels),
-            (
-                Course(
-                    panels=(
-                        panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
-                        panel("Angle", "rad", line(motion.t, motion.angle, "measured")),
-                    )
-                ),
+            Column(
+                name="counts",
+                heading="counts added",
+                unit="counts",
+                digits=6,
+                values=tuple(round(float(p.angle[-1] - p.angle[0]) / p.count) for p in levels),
             ),
-        )
-        return Shown(tables=(table,), figures=(figure,))
+            Column(name="turned", heading="the counter", values=tuple(_way(p) for p in levels)),
+            Column(
+                name="speed",
+                heading="mean speed in the second half",
+                unit="rad/s",
+                values=tuple(p.between(0.5 * (p.t[0] + p.t[-1]), p.t[-1]).mean_speed for p in levels),
+            ),
+        ),
+        note="What a level adds at rest is the run-out of the one before.",
+    )
+
+
+def _figure(motion: Motion, levels: list[Motion]) -> Illustration:
+    return over_time(
+        "levels",
+        "Voltage and angle",
+        "The angle follows the sign of the voltage: this is what every controller takes for granted.",
+        " ".join(f"At {plain(float(p.voltage[0]))} V the counter {_way(p)}." for p in levels),
+        (
+            Course(
+                panels=(
+                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Angle", "rad", line(motion.t, motion.angle, "measured")),
+                )
+            ),
+        ),
+    )
 
 
 def _levels(motion: Motion) -> list[Motion]:

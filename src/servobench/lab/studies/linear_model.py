@@ -58,29 +58,6 @@ class LinearModel(StudySettings):
         sheet = _Sheet.of(stand)
         plain_speed, full_speed = sheet.speed(0.0), sheet.speed(sheet.inductance)
         systems = (plain_speed, _position(plain_speed), full_speed, _position(full_speed))
-        poles = [np.real_if_close(system.poles) for system in systems]
-        columns = tuple(
-            Column(
-                name=f"pole{n + 1}",
-                heading=f"pole {n + 1}",
-                unit="1/s",
-                values=tuple(float(p[n].real) if n < len(p) else math.nan for p in poles),
-            )
-            for n in range(3)
-        )
-        table = Table(
-            title="The data sheet's motor, without friction",
-            columns=(
-                Column(
-                    name="output",
-                    heading="from voltage to",
-                    values=("speed, L = 0", "position, L = 0", "speed", "position"),
-                ),
-                Column(name="form", heading="G(s)", values=tuple(map(_written, systems))),
-                *columns,
-            ),
-            note="The first pole is the slow one, or that of the integrator at 0.",
-        )
         slow, fast = sorted(-1 / pole for pole in full_speed.poles.real)[::-1]
         facts = {
             "gain": Fact(value=1 / sheet.motor_constant),
@@ -90,7 +67,7 @@ class LinearModel(StudySettings):
             "electrical": Fact(value=sheet.inductance / sheet.resistance),
         }
         return Shown(
-            tables=(table,),
+            tables=(_table(systems),),
             figures=(_figure(plain_speed, full_speed),),
             sentences=(
                 f"With the inductance the slow time constant is {with_unit(float(slow), 's', 5)} in place of "
@@ -100,6 +77,33 @@ class LinearModel(StudySettings):
             ),
             facts=facts,
         )
+
+
+def _table(systems: tuple[TransferFunction, ...]) -> Table:
+    """Form and poles of each; those of a data sheet's motor are real, as R is large."""
+    poles = [np.real_if_close(system.poles) for system in systems]
+    columns = tuple(
+        Column(
+            name=f"pole{n + 1}",
+            heading=f"pole {n + 1}",
+            unit="1/s",
+            values=tuple(float(p[n].real) if n < len(p) else math.nan for p in poles),
+        )
+        for n in range(3)
+    )
+    return Table(
+        title="The data sheet's motor, without friction",
+        columns=(
+            Column(
+                name="output",
+                heading="from voltage to",
+                values=("speed, L = 0", "position, L = 0", "speed", "position"),
+            ),
+            Column(name="form", heading="G(s)", values=tuple(map(_written, systems))),
+            *columns,
+        ),
+        note="The first pole is the slow one, or that of the integrator at 0.",
+    )
 
 
 def _written(system: TransferFunction) -> str:

@@ -78,7 +78,7 @@ class ModelsBeside(StudySettings):
                 Column(name="tau", heading="τ", unit="s", values=tuple(h.tau for h in held)),
                 Column(
                     name="lost",
-                    heading="friction's part",
+                    heading="Coulomb voltage",
                     unit="V",
                     digits=2,
                     values=tuple(h.lost for h in held),

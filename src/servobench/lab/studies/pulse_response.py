@@ -37,7 +37,7 @@ class PulseResponse(StudySettings):
     """Pulses from rest to rest: the angle that each leaves behind, against K times its area.
 
     From rest to rest, J dω/dt = k i - b ω - T_c adds up to θ = K (∫u dt - u_c t_m), where t_m is how long the shaft moved and
-    u_c = R T_c/k the friction voltage. Without friction a pulse would turn the shaft by K ∫u dt, whatever its shape; the data
+    u_c = R T_c/k the Coulomb voltage. Without friction a pulse would turn the shaft by K ∫u dt, whatever its shape; the data
     sheet's K is taken.
     """
 
@@ -56,7 +56,10 @@ class PulseResponse(StudySettings):
         """Return the table of pulses; raises `NotIdentifiable` where the shaft doesn't move or doesn't come to rest."""
         runs = [stand.run(self._experiment(stand.experiment, pulse)) for pulse in self.pulses]
         motions = [motion_of(run) for run in runs]
-        gain = known(stand, "sheet_gain")
+        table = self._table(motions, known(stand, "sheet_gain"))
+        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
+
+    def _table(self, motions: list[Motion], gain: float) -> Table:
         areas = [motion.area for motion in motions]
         angles = [float(motion.angle[-1]) for motion in motions]
         moving = [_moving(m, p, self.start) for m, p in zip(motions, self.pulses, strict=True)]
@@ -65,7 +68,7 @@ class PulseResponse(StudySettings):
             for area, angle, (since, until) in zip(areas, angles, moving, strict=True)
         ]
         ends = [self.start + pulse.width for pulse in self.pulses]
-        table = Table(
+        return Table(
             title="Pulses from rest",
             columns=(
                 Column(
@@ -75,27 +78,27 @@ class PulseResponse(StudySettings):
                 Column(name="area", heading="area", unit="V·s", values=tuple(areas)),
                 Column(
                     name="linear",
-                    heading="K × area, without friction",
+                    heading="K × area",
                     unit="rad",
                     digits=3,
                     values=tuple(gain * a for a in areas),
                 ),
-                Column(name="angle", heading="angle at the end", unit="rad", digits=3, values=tuple(angles)),
+                Column(name="angle", heading="angle left", unit="rad", digits=3, values=tuple(angles)),
                 Column(
                     name="rest",
-                    heading="at rest after the pulse",
+                    heading="moves on for",
                     unit="s",
                     digits=2,
                     values=tuple(until - end for (_, until), end in zip(moving, ends, strict=True)),
                 ),
                 Column(
-                    name="friction", heading="friction voltage", unit="V", digits=2, values=tuple(friction)
+                    name="friction", heading="Coulomb voltage", unit="V", digits=2, values=tuple(friction)
                 ),
             ),
-            note="The friction voltage is (area − angle/K) over the time that the shaft moved. It comes out a little high, "
-            "as the data sheet's K is, and as the shaft creeps on after its last count.",
+            note="K × area is what would be left without friction. The Coulomb voltage is (area − angle/K) over the time that "
+            "the shaft moved; it comes out a little high, as the data sheet's K is, and as the shaft creeps on after its last "
+            "count.",
         )
-        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
 
     def _experiment(self, asked: Experiment, pulse: Push) -> Experiment:
         return asked.model_copy(

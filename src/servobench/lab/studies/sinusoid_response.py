@@ -69,61 +69,8 @@ class SinusoidResponse(StudySettings):
         names = tuple(
             f"{plain(w.amplitude)} V about {plain(w.offset)} V, {plain(w.frequency)} Hz" for w in self.waves
         )
-        speed = Table(
-            title="The speed's answer",
-            columns=(
-                Column(name="wave", heading="voltage", values=names),
-                Column(
-                    name="amplitude",
-                    heading="amplitude",
-                    unit="rad/s",
-                    values=tuple(a.amplitude for a in answers),
-                ),
-                Column(
-                    name="linear",
-                    heading="without friction",
-                    unit="rad/s",
-                    values=tuple(a for a, _ in linear),
-                ),
-                Column(
-                    name="phase",
-                    heading="phase",
-                    unit="deg",
-                    digits=3,
-                    values=tuple(a.phase for a in answers),
-                ),
-                Column(
-                    name="lag",
-                    heading="without friction",
-                    unit="deg",
-                    digits=3,
-                    values=tuple(b for _, b in linear),
-                ),
-            ),
-            note="Without friction: K·A/√(1 + (ωτ)²) and −arctan(ωτ) of the data sheet's motor, and half a sample that each "
-            "voltage is held for.",
-        )
-        angle = Table(
-            title="The angle meanwhile",
-            columns=(
-                Column(name="wave", heading="voltage", values=names),
-                Column(
-                    name="drift",
-                    heading="drift in a period",
-                    unit="rad",
-                    digits=3,
-                    values=tuple(a.drift for a in answers),
-                ),
-                Column(
-                    name="span",
-                    heading="from end to end in a period",
-                    unit="rad",
-                    digits=3,
-                    values=tuple(a.span for a in answers),
-                ),
-            ),
-        )
-        return Shown(tables=(speed, angle), figures=(_figure(runs[0], runs[-1], self.waves),))
+        tables = (_speeds(names, answers, linear), _angles(names, answers))
+        return Shown(tables=tables, figures=(_figure(runs[0], runs[-1], self.waves),))
 
     def _experiment(self, asked: Experiment, wave: Wave) -> Experiment:
         in_samples = 1 / (wave.frequency * asked.sample_time)
@@ -138,6 +85,66 @@ class SinusoidResponse(StudySettings):
                 "duration": self.periods / wave.frequency + asked.sample_time,
             }
         )
+
+
+def _speeds(names: tuple[str, ...], answers: list[_Answer], linear: list[tuple[float, float]]) -> Table:
+    return Table(
+        title="The speed's answer",
+        columns=(
+            Column(name="wave", heading="voltage", values=names),
+            Column(
+                name="amplitude",
+                heading="amplitude",
+                unit="rad/s",
+                values=tuple(a.amplitude for a in answers),
+            ),
+            Column(
+                name="linear",
+                heading="without friction",
+                unit="rad/s",
+                values=tuple(a for a, _ in linear),
+            ),
+            Column(
+                name="phase",
+                heading="phase",
+                unit="deg",
+                digits=3,
+                values=tuple(a.phase for a in answers),
+            ),
+            Column(
+                name="lag",
+                heading="without friction",
+                unit="deg",
+                digits=3,
+                values=tuple(b for _, b in linear),
+            ),
+        ),
+        note="Without friction: K·A/√(1 + (ωτ)²) and −arctan(ωτ) of the data sheet's motor, and half a sample that each "
+        "voltage is held for.",
+    )
+
+
+def _angles(names: tuple[str, ...], answers: list[_Answer]) -> Table:
+    return Table(
+        title="The angle meanwhile",
+        columns=(
+            Column(name="wave", heading="voltage", values=names),
+            Column(
+                name="drift",
+                heading="drift in a period",
+                unit="rad",
+                digits=3,
+                values=tuple(a.drift for a in answers),
+            ),
+            Column(
+                name="span",
+                heading="from end to end in a period",
+                unit="rad",
+                digits=3,
+                values=tuple(a.span for a in answers),
+            ),
+        ),
+    )
 
 
 def _linear(stand: Stand, wave: Wave) -> tuple[float, float]:

@@ -54,9 +54,13 @@ class Stall(StudySettings):
     def __call__(self, stand: Stand) -> Shown:
         """Return what became of each run."""
         runs = [self._run(stand, case) for case in self.cases]
+        figures = tuple(_figure(run) for run in runs if _cut(run))[:1]
+        return Shown(tables=(self._table(runs),), figures=figures, sentences=_sentences(self.cases, runs))
+
+    def _table(self, runs: list[Recording]) -> Table:
         held = [self._held(run) for run in runs]
         cut = [float(run["applied"].t[-1]) - self.block if _cut(run) else math.nan for run in runs]  # type: ignore[index]
-        table = Table(
+        return Table(
             title=f"A simulated shaft that is held after {plain(self.block)} s",
             columns=(
                 Column(
@@ -86,8 +90,6 @@ class Stall(StudySettings):
             ),
             note="Where no time stands the run went on to its end: below the threshold nobody watches.",
         )
-        figures = tuple(_figure(run) for run in runs if _cut(run))[:1]
-        return Shown(tables=(table,), figures=figures, sentences=_sentences(self.cases, runs))
 
     def _run(self, stand: Stand, case: Held) -> Recording:
         asked = stand.experiment.model_copy(
