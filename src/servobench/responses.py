@@ -83,7 +83,7 @@ def positive_roots(polynomial: Coefficients) -> Array:
 def _step_course(system: TransferFunction, poles: NDArray[np.complex128]) -> Callable[[Array], Array]:
     """The step response from the end of the delay on: y(0) + Σ N(p)/D'(p) ∫ e^(px) dx where the poles p are distinct."""
     gaps = np.abs(poles[:, None] - poles[None, :])[~np.eye(len(poles), dtype=bool)]
-    if gaps.size and gaps.min() < _APART * np.abs(poles).max():
+    if gaps.size and gaps.min() <= _APART * np.abs(poles).max():
         return lambda t: _by_matrix(system, t)
     residues = np.polyval(system.numerator, poles) / np.polyval(np.polyder(system.denominator), poles)
     direct = len(system.numerator) == len(system.denominator)

@@ -1,0 +1,143 @@
+"""What the data leave open of stability: is it the same verdict for all parameters within their intervals?
+
+Tried are the corners of the box of the 95 % intervals and parameters drawn from what the fit says of them, correlations and all.
+A verdict that holds for all of these is stated with what the draws can tell: of n draws without an exception, less than 3/n of
+the probability is left for one, at 95 % (Hanley and Lippman-Hand, JAMA 249, 1983).
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.estimators.base import Fit
+from servobench.interop import from_control
+from servobench.margins import series
+from servobench.models.base import Model, Output
+from servobench.propagation import draws
+from servobench.rounding import percent, plain
+from servobench.stability.nyquist import closed_loop
+from servobench.stability.verdict import StabilityVerdict, stability
+from servobench.transfer_function import TransferFunction
+
+_DRAWS = 600
+_MOST_CORNERS = 1024  # of ten parameters; of more the corners of the ten that are least known
+
+
+@dataclass(frozen=True, kw_only=True)
+class OverIntervals:
+    """The verdict over the parameters' intervals.
+
+    `verdict` is that of the estimate, `everywhere` whether it is that of all corners of the 95 % intervals and of all draws.
+    `share` is the part of the draws with the estimate's verdict; `undetermined` are parameters that the data don't determine,
+    which were left where they are. `sentence` says all of it.
+    """
+
+    verdict: StabilityVerdict
+    everywhere: bool
+    share: float
+    corners: int
+    corners_alike: int
+    draws: int
+    undetermined: tuple[str, ...]
+    sentence: str
+
+
+def stability_over_intervals(fit: Fit, around: Output = "speed") -> OverIntervals:
+    """Return whether the motor itself, from the input to position or speed, has one verdict over the intervals."""
+    return _judged(fit, lambda model: stability(model.transfer_function(around)).verdict, "the motor")
+
+
+def loop_over_intervals(
+    fit: Fit, controller: TransferFunction | Any = None, around: Output = "position"
+) -> OverIntervals:
+    """Return whether a loop around the motor has one verdict for all parameters in their intervals; its delay is taken as it is.
+
+    `controller` is C, from the error to the input: a `TransferFunction`, a python-control system, or None for unit feedback. A
+    negative delay, which an estimate may have by chance, counts as none. Raises `UsageError` as `closed_loop` does.
+    """
+    feedback = _as_transfer_function(controller)
+
+    def verdict(model: Model) -> StabilityVerdict:
+        loop = series(feedback, model.transfer_function(around))
+        return closed_loop(replace(loop, delay=max(loop.delay, 0.0))).verdict
+
+    return _judged(fit, verdict, "the closed loop")
+
+
+def _judged(fit: Fit, verdict: Any, what: str) -> OverIntervals:
+    own: StabilityVerdict = verdict(fit.model)
+    drawn, _ = draws(fit, _DRAWS)
+    corners = list(_corners(fit))
+    of_draws = Counter(verdict(replace(fit.model, theta=theta)) for theta in drawn)
+    of_corners = Counter(verdict(replace(fit.model, theta=theta)) for theta in corners)
+    sd = np.sqrt(np.diag(fit.covariance))
+    unknown = tuple(name for name, s in zip(fit.model.names, sd, strict=True) if not np.isfinite(s))
+    alike, share = of_corners[own], of_draws[own] / len(drawn)
+    everywhere = alike == len(corners) and of_draws[own] == len(drawn)
+    return OverIntervals(
+        verdict=own,
+        everywhere=everywhere,
+        share=share,
+        corners=len(corners),
+        corners_alike=alike,
+        draws=len(drawn),
+        undetermined=unknown,
+        sentence=_sentence(what, own, everywhere, alike, len(corners), share, len(drawn), unknown),
+    )
+
+
+def _corners(fit: Fit) -> Iterable[Array]:
+    """The corners of the box of the 95 % intervals, within the parameters' bounds."""
+    lower, upper = fit.model.structure.bounds([fit.model.data])
+    ends = [fit.estimates[name].interval for name in fit.model.names]
+    theta = fit.model.theta
+    known = [n for n, (low, high) in enumerate(ends) if np.isfinite([low, high]).all() and low < high]
+    known.sort(key=lambda n: -(ends[n][1] - ends[n][0]) / max(abs(float(theta[n])), 1e-300))
+    known = known[: int(np.log2(_MOST_CORNERS))]
+    for sides in itertools.product((0, 1), repeat=len(known)):
+        corner = theta.copy()
+        for n, side in zip(known, sides, strict=True):
+            corner[n] = ends[n][side]
+        yield np.clip(corner, lower, upper)
+
+
+def _sentence(
+    what: str,
+    verdict: str,
+    everywhere: bool,
+    alike: int,
+    corners: int,
+    share: float,
+    drawn: int,
+    unknown: tuple[str, ...],
+) -> str:
+    tried = f"tried at the {corners} corners of the 95 % intervals and for {drawn} sets of parameters drawn from the fit"
+    if everywhere:
+        said = (
+            f"For all parameters within their intervals {what} is {verdict} ({tried}; what the draws leave to another verdict is "
+            f"less than {plain(300 / drawn, 2)} % at a confidence of 95 %)."
+        )
+    else:
+        said = (
+            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of the draws and "
+            f"{alike} of the {corners} corners say so ({tried})."
+        )
+    if unknown:
+        names = ", ".join(name.replace("_", " ") for name in unknown)
+        said += f" Left where they are, as the data don't determine them: {names}."
+    return said
+
+
+def _as_transfer_function(controller: TransferFunction | Any) -> TransferFunction:
+    if controller is None:
+        return TransferFunction(numerator=(1.0,), denominator=(1.0,), output="input", unit="1")
+    if isinstance(controller, TransferFunction):
+        return controller
+    return from_control(controller, output="input", unit="1")
