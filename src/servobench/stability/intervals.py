@@ -118,16 +118,16 @@ def _sentence(
     drawn: int,
     unknown: tuple[str, ...],
 ) -> str:
-    tried = f"tried at the {corners} corners of the 95 % intervals and for {drawn} sets of parameters drawn from the fit"
     if everywhere:
         said = (
-            f"For all parameters within their intervals {what} is {verdict} ({tried}; what the draws leave to another verdict is "
-            f"less than {plain(300 / drawn, 2)} % at a confidence of 95 %)."
+            f"Over the 95 % intervals {what} is {verdict} everywhere: at all {corners} corners, and for {drawn} sets of "
+            f"parameters drawn from the fit, so that less than {plain(300 / drawn, 2)} % is left for another verdict (at a "
+            "confidence of 95 %)."
         )
     else:
         said = (
-            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of the draws and "
-            f"{alike} of the {corners} corners say so ({tried})."
+            f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {drawn} sets of "
+            f"parameters drawn from the fit and {alike} of the {corners} corners of the 95 % intervals say so."
         )
     if unknown:
         names = ", ".join(name.replace("_", " ") for name in unknown)

@@ -1,0 +1,73 @@
+"""The study `over_intervals`: whether what is said of stability holds for all parameters that the data leave open."""
+
+from __future__ import annotations
+
+from servobench.errors import NotIdentifiable
+from servobench.estimators.base import Estimate
+from servobench.experiment import Experiment
+from servobench.experiment.experiment import PAPER
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.propagation import Derived
+from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
+from servobench.transfer_function import TransferFunction
+
+
+@STUDIES.member("over_intervals")
+class OverIntervals(StudySettings):
+    """Identifies the motor from a square wave, and asks whether the verdict on poles and loop holds over the intervals."""
+
+    kp: float = 1.0
+    """Gain of the position loop that is asked about [V/rad]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the parameters with their intervals, and the verdicts; raises `NotIdentifiable` where nothing is identified."""
+        from servobench.identification import identify
+        from servobench.measurement.measure import measure
+
+        result = identify(measure(stand.run(_experiment(stand.experiment))))
+        if result.fit is None:
+            why = "; ".join(finding.sentence for finding in result.findings)
+            raise NotIdentifiable(f"the square wave tells no motor: {why}")
+        known: dict[str, Estimate | Derived] = {
+            **result.fit.estimates,
+            **{k: d for k, d in result.derived.items() if k.startswith("pole")},
+        }
+        feedback = TransferFunction(numerator=(self.kp,), denominator=(1.0,), output="input", unit="1")
+        said = {
+            "speed": stability_over_intervals(result.fit, "speed"),
+            "position": stability_over_intervals(result.fit, "position"),
+            "loop": loop_over_intervals(result.fit, feedback),
+        }
+        columns = (
+            Column(name="parameter", heading="", values=tuple(name.replace("_", " ") for name in known)),
+            Column(
+                name="value", heading="identified", values=tuple(e.value for e in known.values()), digits=5
+            ),
+            Column(name="low", heading="from", values=tuple(e.interval[0] for e in known.values()), digits=5),
+            Column(name="high", heading="to", values=tuple(e.interval[1] for e in known.values()), digits=5),
+            Column(name="unit", heading="unit", values=tuple(e.unit for e in known.values())),
+        )
+        table = Table(
+            title="What a square wave of 1 to 3 V tells of the motor, 95 % intervals", columns=columns
+        )
+        facts = {
+            name: Fact(value=e.value, half=0.5 * (e.interval[1] - e.interval[0])) for name, e in known.items()
+        }
+        return Shown(
+            tables=(table,),
+            sentences=tuple(
+                f"{what} {each.sentence}"
+                for what, each in zip(
+                    ("To the speed:", "To the position:", f"The position loop with {self.kp:g} V/rad:"),
+                    said.values(),
+                    strict=True,
+                )
+            ),
+            facts=facts | {f"{name}_share": Fact(value=each.share) for name, each in said.items()},
+        )
+
+
+def _experiment(own: Experiment) -> Experiment:
+    """The square wave, on the exercise's own device."""
+    return PAPER.model_copy(update={"device": own.device, "limits": own.limits})

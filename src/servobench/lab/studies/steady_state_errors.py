@@ -1,0 +1,153 @@
+"""The study `steady_state_errors`: what is left of the error after a step and along a ramp, by theory and by runs."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import Annotated
+
+from pydantic import Field
+
+from servobench.control.pid import Pid
+from servobench.errors import UsageError
+from servobench.experiment.experiment import AnyController
+from servobench.lab.expression import Expression, Fact
+from servobench.lab.loops import Course, OfAMotor, course_after
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
+from servobench.report import figures
+from servobench.report.figures import Curve, Panel
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+from servobench.settings import Angle, PositiveTime, Speed
+from servobench.signals.ramp import Ramp
+from servobench.signals.step import Step
+
+_LAST = 0.5  # s at the end, over which the error is averaged
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Tried:
+    """One controller on one reference: the error by theory, the most that friction adds, and what was measured [rad]."""
+
+    law: Pid
+    reference: str
+    theory: float
+    friction: float
+    error: float
+    course: Course
+    wanted: tuple[float, ...]
+
+
+@STUDIES.member("steady_state_errors")
+class SteadyStateErrors(OfAMotor):
+    """The error of a position loop after a step and along a ramp r = v t, for P, PD and PI controllers.
+
+    By the final value theorem with E = (1 - T) R, the derivative acting on the position alone: nothing after a step, and along a
+    ramp v (1 + K k_d)/(K k_p) without an integral part, nothing with one. Coulomb friction u_c takes another u_c/k_p along a
+    ramp, and leaves up to that after a step, where there is no integral part to take it up.
+    """
+
+    controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]
+    """The controllers, all pid of the position."""
+    coulomb_voltage: str = "0"
+    """What friction takes, an expression over facts [V]."""
+    step: Angle = 1.5
+    """Height of the step [rad]."""
+    slope: Speed = 5.0
+    """Slope v of the ramp [rad/s]."""
+    duration: PositiveTime = 6.0
+    """Length of each run [s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return errors by theory and by run, and the courses; raises `UsageError` for other controllers."""
+        friction = Expression(self.coulomb_voltage).evaluate(stand.facts).value
+        tried = [
+            self._try(stand, self._law(c), ramp, friction) for ramp in (False, True) for c in self.controllers
+        ]
+        columns = (
+            Column(name="reference", heading="reference", values=tuple(x.reference for x in tried)),
+            Column(name="controller", heading="controller", values=tuple(_named(x.law) for x in tried)),
+            Column(name="type", heading="system type", values=tuple(2.0 if x.law.ki else 1.0 for x in tried)),
+            Column(
+                name="theory",
+                heading="error, final value theorem",
+                unit="rad",
+                values=tuple(x.theory for x in tried),
+            ),
+            Column(
+                name="friction",
+                heading="friction adds, at most",
+                unit="rad",
+                values=tuple(x.friction for x in tried),
+                digits=3,
+            ),
+            Column(
+                name="error", heading="error in the run", unit="rad", values=tuple(x.error for x in tried)
+            ),
+        )
+        note = f"The error of the run is its mean over the last {plain(_LAST)} s, reference minus position."
+        return Shown(
+            tables=(Table(title="What is left of the error", columns=columns, note=note),),
+            figures=(_figure(tried),),
+            facts={"slope": Fact(value=self.slope), "step": Fact(value=self.step)},
+        )  # fmt: skip
+
+    def _law(self, controller: object) -> Pid:
+        if isinstance(controller, Pid) and controller.output == "position" and controller.kp > 0:
+            return controller
+        raise UsageError(
+            "steady_state_errors takes controllers of the type pid, of the position, with a kp above 0"
+        )
+
+    def _try(self, stand: Stand, law: Pid, ramp: bool, friction: float) -> _Tried:
+        gain, _ = self.motor(stand)
+        signal = (
+            Ramp(final=self.slope * self.duration, duration=self.duration) if ramp else Step(final=self.step)
+        )
+        asked = stand.experiment.model_copy(
+            update={"controller": law, "signal": signal, "duration": self.duration}
+        )
+        course = course_after(stand.run(asked), Step(), "position", "")
+        wanted = signal(course.t)
+        last = course.t > self.duration - _LAST
+        lag = self.slope * (1 + gain * law.kd) / (gain * law.kp) if ramp and not law.ki else 0.0
+        return _Tried(
+            law=law,
+            reference="ramp" if ramp else "step",
+            theory=lag,
+            friction=0.0 if law.ki else friction / law.kp,
+            error=float((wanted - course.output)[last].mean()),
+            course=course,
+            wanted=tuple(map(float, wanted)),
+        )
+
+
+def _named(law: Pid) -> str:
+    parts = (("kp", law.kp), ("ki", law.ki), ("kd", law.kd))
+    return ", ".join(f"{name} {plain(value)}" for name, value in parts if value)
+
+
+def _figure(tried: list[_Tried]) -> Illustration:
+    import numpy as np
+
+    drawn = tuple(
+        figures.Course(
+            title=f"{x.reference.capitalize()}: {_named(x.law)}",
+            panels=(
+                Panel(
+                    title="Error",
+                    unit="rad",
+                    curves=(Curve(t=x.course.t, y=np.array(x.wanted) - x.course.output, look="measured"),),
+                    height=100.0,
+                ),
+            ),
+        )
+        for x in tried
+    )
+    return Illustration(
+        name="errors",
+        title="The error over time",
+        caption="Reference minus position, above for the step and below for the ramp.",
+        description="; ".join(f"{x.reference} with {_named(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
+        draw=partial(figures.time_courses, drawn),
+    )  # fmt: skip

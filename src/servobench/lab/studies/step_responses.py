@@ -1,0 +1,184 @@
+"""The study `step_responses`: controllers tried on a step of the reference, theory beside the run."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import Annotated
+
+import numpy as np
+from pydantic import Field
+
+from servobench.control.base import Controller
+from servobench.control.lead import Lead
+from servobench.control.pid import Pid
+from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.experiment.experiment import AnyController
+from servobench.lab.loops import (
+    Course,
+    OfAMotor,
+    StepFigures,
+    course_after,
+    figures_of,
+    step_of,
+    tunable,
+    without_friction,
+)
+from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, Table
+from servobench.report import figures
+from servobench.report.figures import Curve, Panel
+from servobench.report.illustrations import Illustration
+from servobench.rounding import plain
+
+_SHOWN = 4  # courses in the figure
+
+
+@STUDIES.member("step_responses")
+class StepResponses(OfAMotor):
+    """Peak time and overshoot for each controller: by the second-order formulas, of the loop without friction, and measured.
+
+    For proportional and derivative feedback of the position, K k_p/(τs² + (1 + K k_d) s + K k_p), so that ω_n = √(K k_p/τ),
+    ζ = (1 + K k_d)/(2 √(K k_p τ)), t_p = π/(ω_n √(1 - ζ²)), overshoot e^(-πζ/√(1 - ζ²)).
+    """
+
+    controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]
+    """The controllers to try, each as a table [controller] has it."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table and the courses; raises `UsageError` where the experiment's signal is no step."""
+        gain, tau = self.motor(stand)
+        step = step_of(stand.experiment)
+        size = step.final - step.initial
+        measured, linear, formulas, courses = [], [], [], []
+        for controller in self.controllers:
+            law = tunable(controller)
+            if controller.reference_unit != self._unit:
+                raise UsageError("step_responses: all controllers have to follow the same, position or speed")
+            asked = stand.experiment.model_copy(update={"controller": controller})
+            found = course_after(stand.run(asked), step, law.output, asked.chain or f"derivative | lowpass {law.cutoff!r} rad/s"
+                                 if not isinstance(law, Lead) or law.output == "speed" else "")  # fmt: skip
+            ideal = without_friction(law, gain, tau, asked)
+            measured.append(figures_of(found, step.initial, step.final))
+            linear.append(figures_of(ideal, 0.0, 1.0))
+            formulas.append(_formulas(controller, gain, tau))
+            courses.append((controller, found, ideal))
+        return Shown(
+            tables=(self._table(formulas, linear, measured, size),),
+            figures=(self._figure(courses[:_SHOWN], step.initial, size, stand.experiment),),
+            sentences=_sentences(stand.experiment, measured),
+        )
+
+    @property
+    def _unit(self) -> str:
+        return self.controllers[0].reference_unit
+
+    def _table(
+        self,
+        formulas: list[tuple[float, float, float, float]],
+        linear: list[StepFigures],
+        measured: list[StepFigures],
+        size: float,
+    ) -> Table:
+        unit = self._unit
+        numbers = np.array(formulas)
+        columns = [
+            Column(name="controller", heading="controller", values=tuple(map(_named, self.controllers)))
+        ]
+        if np.isfinite(numbers).any():
+            columns += [
+                Column(name="frequency", heading="ω_n", unit="rad/s", values=_cells(numbers[:, 0])),
+                Column(name="damping", heading="ζ", values=_cells(numbers[:, 1])),
+                Column(name="peak_theory", heading="t_p, formula", unit="s", values=_cells(numbers[:, 2])),
+                Column(name="overshoot_theory", heading="overshoot, formula", unit="%", values=_cells(100 * numbers[:, 3])),
+            ]  # fmt: skip
+        columns += [
+            Column(name="peak_linear", heading="t_p, no friction", unit="s", values=tuple(x.peak_time for x in linear)),
+            Column(name="overshoot_linear", heading="overshoot, no friction", unit="%",
+                   values=tuple(100 * x.overshoot for x in linear), digits=3),
+            Column(name="peak", heading="t_p, run", unit="s", values=tuple(x.peak_time for x in measured)),
+            Column(name="overshoot", heading="overshoot, run", unit="%",
+                   values=tuple(100 * x.overshoot for x in measured), digits=3),
+            Column(name="error", heading="error at the end", unit=unit, values=tuple(x.error for x in measured), digits=3),
+            Column(name="voltage", heading="largest voltage asked for", unit="V", values=tuple(x.voltage for x in measured)),
+        ]  # fmt: skip
+        note = (
+            "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without a "
+            "limit of the voltage; the difference to the run is what these two do."
+        )
+        return Table(title=f"A step of {plain(size)} {unit}", columns=tuple(columns), note=note)
+
+    def _figure(
+        self,
+        courses: list[tuple[Controller, Course, Course]],
+        initial: float,
+        size: float,
+        experiment: Experiment,
+    ) -> Illustration:
+        drawn = tuple(_course(*each, initial, size, self._unit) for each in courses)
+        names = "; ".join(_named(controller) for controller, _, _ in courses)
+        return Illustration(
+            name="step-responses",
+            title="Step responses, measured and without friction",
+            caption="Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
+            description=f"Step responses over {plain(experiment.duration or 0.0)} s with {names}.",
+            draw=partial(figures.time_courses, drawn),
+        )
+
+
+def _formulas(controller: Controller, gain: float, tau: float) -> tuple[float, float, float, float]:
+    """ω_n, ζ, t_p and overshoot [1] of a second-order loop; NaN for another, or where there is no peak."""
+    if not isinstance(controller, Pid) or controller.output != "position" or controller.ki:
+        return (math.nan, math.nan, math.nan, math.nan)
+    if gain * controller.kp <= 0:
+        return (math.nan, math.nan, math.nan, math.nan)
+    omega = math.sqrt(gain * controller.kp / tau)
+    zeta = (1 + gain * controller.kd) / (2 * math.sqrt(gain * controller.kp * tau))
+    if zeta >= 1:
+        return (omega, zeta, math.nan, 0.0)
+    root = math.sqrt(1 - zeta**2)
+    return (omega, zeta, math.pi / (omega * root), math.exp(-math.pi * zeta / root))
+
+
+def _named(controller: Controller) -> str:
+    if isinstance(controller, Pid):
+        parts = (("kp", controller.kp), ("ki", controller.ki), ("kd", controller.kd))
+        return ", ".join(f"{name} {plain(value)}" for name, value in parts if value)
+    if isinstance(controller, Lead):
+        return f"lead, gain {plain(controller.gain)}, zero {plain(controller.zero)}, pole {plain(controller.pole)}"
+    return type(controller).__name__
+
+
+def _cells(values: np.ndarray) -> tuple[Cell, ...]:
+    return tuple(float(value) for value in values)
+
+
+def _course(
+    controller: Controller, found: Course, ideal: Course, initial: float, size: float, unit: str
+) -> figures.Course:
+    what = "Position" if unit == "rad" else "Speed"
+    return figures.Course(
+        title=_named(controller),
+        panels=(
+            Panel(
+                title=what,
+                unit=unit,
+                curves=(
+                    Curve(t=found.t, y=found.output, look="measured", label="run"),
+                    Curve(t=ideal.t, y=initial + size * ideal.output, look="model", label="no friction"),
+                ),
+            ),
+            Panel(title="Voltage", unit="V", curves=(Curve(t=found.t, y=found.voltage, look="input"),), height=80.0),
+        ),
+    )  # fmt: skip
+
+
+def _sentences(experiment: Experiment, measured: list[StepFigures]) -> tuple[str, ...]:
+    limit = experiment.limits.voltage
+    beyond = sum(each.voltage > limit for each in measured)
+    if not beyond:
+        return ()
+    return (
+        f"With {beyond} of the {len(measured)} controllers more was asked for than the limit of {plain(limit)} V: there the loop "
+        "is open, and the formulas don't hold.",
+    )
