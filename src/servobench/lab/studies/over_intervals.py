@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import Estimate
+from servobench.estimators.base import Estimate, Fit
 from servobench.experiment import Experiment
 from servobench.experiment.experiment import PAPER
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.propagation import Derived
+from servobench.propagation import LEVEL, TWO_SIDED, propagate
 from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
 from servobench.transfer_function import TransferFunction
 
@@ -29,10 +31,7 @@ class OverIntervals(StudySettings):
         if result.fit is None:
             why = "; ".join(finding.sentence for finding in result.findings)
             raise NotIdentifiable(f"the square wave tells no motor: {why}")
-        known: dict[str, Estimate | Derived] = {
-            **result.fit.estimates,
-            **{k: d for k, d in result.derived.items() if k.startswith("pole")},
-        }
+        known = {**result.fit.estimates, **_poles(result.fit)}
         feedback = TransferFunction(numerator=(self.kp,), denominator=(1.0,), output="input", unit="1")
         said = {
             "speed": stability_over_intervals(result.fit, "speed"),
@@ -66,6 +65,22 @@ class OverIntervals(StudySettings):
             ),
             facts=facts | {f"{name}_share": Fact(value=each.share) for name, each in said.items()},
         )
+
+
+def _poles(fit: Fit) -> dict[str, Estimate]:
+    """The real parts of the poles to the speed, with their intervals."""
+    found = propagate(fit, lambda model: np.sort(model.transfer_function("speed").poles.real)[::-1])
+    names = ["pole"] if len(found.value) == 1 else [f"pole_{n + 1}" for n in range(len(found.value))]
+    return {
+        name: Estimate(
+            value=float(value),
+            sd=float(high - low) / (2 * TWO_SIDED),
+            interval=(float(low), float(high)),
+            level=LEVEL,
+            unit="1/s",
+        )
+        for name, value, low, high in zip(names, found.value, found.low, found.high, strict=True)
+    }
 
 
 def _experiment(own: Experiment) -> Experiment:

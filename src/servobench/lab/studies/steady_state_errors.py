@@ -107,7 +107,7 @@ class SteadyStateErrors(OfAMotor):
         asked = stand.experiment.model_copy(
             update={"controller": law, "signal": signal, "duration": self.duration}
         )
-        course = course_after(stand.run(asked), Step(), "position", "")
+        course = course_after(stand.run(asked), 0.0, "position", "")
         wanted = signal(course.t)
         last = course.t > self.duration - _LAST
         lag = self.slope * (1 + gain * law.kd) / (gain * law.kp) if ramp and not law.ki else 0.0

@@ -16,12 +16,13 @@ from servobench.errors import UsageError
 from servobench.experiment import Experiment
 from servobench.experiment.experiment import AnyController
 from servobench.lab.loops import (
+    Change,
     Course,
     OfAMotor,
     StepFigures,
+    change_of,
     course_after,
     figures_of,
-    step_of,
     tunable,
     without_friction,
 )
@@ -32,6 +33,9 @@ from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 
 _SHOWN = 4  # courses in the figure
+_CHAIN = (
+    "derivative | lowpass 50 rad/s"  # through which a speed is looked at, where the experiment has no chain
+)
 
 
 @STUDIES.member("step_responses")
@@ -46,41 +50,35 @@ class StepResponses(OfAMotor):
     """The controllers to try, each as a table [controller] has it."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the table and the courses; raises `UsageError` where the experiment's signal is no step."""
+        """Return the table and the courses; raises `UsageError` where the experiment's reference makes no step."""
         gain, tau = self.motor(stand)
-        step = step_of(stand.experiment)
-        size = step.final - step.initial
+        change, chain = change_of(stand.experiment), stand.experiment.chain or _CHAIN
         measured, linear, formulas, courses = [], [], [], []
         for controller in self.controllers:
             law = tunable(controller)
-            if controller.reference_unit != self._unit:
-                raise UsageError("step_responses: all controllers have to follow the same, position or speed")
+            if controller.reference_unit != stand.experiment.controller.reference_unit:
+                raise UsageError("step_responses: all controllers have to follow what the experiment's does")
             asked = stand.experiment.model_copy(update={"controller": controller})
-            found = course_after(stand.run(asked), step, law.output, asked.chain or f"derivative | lowpass {law.cutoff!r} rad/s"
-                                 if not isinstance(law, Lead) or law.output == "speed" else "")  # fmt: skip
-            ideal = without_friction(law, gain, tau, asked)
-            measured.append(figures_of(found, step.initial, step.final))
-            linear.append(figures_of(ideal, 0.0, 1.0))
+            found = course_after(stand.run(asked), change.start, change.of, chain)
+            ideal = without_friction(law, gain, tau, asked, chain)
+            measured.append(figures_of(found, change.initial, change.final))
+            linear.append(figures_of(ideal, change.initial, change.final))
             formulas.append(_formulas(controller, gain, tau))
             courses.append((controller, found, ideal))
         return Shown(
-            tables=(self._table(formulas, linear, measured, size),),
-            figures=(self._figure(courses[:_SHOWN], step.initial, size, stand.experiment),),
+            tables=(self._table(formulas, linear, measured, change),),
+            figures=(self._figure(courses[:_SHOWN], change),),
             sentences=_sentences(stand.experiment, measured),
         )
-
-    @property
-    def _unit(self) -> str:
-        return self.controllers[0].reference_unit
 
     def _table(
         self,
         formulas: list[tuple[float, float, float, float]],
         linear: list[StepFigures],
         measured: list[StepFigures],
-        size: float,
+        change: Change,
     ) -> Table:
-        unit = self._unit
+        unit = change.unit
         numbers = np.array(formulas)
         columns = [
             Column(name="controller", heading="controller", values=tuple(map(_named, self.controllers)))
@@ -92,37 +90,39 @@ class StepResponses(OfAMotor):
                 Column(name="peak_theory", heading="t_p, formula", unit="s", values=_cells(numbers[:, 2])),
                 Column(name="overshoot_theory", heading="overshoot, formula", unit="%", values=_cells(100 * numbers[:, 3])),
             ]  # fmt: skip
+        for name, heading, found in (("_linear", "no friction", linear), ("", "run", measured)):
+            peaks, overshoots = tuple(x.peak_time for x in found), tuple(100 * x.overshoot for x in found)
+            rises = tuple(x.rise_time for x in found)
+            columns += [
+                Column(name=f"peak{name}", heading=f"t_p, {heading}", unit="s", values=peaks, digits=3),
+                Column(
+                    name=f"overshoot{name}",
+                    heading=f"overshoot, {heading}",
+                    unit="%",
+                    values=overshoots,
+                    digits=3,
+                ),
+                Column(name=f"rise{name}", heading=f"rise time, {heading}", unit="s", values=rises, digits=3),
+            ]
+        errors, voltages = tuple(x.error for x in measured), tuple(x.voltage for x in measured)
         columns += [
-            Column(name="peak_linear", heading="t_p, no friction", unit="s", values=tuple(x.peak_time for x in linear)),
-            Column(name="overshoot_linear", heading="overshoot, no friction", unit="%",
-                   values=tuple(100 * x.overshoot for x in linear), digits=3),
-            Column(name="peak", heading="t_p, run", unit="s", values=tuple(x.peak_time for x in measured)),
-            Column(name="overshoot", heading="overshoot, run", unit="%",
-                   values=tuple(100 * x.overshoot for x in measured), digits=3),
-            Column(name="error", heading="error at the end", unit=unit, values=tuple(x.error for x in measured), digits=3),
-            Column(name="voltage", heading="largest voltage asked for", unit="V", values=tuple(x.voltage for x in measured)),
-        ]  # fmt: skip
+            Column(name="error", heading="missing at the end", unit=unit, values=errors, digits=3),
+            Column(name="voltage", heading="largest voltage asked for", unit="V", values=voltages),
+        ]
         note = (
             "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without a "
             "limit of the voltage; the difference to the run is what these two do."
         )
-        return Table(title=f"A step of {plain(size)} {unit}", columns=tuple(columns), note=note)
+        return Table(title=str(change).capitalize(), columns=tuple(columns), note=note)
 
-    def _figure(
-        self,
-        courses: list[tuple[Controller, Course, Course]],
-        initial: float,
-        size: float,
-        experiment: Experiment,
-    ) -> Illustration:
-        drawn = tuple(_course(*each, initial, size, self._unit) for each in courses)
+    def _figure(self, courses: list[tuple[Controller, Course, Course]], change: Change) -> Illustration:
         names = "; ".join(_named(controller) for controller, _, _ in courses)
         return Illustration(
             name="step-responses",
             title="Step responses, measured and without friction",
             caption="Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
-            description=f"Step responses over {plain(experiment.duration or 0.0)} s with {names}.",
-            draw=partial(figures.time_courses, drawn),
+            description=f"Answers to {change} with {names}.",
+            draw=partial(figures.time_courses, tuple(_course(*each, change) for each in courses)),
         )
 
 
@@ -153,24 +153,23 @@ def _cells(values: np.ndarray) -> tuple[Cell, ...]:
     return tuple(float(value) for value in values)
 
 
-def _course(
-    controller: Controller, found: Course, ideal: Course, initial: float, size: float, unit: str
-) -> figures.Course:
-    what = "Position" if unit == "rad" else "Speed"
+def _course(controller: Controller, found: Course, ideal: Course, change: Change) -> figures.Course:
+    curves = (
+        Curve(t=found.t, y=found.output, look="measured", label="run"),
+        Curve(t=ideal.t, y=ideal.output, look="model", label="no friction"),
+    )
     return figures.Course(
         title=_named(controller),
         panels=(
+            Panel(title=change.of.capitalize(), unit=change.unit, curves=curves),
             Panel(
-                title=what,
-                unit=unit,
-                curves=(
-                    Curve(t=found.t, y=found.output, look="measured", label="run"),
-                    Curve(t=ideal.t, y=initial + size * ideal.output, look="model", label="no friction"),
-                ),
+                title="Voltage",
+                unit="V",
+                curves=(Curve(t=found.t, y=found.voltage, look="input"),),
+                height=80.0,
             ),
-            Panel(title="Voltage", unit="V", curves=(Curve(t=found.t, y=found.voltage, look="input"),), height=80.0),
         ),
-    )  # fmt: skip
+    )
 
 
 def _sentences(experiment: Experiment, measured: list[StepFigures]) -> tuple[str, ...]:
