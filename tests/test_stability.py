@@ -2,9 +2,15 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
+from scipy.signal import lsim
 
+from servobench.signals.constant import Constant
+from servobench.signals.sine import Sine
+from servobench.stability.poles import poles_of
 from servobench.stability.verdict import stability
 from servobench.transfer_function import TransferFunction
 
@@ -49,3 +55,126 @@ def test_the_motors_position_says_which_input_drives_it_off() -> None:
 def test_a_pole_is_judged_by_the_scale_of_the_system() -> None:
     """A slow motor of 1e6 s isn't an integrator."""
     assert stability(system(1e6, 1.0)).verdict == "stable"
+
+
+@pytest.mark.parametrize(
+    "roots",
+    [
+        (-3.0, -3.0, -1.0),
+        (-1 / 3, -1 / 3, -1 / 3),
+        (-0.1,) * 4,
+        (-1.0,) * 6,
+        (-10.0, -10.0, -1000.0, -1000.0),
+        (2j, -2j, 2j, -2j),
+        (-1 + 2j, -1 - 2j, -1 + 2j, -1 - 2j),
+        (1j, -1j, -5.0, -5.0),
+        (0.0, 0.0, -7.0),
+        (-1e-6, -7241.0),
+    ],
+)
+def test_multiplicities_are_those_that_the_polynomial_was_made_with(roots: tuple[complex, ...]) -> None:
+    """A root finder scatters a root of multiplicity m by the m-th root of its precision; the coefficients know better."""
+    found = poles_of(np.poly(roots).real)
+
+    expected = {root: roots.count(root) for root in set(roots)}
+    assert len(found) == len(expected)
+    for pole in found:
+        nearest = min(expected, key=lambda root: abs(root - pole.at))
+        assert pole.multiplicity == expected[nearest]
+        # Coefficients off by their rounding move the pole by its uncertainty at the most.
+        assert abs(pole.at - nearest) <= pole.uncertainty + 1e-15 * abs(nearest)
+        assert pole.side == np.sign(nearest.real)
+
+
+def test_what_the_coefficients_tell_apart_is_told_apart() -> None:
+    """Two poles a thousandth apart are two; two that differ by less than the coefficients' digits are one."""
+    assert [pole.multiplicity for pole in poles_of(np.poly([-1.0, -1.001]))] == [1, 1]
+    assert [pole.multiplicity for pole in poles_of(np.poly([-1.0, -1.0 - 1e-12]))] == [2]
+
+
+def test_a_slow_pole_beside_a_fast_one_isnt_an_integrator() -> None:
+    """The electrical pole of a servo is at thousands, and that says nothing of how exactly a slow one is known."""
+    assert stability(system(*np.poly([-1e-6, -7241.0]))).verdict == "stable"
+    assert stability(system(*np.poly([1e-6, -7241.0]))).verdict == "unstable"
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator", "verdict", "bibo"),
+    [
+        ((1.0, 0.0), (0.1, 1.0, 0.0), "marginally stable", True),  # the integrator is cancelled
+        ((1.0, -1.0), (1.0, 0.0, -1.0), "unstable", True),  # 1/(s + 1) with a hidden e^t
+        ((1.0, 0.0), (1.0, 1.0, 0.0, 0.0), "unstable", False),  # of two integrators one is left
+        ((1.0, 0.0, 0.0), (0.1, 1.0), "stable", False),  # it differentiates
+        ((2.0,), (3.0,), "stable", True),
+    ],
+)
+def test_bibo_is_about_what_the_output_shows(
+    numerator: tuple[float, ...], denominator: tuple[float, ...], verdict: str, bibo: bool
+) -> None:
+    report = stability(TransferFunction(numerator=numerator, denominator=denominator))
+    assert (report.verdict, report.bibo) == (verdict, bibo)
+    assert bibo or report.drive is not None or len(numerator) > len(denominator)
+    assert not (bibo and report.drive)
+
+
+def test_a_constant_drives_the_motors_position_off_by_its_gain() -> None:
+    """K/(s (τs + 1)) answers 1 V by K (t - τ (1 - e^(-t/τ))): a slope of K, by algebra."""
+    gain, tau = 23.8, 0.0998
+    drive = stability(TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), unit="rad/V")).drive
+    assert drive is not None
+    t = np.linspace(0, 2.5, 26)
+
+    assert isinstance(drive.signal, Constant)
+    assert (drive.coefficient, drive.power, drive.rate) == (pytest.approx(gain, rel=1e-12), 1, 0.0)
+    np.testing.assert_allclose(drive.simulated(t), gain * (t - tau * (1 - np.exp(-t / tau))), atol=1e-9)
+    np.testing.assert_allclose(drive.envelope(t), gain * t, rtol=1e-12)
+    assert "23.8 rad/V for each s" in drive.sentence
+
+
+@pytest.mark.parametrize(
+    ("numerator", "denominator"),
+    [
+        ((1.0,), (1.0, 0.0, 4.0)),
+        ((3.0, 1.0), tuple(np.poly([-1.0, 5j, -5j]).real)),
+        ((1.0,), tuple(np.poly([2j, -2j, 2j, -2j]).real)),
+        ((1.0,), (1.0, 0.0, 0.0)),
+        ((1.0, 2.0), tuple(np.poly([0.5, -1.0]))),
+        ((3.0,), tuple(np.poly([0.3 + 2j, 0.3 - 2j]).real)),
+        ((1.0,), tuple(np.poly([0.4, 0.4, -2.0]))),
+    ],
+)
+def test_the_drive_is_bounded_and_the_output_grows_as_it_says(
+    numerator: tuple[float, ...], denominator: tuple[float, ...]
+) -> None:
+    """SciPy simulates the same input through the same system, by another route: states, and the input on straight lines."""
+    drive = stability(TransferFunction(numerator=numerator, denominator=denominator)).drive
+    assert drive is not None
+    t = np.linspace(0, 40, 40_001)
+    u = drive.signal(t)
+    _, y, _ = lsim((numerator, denominator), u, t)
+
+    assert np.abs(u).max() <= 1
+    np.testing.assert_allclose(drive.simulated(t), y, atol=1e-5 * np.abs(y).max())
+    # What isn't of the growing mode falls behind it as 1/t (or e^(-rate t)): for the slowest of these, the double pole at 0.4,
+    # te^(0.4 t) (1 + c/t) with c = -(1/0.4 + 1/2.4) = -2.9, which is 7 to 8 % there.
+    late = t > 35
+    ratio = (np.abs(y[late]) / drive.envelope(t[late])).max()
+    assert ratio == pytest.approx(1, abs=0.09)
+
+
+def test_a_delay_moves_the_growth_and_changes_no_verdict() -> None:
+    delayed = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0, 0.0), delay=0.5)
+    report = stability(delayed)
+    assert report.verdict == "marginally stable"
+    assert report.drive is not None
+    assert report.drive.envelope(np.array([0.4, 1.5])).tolist() == [0.0, pytest.approx(20.0)]
+    assert report.drive.simulated(np.array([0.4]))[0] == 0.0
+
+
+def test_an_oscillator_is_driven_at_its_own_frequency() -> None:
+    drive = stability(system(1.0, 0.0, 4.0)).drive
+    assert drive is not None
+    assert isinstance(drive.signal, Sine)
+    assert 2 * math.pi * drive.signal.frequency == pytest.approx(2.0, rel=1e-14)
+    # sin 2t through 1/(s² + 4) is (sin 2t - 2t cos 2t)/8: its envelope grows by a quarter a second.
+    assert drive.coefficient == pytest.approx(0.25, rel=1e-12)

@@ -1,0 +1,161 @@
+"""Stability and data: what a record says, and what intervals leave open."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.channels import Array
+from servobench.estimators.base import Fit
+from servobench.measurement.dataset import Dataset
+from servobench.recording.recording import Source
+from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
+from servobench.stability.record import bibo
+from servobench.transfer_function import TransferFunction
+from tests.report.makers import fit_of
+
+QUANTUM = 2 * np.pi / 2048
+T = np.arange(0, 2.5, 0.002)
+
+
+def record(
+    y: Array, u: Array | None = None, *, kind: str = "position", quantum: float | None = None
+) -> Dataset:
+    return Dataset(
+        name="made",
+        t_input=T,
+        u=np.ones_like(T) if u is None else u,
+        input_unit="V",
+        input_before=0.0,
+        t_output=T,
+        y=y,
+        output_unit="rad" if kind == "position" else "rad/s",
+        kind=kind,  # type: ignore[arg-type]
+        source=Source(name="made"),
+        quantum=quantum,
+    )
+
+
+def counted(position: Array) -> Array:
+    return (np.floor(position / QUANTUM) + 0.5) * QUANTUM
+
+
+def motor(u: float, pole: float = 0.0) -> Array:
+    """The position of a motor with τ = 0.1 s and K = 20 after a step, or with a slow pole in the integrator's place."""
+    if pole == 0:
+        return 20 * u * (T - 0.1 * (1 - np.exp(-T / 0.1)))
+    # 20/((0.1 s + 1)(s - p)): residues at p and at -10.
+    return (
+        20
+        * u
+        * ((np.exp(pole * T) - 1) / pole / (0.1 * pole + 1) + (np.exp(-10 * T) - 1) / 10 / (1 + 0.1 * pole))
+    )
+
+
+def test_a_position_that_runs_off_is_consistent_with_an_integrator_and_proves_nothing() -> None:
+    report = bibo(record(counted(motor(1.0)), quantum=QUANTUM))
+
+    [stretch] = report.stretches
+    assert abs(stretch.slopes[1].value - 20) <= stretch.slopes[1].half < 0.02
+    assert stretch.exponent is not None
+    assert stretch.exponent[0] < 0 < stretch.exponent[1]
+    assert "as an integrator" in stretch.sentence
+    assert "No finite record proves" in report.sentences[-1]
+    assert report.input_bound == 1.0
+
+
+@pytest.mark.parametrize("pole", [-0.5, -0.05, -1e-4, 1e-4, 0.05, 0.5])
+def test_the_pole_of_the_mode_that_is_left_is_within_its_interval(pole: float) -> None:
+    """The transient of τ = 0.1 s has gone to e^-12 by the middle, so one mode is left."""
+    [stretch] = bibo(record(counted(motor(1.0, pole)), quantum=QUANTUM)).stretches
+
+    assert stretch.exponent is not None
+    assert stretch.exponent[0] <= pole <= stretch.exponent[1]
+    told_apart = (
+        abs(pole) > 0.01
+    )  # a slope's interval is 1.5 quanta over 0.6 s, 1/2700 of 20 rad/s; twice that over 0.6 s
+    assert told_apart == (stretch.exponent[0] * stretch.exponent[1] > 0)
+
+
+def test_intervals_of_slopes_cover_with_noise_that_follows_itself() -> None:
+    """A straight line in AR(1) noise: 95 % intervals; of 300, the binomial leaves less than 268 one in ten thousand times."""
+    random = np.random.default_rng(5)
+    covered = 0
+    for _ in range(300):
+        noise = random.normal(0, 0.01, len(T))
+        for k in range(1, len(T)):
+            noise[k] += 0.6 * noise[k - 1]
+        [stretch] = bibo(record(3.0 * T + noise)).stretches
+        covered += abs(stretch.slopes[0].value - 3.0) <= stretch.slopes[0].half
+    assert covered >= 268
+
+
+def test_a_pulse_that_comes_to_rest_is_no_sign_of_stability() -> None:
+    u = np.where(T < 0.3, 1.0, 0.0)
+    end = motor(1.0)[T < 0.3][-1]
+    position = np.where(T < 0.3, motor(1.0), end + 2.0 * 0.1 * 9.5 * (1 - np.exp(-(T - 0.3) / 0.1)))
+    last = bibo(record(counted(position), u, quantum=QUANTUM)).stretches[-1]
+
+    assert last.level == 0.0
+    assert last.slopes[1].is_zero
+    assert "no sign of stability" in last.sentence
+
+
+def test_a_speed_that_levels_off_says_nothing_of_other_inputs() -> None:
+    [stretch] = bibo(record(20 * (1 - np.exp(-T / 0.1)), kind="speed", quantum=None)).stretches
+    assert "nothing" in stretch.sentence or "consistent with a stable system" in stretch.sentence
+
+
+def test_a_swing_tells_no_pole() -> None:
+    [stretch] = bibo(record(np.sin(2 * np.pi * T / 1.25))).stretches
+    assert stretch.exponent is None
+
+
+def test_a_sinusoid_has_no_stretch_and_is_told_so() -> None:
+    report = bibo(record(np.cos(T), np.sin(2 * np.pi * 0.4 * T)))
+    assert report.stretches == ()
+    assert "never constant" in report.sentences[1]
+
+
+def fit(sd: tuple[float, ...] = (0.02, 1e-4, 0.01, 2e-5)) -> Fit:
+    return fit_of((20.0, 0.1, 0.3, 0.002), np.diag(np.square(sd)))
+
+
+def test_a_motor_that_is_well_known_has_one_verdict_everywhere() -> None:
+    speed, position = (stability_over_intervals(fit(), around) for around in ("speed", "position"))  # type: ignore[arg-type]
+
+    assert (speed.verdict, speed.everywhere, speed.share) == ("stable", True, 1.0)
+    assert (position.verdict, position.everywhere) == ("marginally stable", True)
+    assert speed.corners == speed.corners_alike == 16
+    assert "less than 0.5 %" in speed.sentence  # 3/600
+
+
+def test_a_loop_near_its_limit_is_left_open() -> None:
+    """k K e^(-ds)/(s (τs + 1)) at its limit for the estimate: half of what the data leave open is on either side."""
+    from servobench.margins import margins
+
+    found = fit((0.5, 1e-3, 0.01, 1e-4))
+    limit = margins(found.model.transfer_function("position")).gain_margin
+
+    def gain(factor: float) -> TransferFunction:
+        return TransferFunction(numerator=(factor * limit,), denominator=(1.0,), output="input", unit="1")
+
+    near = loop_over_intervals(found, gain(0.9999))
+    assert not near.everywhere
+    # 600 draws, mirrored pairs: half but for the bend, 0.5 ± 0.02 · 3.
+    assert near.share == pytest.approx(0.5, abs=0.06)
+    assert "leave it open" in near.sentence
+    assert loop_over_intervals(found, gain(0.5)).everywhere
+    assert loop_over_intervals(found, gain(2.0)).verdict == "unstable"
+
+
+def test_what_the_data_dont_determine_is_named() -> None:
+    found = fit()
+    covariance = found.covariance.copy()
+    covariance[2, 2] = np.inf
+    report = stability_over_intervals(replace(found, covariance=covariance))
+    assert report.undetermined == (found.model.names[2],)
+    assert found.model.names[2].replace("_", " ") in report.sentence
+    assert report.corners == 8
