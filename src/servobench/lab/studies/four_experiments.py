@@ -138,7 +138,7 @@ def _drift(data: Dataset, period: float | None, duration: float) -> float:
     t, y = data.t_output, data.y
     if period is None:
         last = t >= duration - 0.25 * duration
-        return float(np.polyfit(t[last] - t[last][0], y[last], 1)[0])
+        return float(np.polyfit(t[last] - t[last][0], y[last] - y[last][0], 1)[0])
     before, end = np.interp([duration - period, duration], t, y)
     return float(end - before) / period
 
