@@ -66,6 +66,19 @@ def test_a_position_that_runs_off_is_consistent_with_an_integrator_and_proves_no
     assert report.input_bound == 1.0
 
 
+def test_what_is_left_of_a_transient_isnt_taken_for_a_pole() -> None:
+    """Between 5 and 12 time constants the slope rises by 4 parts in 10⁴ at most: that is no pole to the right."""
+    u = np.where(T < 1.25, 1.0, 0.5)
+    [first, second] = bibo(
+        record(motor(1.0) - np.where(T < 1.25, 0, np.interp(T - 1.25, T, motor(0.5))), u)
+    ).stretches
+
+    for stretch in (first, second):
+        assert stretch.exponent is not None
+        assert stretch.exponent[0] < 0 < stretch.exponent[1]
+        assert "as an integrator" in stretch.sentence
+
+
 @pytest.mark.parametrize("pole", [-0.5, -0.05, -1e-4, 1e-4, 0.05, 0.5])
 def test_the_pole_of_the_mode_that_is_left_is_within_its_interval(pole: float) -> None:
     """The transient of τ = 0.1 s has gone to e^-12 by the middle, so one mode is left."""
@@ -106,6 +119,11 @@ def test_a_pulse_that_comes_to_rest_is_no_sign_of_stability() -> None:
 def test_a_speed_that_levels_off_says_nothing_of_other_inputs() -> None:
     [stretch] = bibo(record(20 * (1 - np.exp(-T / 0.1)), kind="speed", quantum=None)).stretches
     assert "nothing" in stretch.sentence or "consistent with a stable system" in stretch.sentence
+
+
+def test_a_line_without_any_error_has_a_sentence_too() -> None:
+    [stretch] = bibo(record(np.arange(len(T), dtype=float))).stretches
+    assert "as an integrator" in stretch.sentence
 
 
 def test_a_swing_tells_no_pole() -> None:

@@ -25,6 +25,7 @@ from servobench.cli.panel import panel
 from servobench.cli.recover import recover
 from servobench.cli.run import run
 from servobench.cli.signals import signals
+from servobench.cli.stability import stability
 from servobench.cli.terminal import spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
 from servobench.cli.why import why
@@ -72,6 +73,7 @@ for command in (
     why,
     design,
     tune,
+    stability,
     honest,
     inspect,
     export,

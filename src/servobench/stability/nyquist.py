@@ -102,13 +102,9 @@ def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
 
 def _judged(verdict: StabilityVerdict, right: int, open_right: int) -> ClosedLoop:
     round_it = right - open_right
-    times = {
-        0: "doesn't go round -1",
-        1: "goes round -1 once, clockwise",
-        -1: "goes round -1 once, anticlockwise",
-    }.get(
-        round_it, f"goes round -1 {abs(round_it)} times, {'clockwise' if round_it > 0 else 'anticlockwise'}"
-    )
+    often = {1: "once", 2: "twice"}.get(abs(round_it), f"{abs(round_it)} times")
+    sense = "clockwise" if round_it > 0 else "anticlockwise"
+    times = f"goes round -1 {often}, {sense}" if round_it else "doesn't go round -1"
     return ClosedLoop(
         verdict=verdict,
         right=right,

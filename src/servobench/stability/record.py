@@ -6,12 +6,15 @@ two equal parts, one after the other, their middles Δ apart, the mode that is l
 
     λ = ln(c₂/c₁)/Δ
 
-An integrator has λ = 0. Every pole within the interval of λ fits the record as well.
+An integrator has λ = 0. Every pole within the interval of λ fits the record as well. Where the logarithm of the slope changes by
+less than half of what it did a quarter of the stretch before, it isn't one mode: the answer to the last change of the input is
+still dying out, and may be all of that change. Then the interval holds zero, too.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -94,12 +97,12 @@ def _stretches(data: Dataset) -> tuple[Stretch, ...]:
     levels = data.u[np.r_[0, changes]]
     found = []
     for start, end, level in zip(starts, ends, levels, strict=True):
-        middle = 0.5 * (start + end)
-        parts = ((middle, 0.5 * (middle + end)), (0.5 * (middle + end), end))
+        quarter = 0.25 * (end - start)
+        parts = [(start + n * quarter, start + (n + 1) * quarter) for n in (1, 2, 3)]
         inside = [(data.t_output >= a) & (data.t_output <= b) for a, b in parts]
         if min(int(keep.sum()) for keep in inside) >= _FEWEST:
-            one, two = (_slope(data.t_output[keep], data.y[keep], data.quantum) for keep in inside)
-            found.append(_judged(data, float(start), float(end), float(level), one, two))
+            slopes = [_slope(data.t_output[keep], data.y[keep], data.quantum) for keep in inside]
+            found.append(_judged(data, float(start), float(end), float(level), slopes))
     longest = sorted(found, key=lambda stretch: stretch.start - stretch.end)[:_MOST]
     return tuple(sorted(longest, key=lambda stretch: stretch.start))
 
@@ -118,11 +121,14 @@ def _slope(t: Array, y: Array, quantum: float | None) -> Slope:
     rho = float(left[1:] @ left[:-1] / (left @ left)) if variance > 0 else 0.0
     inflation = max((1 + rho) / (1 - min(rho, 0.99)), 1.0)
     half = _TWO_SIDED * math.sqrt(variance * inflation * float(weights @ weights))
-    worst = 0.5 * (quantum or 0.0) * float(np.abs(weights).sum())
+    # What has no quantum is rounded to a float, and its times are.
+    rounding = max(quantum or 0.0, 16 * float(np.finfo(np.float64).eps * np.abs(y).max()))
+    worst = 0.5 * rounding * float(np.abs(weights).sum())
     return Slope(value=slope, half=max(half, worst))
 
 
-def _judged(data: Dataset, start: float, end: float, level: float, one: Slope, two: Slope) -> Stretch:
+def _judged(data: Dataset, start: float, end: float, level: float, slopes: Sequence[Slope]) -> Stretch:
+    before, one, two = slopes
     unit = f"{data.output_unit}/s".replace("/s/s", "/s²")
     held = f"From {plain(start, 3)} to {with_unit(end, 's', 3)} the input was {with_unit(level, data.input_unit, 3)}"
     exponent = None
@@ -134,16 +140,19 @@ def _judged(data: Dataset, start: float, end: float, level: float, one: Slope, t
     elif one.is_zero or one.value * two.value < 0:
         sentence = f"{held}, and the {data.kind} turned back or set out late: no single pole explains that."
     else:
-        exponent = _exponent(one, two, 0.25 * (end - start))
+        exponent = _exponent(before, one, two, 0.25 * (end - start))
         grown = f"{held}, and the {data.kind} went on by {rounded(two.value, two.half, unit)} at the end"
         sentence = f"{grown}. {_course(exponent)}"
     return Stretch(start=start, end=end, level=level, slopes=(one, two), exponent=exponent, sentence=sentence)
 
 
-def _exponent(one: Slope, two: Slope, apart: float) -> tuple[float, float]:
+def _exponent(before: Slope, one: Slope, two: Slope, apart: float) -> tuple[float, float]:
     """The 95 % interval of λ, to first order in the slopes' relative errors, which are independent."""
     spread = math.hypot(one.half / one.value, two.half / two.value)
     centre = math.log(two.value / one.value)
+    earlier = one.value / before.value if before.value else 0.0
+    if earlier <= 0 or abs(centre) <= 0.5 * abs(math.log(earlier)):
+        return (min(centre, 0.0) - spread) / apart, (max(centre, 0.0) + spread) / apart
     return ((centre - spread) / apart, (centre + spread) / apart)
 
 
