@@ -63,10 +63,20 @@ def rise_time(t: Array, part: Array) -> float:
     return (time_at(t, part, 0.9) - time_at(t, part, 0.1)) / math.log(9.0)
 
 
-def arx(data: Sequence[Dataset]) -> tuple[float, float]:
-    """Return gain and time constant [s] of the least-squares regression of each sample on the one before and the input.
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Regression:
+    """Gain [unit of the data] and time constant [s] of an ARX regression, and the covariance (2, 2) that it states itself."""
 
-    Raises `NotIdentifiable` where that makes no first-order lag.
+    gain: float
+    time_constant: float
+    covariance: Array
+
+
+def arx(data: Sequence[Dataset]) -> Regression:
+    """Return the least-squares regression of each sample on the one before and the input: y[k+1] = a y[k] + b u[k] + c.
+
+    Its covariance is the textbook's, s² (X'X)⁻¹, carried over to K = b/(1 - a) and τ = -T/ln a. Raises `NotIdentifiable` where
+    the pole makes no first-order lag.
     """
     rows, goals = [], []
     for record in data:
@@ -76,10 +86,24 @@ def arx(data: Sequence[Dataset]) -> tuple[float, float]:
         ok = record.valid[:-1]
         rows.append(np.column_stack([record.y[:-1], held[:-1], np.ones(len(record.y) - 1)])[ok])
         goals.append(record.y[1:][ok])
-    a, b, _ = np.linalg.lstsq(np.concatenate(rows), np.concatenate(goals), rcond=None)[0]
+    x, y = np.concatenate(rows), np.concatenate(goals)
+    found = np.linalg.lstsq(x, y, rcond=None)[0]
+    a, b, _ = (float(value) for value in found)
     if not 0 < a < 1:
         raise NotIdentifiable(f"the regression gives a pole at {a:.3g}, which is no lag of first order")
-    return float(b / (1 - a)), float(-data[0].sample_time / np.log(a))
+    step, left = data[0].sample_time, y - x @ found
+    variance = float(left @ left) / max(len(y) - 3, 1)
+    slopes = np.array([[b / (1 - a) ** 2, 1 / (1 - a), 0.0], [step / (a * math.log(a) ** 2), 0.0, 0.0]])
+    return Regression(
+        gain=b / (1 - a),
+        time_constant=-step / math.log(a),
+        covariance=slopes @ (variance * np.linalg.pinv(x.T @ x)) @ slopes.T,
+    )
+
+
+def _regression(data: Sequence[Dataset], fit: Fit) -> tuple[float, float]:
+    found = arx(data)
+    return found.gain, found.time_constant
 
 
 def _by_rule(rule: Rule) -> Callable[[Sequence[Dataset], Fit], tuple[float, float]]:
@@ -100,7 +124,7 @@ def _without_chain(data: Sequence[Dataset], fit: Fit) -> tuple[float, float]:
 BY_HAND: Mapping[str, Rule] = {"step_63": time_to_63, "log_linear": log_slope, "rise_time": rise_time}
 METHODS: Mapping[str, Callable[[Sequence[Dataset], Fit], tuple[float, float]]] = {
     **{name: _by_rule(rule) for name, rule in BY_HAND.items()},
-    "arx": lambda data, fit: arx(data),
+    "arx": _regression,
     "output_error": _without_chain,
 }
 AS_RECORDED = "as recorded"

@@ -164,16 +164,24 @@ def later_than(runs: Sequence[Array], style: Style) -> Figure:
     return figure
 
 
-def differences(rows: Sequence[Difference], reference: str, style: Style) -> Figure:
-    """Return how far values are from those of a reference, a row each: a dot with its 95 % interval, in per cent."""
+def differences(
+    rows: Sequence[Difference],
+    reference: str,
+    style: Style,
+    title: str = "Identified, as a difference from nominal (%)",
+    left: float = 116.0,
+) -> Figure:
+    """Return how far values are from those of a reference, a row each: a dot with its 95 % interval, in per cent.
+
+    `left` is the room for the rows' names [px].
+    """
     palette = style.palette
     height = 34.0 * len(rows) + TITLE + BOTTOM + 4
     figure = sheet(style, height)
-    left = 116.0
     box = Box(
         left=left, top=4 + TITLE, width=style.width - left - RIGHT, height=34.0 * len(rows), indent=left
     )
-    ax = axes(figure, box, palette, "Identified, as a difference from nominal (%)")
+    ax = axes(figure, box, palette, title)
     ax.grid(False, axis="y")
     ax.grid(True, axis="x", color=palette.rule, linewidth=1.0)
     ax.axvline(0, color=palette.muted, linewidth=1.5)

@@ -1,0 +1,109 @@
+"""The graphs of studies over something else than time: points and curves over a frequency, a voltage, a sample time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal, TypeAlias
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.report.illustrations import Illustration
+from servobench.report.palette import (
+    BOTTOM,
+    LEFT,
+    RIGHT,
+    TITLE,
+    Box,
+    Palette,
+    Style,
+    axes,
+    legend,
+    sheet,
+    x_label,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Mark: TypeAlias = Literal["points", "curve", "dashed"]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Line:
+    """What is drawn through y (N,) at x (N,): measured points, a computed curve, or a dashed one to compare with."""
+
+    x: Array
+    y: Array
+    mark: Mark
+    label: str = ""
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Graph:
+    """Lines over a common quantity `over`; the title says what is drawn, units included. `log` are the logarithmic axes."""
+
+    title: str
+    over: str
+    lines: tuple[Line, ...]
+    log: Literal["", "x", "xy"] = ""
+    height: float = 170.0
+
+
+def drawn(name: str, title: str, caption: str, description: str, graphs: Sequence[Graph]) -> Illustration:
+    """Return a figure of graphs above each other; `description` says in words what is seen."""
+    return Illustration(
+        name=name,
+        title=title,
+        caption=caption,
+        description=description,
+        draw=partial(_figure, tuple(graphs)),
+    )
+
+
+def _figure(graphs: Sequence[Graph], style: Style) -> Figure:
+    total = sum(graph.height + TITLE + BOTTOM for graph in graphs) + 4
+    figure = sheet(style, total)
+    top = 4.0
+    for graph in graphs:
+        box = Box(
+            left=LEFT, top=top + TITLE, width=style.width - LEFT - RIGHT, height=graph.height, indent=LEFT
+        )
+        ax = axes(figure, box, style.palette, graph.title)
+        for line in graph.lines:
+            _draw(ax, line, style.palette)
+        _scales(ax, graph)
+        x_label(ax, graph.over, style.palette)
+        legend(ax, style.palette, box)
+        top += TITLE + graph.height + BOTTOM
+    return figure
+
+
+def _draw(ax: Axes, line: Line, palette: Palette) -> None:
+    label = line.label or "_"
+    if line.mark == "points":
+        ax.plot(line.x, line.y, "o", markersize=5, color=palette.measured, label=label, zorder=3)
+    elif line.mark == "curve":
+        ax.plot(line.x, line.y, color=palette.model, linewidth=1.5, label=label)
+    else:
+        ax.plot(line.x, line.y, color=palette.ink, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
+
+
+def _scales(ax: Axes, graph: Graph) -> None:
+    """Logarithmic axes with ticks at 1, 2 and 5 of each decade, and room around the lines."""
+    from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
+
+    from servobench.rounding import plain
+
+    ax.margins(x=0.04, y=0.12)
+    for which in graph.log:
+        axis = ax.xaxis if which == "x" else ax.yaxis
+        ax.set(**{f"{which}scale": "log"})
+        values = np.concatenate([getattr(line, which) for line in graph.lines])
+        wide = values.max() > 100 * values.min()
+        axis.set_major_locator(LogLocator(base=10.0, subs=(1.0,) if wide else (1.0, 2.0, 5.0), numticks=12))
+        axis.set_minor_locator(NullLocator())
+        axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))

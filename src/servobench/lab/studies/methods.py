@@ -1,0 +1,262 @@
+"""The study `methods`: one recording, identified by every method there is, each with its bias."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servobench.channels import Array
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.truth import Truth, truth_of
+from servobench.rounding import plain
+
+if TYPE_CHECKING:
+    from servobench.estimators.base import Fit
+    from servobench.measurement.dataset import Dataset
+    from servobench.report.illustrations import Illustration
+
+_FAIR = 4.0  # standard deviations; a method that is further off than that has a bias that it doesn't know of
+_LEFT = 300.0  # pixels for the methods' names
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Estimate:
+    """Gain [rad/(s·V)] and time constant [s], and the standard deviations that the method states."""
+
+    gain: float
+    gain_sd: float
+    time_constant: float
+    time_constant_sd: float
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Views:
+    """The same recording as a position, as its plain derivative, and as a speed behind a chain."""
+
+    position: Dataset
+    derivative: Dataset
+    chained: Dataset
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Method:
+    """What a row is called, what it looks at, and how it estimates."""
+
+    label: str
+    sees: str
+    estimate: Callable[[_Views], _Estimate]
+
+
+@STUDIES.member("methods")
+class Methods(StudySettings):
+    """Gain and time constant of the exercise's recording by every method, held against the simulated motor's own.
+
+    `error` is that of the time constant, `sds` the same in standard deviations that the method states for itself: far above 3 is
+    a bias that it doesn't know of. `cost` is the computing time here and now [ms], which depends on the machine.
+    """
+
+    chain: str = "derivative | lowpass 50 rad/s"
+    """The measurement chain that makes a speed of the counts."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table of methods; raises `UsageError` where the motor isn't simulated, as then nobody knows the truth."""
+        from servobench.measurement.measure import measure
+
+        truth = truth_of(stand.recording)
+        views = _Views(
+            position=measure(stand.recording),
+            derivative=measure(stand.recording, "derivative"),
+            chained=measure(stand.recording, self.chain),
+        )
+        timed = [_timed(method, views) for method in _METHODS]
+        found, costs = [each for each, _ in timed], [cost for _, cost in timed]
+        facts = {
+            "true_gain": Fact(value=truth.gain),
+            "true_time_constant": Fact(value=truth.time_constant),
+        }
+        return Shown(
+            tables=(_table(found, costs, truth),),
+            figures=(_figure(found, truth),),
+            sentences=tuple(_sentences(found, truth)),
+            facts=facts,
+        )
+
+
+def _timed(method: _Method, views: _Views) -> tuple[_Estimate, float]:
+    """What a method finds, and its time [ms]; the first call is thrown away, as it may compile or load what it needs."""
+    method.estimate(views)
+    before = time.perf_counter()
+    found = method.estimate(views)
+    return found, 1e3 * (time.perf_counter() - before)
+
+
+def _fitted(estimator: str, structure: str, data: Dataset) -> Fit:
+    from servobench.estimators.base import ESTIMATORS
+    from servobench.models.base import STRUCTURES
+
+    return ESTIMATORS[estimator].fit(STRUCTURES[structure], [data])
+
+
+def _by(
+    estimator: str, view: Callable[[_Views], Dataset], structure: str = "first_order_one_way"
+) -> Callable[[_Views], _Estimate]:
+    """One of servobench's estimators, by name."""
+
+    def estimate(views: _Views) -> _Estimate:
+        fit = _fitted(estimator, structure, view(views))
+        gain, tau = fit["gain"], fit["time_constant"]
+        return _Estimate(gain=gain.value, gain_sd=gain.sd, time_constant=tau.value, time_constant_sd=tau.sd)
+
+    return estimate
+
+
+def _arx(view: Callable[[_Views], Dataset]) -> Callable[[_Views], _Estimate]:
+    def estimate(views: _Views) -> _Estimate:
+        from servobench.reconciliation.reenactment import arx
+
+        found = arx([view(views)])
+        gain_sd, tau_sd = np.sqrt(np.diag(found.covariance))
+        return _Estimate(
+            gain=found.gain,
+            gain_sd=float(gain_sd),
+            time_constant=found.time_constant,
+            time_constant_sd=float(tau_sd),
+        )
+
+    return estimate
+
+
+def _without_chain(views: _Views) -> _Estimate:
+    """K/(τs + 1) fitted to the speed as it stands, and s² (J'J)⁻¹ for its covariance, as a curve fit gives it."""
+    from servobench.estimators.covariance import inverse
+    from servobench.measurement.base import Chain
+
+    bare = replace(views.chained, declared=Chain(), applied=Chain())
+    fit = _fitted("output_error", "rational_1_0", bare)
+    prediction = fit.model.structure.predict(fit.vector, bare)
+    jacobian = prediction.jacobian[prediction.valid]
+    return _of_pole(fit, fit.residual_sd**2 * inverse(jacobian.T @ jacobian)[:2, :2])
+
+
+def _srivc(structure: str) -> Callable[[_Views], _Estimate]:
+    def estimate(views: _Views) -> _Estimate:
+        fit = _fitted("srivc", structure, views.position)
+        return _of_pole(fit, fit.covariance[:2, :2])
+
+    return estimate
+
+
+def _of_pole(fit: Fit, covariance: Array) -> _Estimate:
+    """K = b₀/a₁ and τ = 1/a₁ of a fit of b₀/(s + a₁), with the covariance (2, 2) of a₁ and b₀ carried over."""
+    a, b = fit.model["a1"], fit.model["b0"]
+    slopes = np.array([[-b / a**2, 1 / a], [-1 / a**2, 0.0]])
+    gain_sd, tau_sd = np.sqrt(np.diag(slopes @ covariance @ slopes.T))
+    return _Estimate(gain=b / a, gain_sd=float(gain_sd), time_constant=1 / a, time_constant_sd=float(tau_sd))
+
+
+def _position(views: _Views) -> Dataset:
+    return views.position
+
+
+def _derivative(views: _Views) -> Dataset:
+    return views.derivative
+
+
+def _chained(views: _Views) -> Dataset:
+    return views.chained
+
+
+_METHODS = (
+    _Method(label="63.2 %", sees="filtered speed", estimate=_by("step_63", _chained)),
+    _Method(label="63.2 %", sees="plain derivative", estimate=_by("step_63", _derivative)),
+    _Method(label="63.2 %, lag allowed for", sees="filtered speed", estimate=_by("step_63_corrected", _chained)),
+    _Method(label="slope of the logarithm", sees="filtered speed", estimate=_by("log_linear", _chained)),
+    _Method(label="ARX least squares", sees="plain derivative", estimate=_arx(_derivative)),
+    _Method(label="ARX least squares", sees="filtered speed", estimate=_arx(_chained)),
+    _Method(label="output error without the chain", sees="filtered speed", estimate=_without_chain),
+    _Method(label="output error with the chain", sees="filtered speed", estimate=_by("output_error", _chained)),
+    _Method(label="srivc without a delay", sees="position", estimate=_srivc("rational_1_0_integrator")),
+    _Method(label="srivc", sees="position", estimate=_srivc("rational_1_0_integrator_delay")),
+    _Method(label="frequency response", sees="position", estimate=_by("frequency_response", _position)),
+    _Method(label="prediction error", sees="position", estimate=_by("prediction_error", _position)),
+    _Method(label="output error", sees="position", estimate=_by("output_error", _position)),
+    _Method(label="interval likelihood", sees="position", estimate=_by("interval_likelihood", _position)),
+)  # fmt: skip
+
+
+def _table(found: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> Table:
+    def column(name: str, heading: str, unit: str, values: Sequence[Cell], digits: int = 4) -> Column:
+        return Column(name=name, heading=heading, unit=unit, values=tuple(values), digits=digits)
+
+    return Table(
+        title="Every method on the same recording",
+        columns=(
+            column("method", "method", "", [method.label for method in _METHODS]),
+            column("sees", "looks at", "", [method.sees for method in _METHODS]),
+            column("gain", "K", "rad/(s·V)", [each.gain for each in found], 5),
+            column("time_constant", "τ", "s", [each.time_constant for each in found], 5),
+            column("error", "error of τ", "%", [100 * _off(each, truth) / truth.time_constant for each in found], 2),
+            column("sd", "stated sd of τ", "ms", [1e3 * each.time_constant_sd for each in found], 2),
+            column("sds", "error in sds", "", [abs(_off(each, truth)) / each.time_constant_sd for each in found], 2),
+            column("cost", "computing time", "ms", costs, 2),
+        ),
+        note=(
+            f"The motor's own: K = {plain(truth.gain, 5)} rad/(s·V), τ = {plain(truth.time_constant, 5)} s, from its parameters: "
+            "k/(R b + k²), and -1 over the slow pole."
+        ),
+    )  # fmt: skip
+
+
+def _off(each: _Estimate, truth: Truth) -> float:
+    return each.time_constant - truth.time_constant
+
+
+def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
+    sds = [abs(_off(each, truth)) / each.time_constant_sd for each in found]
+    wrong = sum(each > _FAIR for each in sds)
+    worst = max(range(len(found)), key=lambda n: sds[n])
+    method = _METHODS[worst]
+    return [
+        f"{wrong} of {len(found)} methods are more than {plain(_FAIR)} of their own standard deviations from the truth: they "
+        "say how much their figure scatters, and nothing of what it is always off by.",
+        f"The furthest off by its own measure is {method.label} on the {method.sees}, by {plain(sds[worst], 2)} of its "
+        "standard deviations.",
+    ]
+
+
+def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
+    from servobench.report import figures
+    from servobench.report.bands import TWO_SIDED
+    from servobench.report.illustrations import Illustration
+
+    rows = tuple(
+        figures.Difference(
+            name=f"{method.label}, {method.sees}",
+            percent=100 * _off(each, truth) / truth.time_constant,
+            half=100 * TWO_SIDED * each.time_constant_sd / truth.time_constant,
+        )
+        for method, each in zip(_METHODS, found, strict=True)
+        if math.isfinite(each.time_constant_sd)
+    )
+    told = "; ".join(f"{row.name}: {plain(row.percent, 2)} %" for row in rows)
+    return Illustration(
+        name="methods",
+        title="The error of τ by method",
+        caption="A dot is the estimate, the bar the 95 % interval that the method states; where there is none, it's narrower "
+        "than the dot. An honest method's bar holds zero.",
+        description=f"Errors of the time constant: {told}.",
+        draw=partial(
+            figures.differences,
+            rows,
+            "the motor's own time constant",
+            title="Error of the time constant (%)",
+            left=_LEFT,
+        ),
+    )

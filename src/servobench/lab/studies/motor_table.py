@@ -1,0 +1,89 @@
+"""The study `motor_table`: the motor's parameters by identification, with and without a stalled run, each with its interval."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Annotated
+
+from pydantic import Field
+
+from servobench.errors import NotIdentifiable
+from servobench.lab.expression import Fact
+from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.stall_table import TEN, blocked
+from servobench.lab.truth import Truth, truth_of
+from servobench.settings import PositiveTime, Voltage
+
+if TYPE_CHECKING:
+    from servobench.estimators.base import Estimate
+
+_NAMES: Mapping[str, tuple[str, str]] = {
+    "resistance": ("resistance R", "Ω"),
+    "motor_constant": ("torque constant k", "V·s/rad"),
+    "inertia": ("inertia J", "kg·m²"),
+    "viscous_friction": ("viscous friction b", "N·m·s/rad"),
+    "coulomb_torque": ("Coulomb torque", "N·m"),
+}
+
+
+@STUDIES.member("motor_table")
+class MotorTable(StudySettings):
+    """R, k, J, b and the Coulomb torque out of the exercise's recording and its current, and once more with a stalled run.
+
+    As the verb `motor_parameters` finds them: from gain, time constant and Coulomb voltage, and from the winding's equation.
+    A parameter that the data don't determine has no value.
+    """
+
+    voltages: Annotated[tuple[Voltage, ...], Field(min_length=2)] = TEN
+    """Voltages of the stalled run [V]."""
+    dwell: PositiveTime = 1.0
+    """Time at each of them [s]."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the table; raises `NotIdentifiable` for a recording that supports no model, `UsageError` for another motor."""
+        from servobench.identification import identify
+        from servobench.measurement.measure import measure
+        from servobench.motor_parameters import motor_parameters
+
+        truth = truth_of(stand.recording)
+        result = identify(measure(stand.recording))
+        if result.fit is None:
+            raise NotIdentifiable(
+                "the recording supports no model: " + " ".join(f.sentence for f in result.findings)
+            )
+        stalled = measure(stand.run(blocked(stand.experiment, self.voltages, self.dwell)))
+        both = motor_parameters(result.fit, stalled=(stalled,)).estimates
+        alone = motor_parameters(result.fit).estimates
+        facts = {name: _fact(estimate) for name, estimate in both.items()}
+        return Shown(tables=(_table(alone, both, truth),), facts=facts)
+
+
+def _fact(estimate: Estimate) -> Fact:
+    low, high = estimate.interval
+    return Fact(value=estimate.value, half=0.5 * (high - low))
+
+
+def _table(alone: Mapping[str, Estimate], both: Mapping[str, Estimate], truth: Truth) -> Table:
+    def values(found: Mapping[str, Estimate]) -> tuple[Cell, ...]:
+        return tuple(found[name].value if name in found else math.nan for name in _NAMES)
+
+    def sds(found: Mapping[str, Estimate]) -> tuple[Cell, ...]:
+        return tuple(100 * found[n].sd / found[n].value if n in found else math.nan for n in _NAMES)
+
+    return Table(
+        title="The same by identification",
+        columns=(
+            Column(
+                name="parameter", heading="parameter", values=tuple(label for label, _ in _NAMES.values())
+            ),
+            Column(name="alone", heading="free shaft and its current", values=values(alone)),
+            Column(name="alone_sd", heading="sd", unit="%", digits=2, values=sds(alone)),
+            Column(name="both", heading="and the stalled shaft", values=values(both)),
+            Column(name="both_sd", heading="sd", unit="%", digits=2, values=sds(both)),
+            Column(
+                name="true", heading="the motor's own", values=tuple(getattr(truth, name) for name in _NAMES)
+            ),
+            Column(name="unit", heading="unit", values=tuple(unit for _, unit in _NAMES.values())),
+        ),
+    )

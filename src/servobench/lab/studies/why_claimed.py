@@ -1,0 +1,91 @@
+"""The study `why_claimed`: what stands between a claimed figure and what the exercise's recording says."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from servobench.errors import NotIdentifiable
+from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.reconciliation.claim import Claim
+
+if TYPE_CHECKING:
+    from servobench.reconciliation.explanation import Explanation
+
+
+@STUDIES.member("why_claimed")
+class WhyClaimed(StudySettings):
+    """A claimed gain or time constant: what several methods read off the same recording, and which cause would explain it.
+
+    A cause's probability is that of taking part, alone or with another one, as the verb `why` weighs it.
+    """
+
+    claim: str = "tau=0.13"
+    """The claim, as `servobench why` takes it."""
+    sheet: str = "qube_servo_2"
+    """The data sheet that tells what is known of the motor, so that causes have sizes in Ω and kg·m²."""
+    method: str = ""
+    """How the claimed figure was found, where that is known, such as `step_63`."""
+
+    def __call__(self, stand: Stand) -> Shown:
+        """Return the tables of readings and of causes; raises `NotIdentifiable` where the recording tells nothing of it."""
+        from servobench.identification import identify
+        from servobench.measurement.measure import measure
+        from servobench.reconciliation.asking import why
+
+        claim = Claim.parse(self.claim)
+        found = why(
+            identify(measure(stand.recording)), [claim], nominal=self.sheet, method=self.method or None
+        )
+        if not found.differences:
+            raise NotIdentifiable(" ".join(found.sentences))
+        return Shown(tables=(_readings(found), _causes(found)), sentences=found.sentences)
+
+
+def _readings(found: Explanation) -> Table:
+    from servobench.reconciliation.reenactment import SPOKEN
+
+    readings = found.readings
+    return Table(
+        title="The same recording, read by others",
+        columns=(
+            Column(name="reading", heading="read by", values=tuple(SPOKEN[each.method] for each in readings)),
+            Column(name="chain", heading="behind", values=tuple(each.chain for each in readings)),
+            Column(
+                name="gain",
+                heading="K",
+                unit="rad/(s·V)",
+                values=tuple(each.gain for each in readings),
+            ),
+            Column(
+                name="time_constant",
+                heading="τ",
+                unit="s",
+                values=tuple(each.time_constant for each in readings),
+            ),
+        ),
+    )
+
+
+def _causes(found: Explanation) -> Table:
+    causes = found.causes
+    return Table(
+        title="What could have made the difference",
+        columns=(
+            Column(name="cause", heading="cause", values=tuple(each.label for each in causes)),
+            Column(
+                name="probability",
+                heading="probability",
+                unit="%",
+                digits=2,
+                values=tuple(100 * each.probability for each in causes),
+            ),
+            Column(
+                name="needed",
+                heading="all of it would take",
+                values=tuple(each.needed.text if each.needed else "—" for each in causes),
+            ),
+            Column(
+                name="against", heading="against it", values=tuple(each.against or "—" for each in causes)
+            ),
+        ),
+    )

@@ -1,0 +1,63 @@
+"""What a simulated motor really is: what an estimate of it is held against, computed from its settings."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from servobench.errors import UsageError
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
+
+
+@dataclass(frozen=True, kw_only=True)
+class Truth:
+    """A simulated motor's true figures, in SI units.
+
+    `gain` K = k/(R b + k²) [rad/(s·V)]; `time_constant` τ = -1 over the slow pole [s]; `coulomb_voltage` T_c R/k [V]; `delay`
+    [s], the pure one and the fast pole's time constant, which a first-order model sees as one. `resistance` R [Ω] is the
+    winding's and the amplifier's; then k [V·s/rad], J [kg·m²], b [N·m·s/rad] and the Coulomb torque T_c [N·m].
+    """
+
+    gain: float
+    time_constant: float
+    coulomb_voltage: float
+    delay: float
+    resistance: float
+    motor_constant: float
+    inertia: float
+    viscous_friction: float
+    coulomb_torque: float
+
+
+def truth_of(recording: Recording) -> Truth:
+    """Return the true figures of the simulated motor behind a recording, from the settings that it was connected with.
+
+    Raises `UsageError` for another device, whose truth nobody knows.
+    """
+    from servobench.devices.twin import TwinSettings
+    from servobench.motor.physics import Physics
+
+    info = recording.info
+    if info is None or info.name != "twin":
+        name = "no device" if info is None else repr(info.name)
+        raise UsageError(
+            f"{recording.name} is a recording of {name}, whose truth nobody knows; this study holds estimates against the "
+            "simulated motor's, so expected 'twin'"
+        )
+    given = {name: value for name, value in info.settings if name in TwinSettings.model_fields}
+    settings = TwinSettings.model_validate(given)
+    motor = Physics.of(settings.parameters, settings.amplifier_resistance)
+    fast = [-1.0 / pole.real for pole in motor.eigenvalues[1:]]
+    return Truth(
+        gain=motor.gain,
+        time_constant=motor.time_constant,
+        coulomb_voltage=motor.coulomb_voltage,
+        delay=settings.delay + sum(fast),
+        resistance=motor.resistance,
+        motor_constant=motor.motor_constant,
+        inertia=motor.inertia,
+        viscous_friction=motor.viscous_friction,
+        coulomb_torque=motor.coulomb_torque,
+    )
