@@ -34,6 +34,7 @@ from servobench.lab.studies.why_claimed import WhyClaimed
 from servobench.lab.truth import truth_of
 from servobench.report.palette import Style
 from servobench.signals.constant import Constant
+from servobench.signals.sine import Sine
 from servobench.signals.square import Square
 from tests.motor.reference import Truth, march
 
@@ -267,6 +268,30 @@ def test_the_corrections_give_the_figures_that_are_known_of_the_paper(place: int
     assert "{}" in correction.ours
 
 
+def test_a_method_that_cant_says_why_and_the_others_stand() -> None:
+    own = stand("identification")
+    swinging = own.run(
+        own.experiment.model_copy(update={"signal": Sine(amplitude=1.0, offset=2.0, frequency=1.0)})
+    )
+
+    shown = Methods()(replace(own, made=swinging))
+
+    tau = np.array(next(c.values for c in shown.tables[0].columns if c.name == "time_constant"), dtype=float)
+    assert np.isnan(
+        tau[[0, 1, 2, 3, 10]]
+    ).all()  # no step is there to be read, and one frequency is too few for a response
+    assert tau[-1] == pytest.approx(TAU, rel=1e-4)
+    assert sum("gives nothing" in sentence for sentence in shown.sentences) == 5
+
+
+def test_of_a_motor_that_stands_still_no_method_finds_anything() -> None:
+    own = stand("identification")
+    still = own.run(own.experiment.model_copy(update={"signal": Constant(value=0.0), "duration": 2.0}))
+
+    with pytest.raises(NotIdentifiable, match="no method finds a time constant"):
+        Methods()(replace(own, made=still))
+
+
 # Validation
 
 
@@ -334,6 +359,8 @@ def test_the_wrong_model_does_worse_on_what_it_hasnt_seen_and_the_right_one_as_f
     assert unseen[1] == pytest.approx(unseen[2], rel=0.05)  # the inductance foretells nothing more
     assert beyond[tried != "first_order"].max() < 1.1
     assert numbers("validation", "models", "outside")[0] == 30
+    (sentence,) = stand("validation").shown("models").sentences
+    assert sentence.startswith("first_order_coulomb misses 0.0077 %")  # of two that do the same the smaller
 
 
 def test_the_tail_of_a_step_shows_no_time_constant_and_the_rise_does() -> None:

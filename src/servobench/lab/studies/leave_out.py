@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from servobench.result import Validation
 
 _LAGS = 30
+_HARDLY_MORE = 1.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +55,7 @@ class LeaveOut(StudySettings):
     """Duration of the second run [s]."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the tables, and the residuals of the first and the last structure.
+        """Return the tables, and the residuals of the first structure and of the one to take.
 
         Raises `UnknownName` for a structure that isn't known, `NotIdentifiable` where nothing can be left out of the recording.
         """
@@ -63,10 +64,10 @@ class LeaveOut(StudySettings):
         made = stand.experiment.model_copy(update={"signal": self.second, "duration": self.duration})
         own, second = measure(stand.recording), measure(stand.run(made))
         tried = [_tried(name, own, second) for name in self.structures]
-        ends = dict.fromkeys((0, len(tried) - 1))
+        shown = dict.fromkeys((tried[0].structure, _chosen(tried).structure))
         return Shown(
             tables=(_summary(tried), _parts(tried)),
-            figures=tuple(figure for n in ends for figure in _leftovers(tried[n])),
+            figures=tuple(figure for each in tried if each.structure in shown for figure in _leftovers(each)),
             sentences=_sentences(tried),
         )
 
@@ -157,9 +158,16 @@ def _leftovers(each: _Tried) -> list[Illustration]:
     ]
 
 
+def _chosen(tried: Sequence[_Tried]) -> _Tried:
+    """The structure with the fewest parameters of those that miss hardly more of the parts left out than the best does."""
+    least = min(100 - each.left_out.fit_percent for each in tried)
+    good = [each for each in tried if 100 - each.left_out.fit_percent <= _HARDLY_MORE * least]
+    return min(good, key=lambda each: len(each.fit.model.names))
+
+
 def _sentences(tried: Sequence[_Tried]) -> tuple[str, ...]:
-    best = max(tried, key=lambda each: each.left_out.fit_percent)
+    best = _chosen(tried)
     return (
-        f"On the parts left out {best.structure} misses least, {plain(100 - best.left_out.fit_percent, 2)} %: "
-        f"{best.left_out.how}.",
+        f"{best.structure} misses {plain(100 - best.left_out.fit_percent, 2)} % of the parts left out ({best.left_out.how}). "
+        "No other misses less by more than a twentieth, nor as little with fewer parameters.",
     )

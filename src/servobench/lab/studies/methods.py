@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servobench.channels import Array
+from servobench.errors import NotIdentifiable
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import Truth, truth_of
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from servobench.report.illustrations import Illustration
 
 _FAIR = 4.0  # standard deviations; a method that is further off than that has a bias that it doesn't know of
-_LEFT = 300.0  # pixels for the methods' names
+_LEFT = 186.0  # pixels for the methods' names, in two lines
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -34,6 +35,10 @@ class _Estimate:
     gain_sd: float
     time_constant: float
     time_constant_sd: float
+
+    def sds_off(self, truth: Truth) -> float:
+        """By how many of its standard deviations the time constant is off; NaN where there is none."""
+        return abs(self.time_constant - truth.time_constant) / self.time_constant_sd
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -66,7 +71,11 @@ class Methods(StudySettings):
     """The measurement chain that makes a speed of the counts."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the table of methods; raises `UsageError` where the motor isn't simulated, as then nobody knows the truth."""
+        """Return the table of methods; one that can't has no figures, and a sentence says why.
+
+        Raises `UsageError` where the motor isn't simulated, as then nobody knows the truth, and `NotIdentifiable` where no method
+        gives anything.
+        """
         from servobench.measurement.measure import measure
 
         truth = truth_of(stand.recording)
@@ -76,7 +85,11 @@ class Methods(StudySettings):
             chained=measure(stand.recording, self.chain),
         )
         timed = [_timed(method, views) for method in _METHODS]
-        found, costs = [each for each, _ in timed], [cost for _, cost in timed]
+        found, costs = [each.estimate for each in timed], [each.cost for each in timed]
+        if not any(math.isfinite(each.time_constant) for each in found):
+            raise NotIdentifiable(
+                f"no method finds a time constant in {stand.recording.name}; {timed[-1].why_not}"
+            )
         facts = {
             "true_gain": Fact(value=truth.gain),
             "true_time_constant": Fact(value=truth.time_constant),
@@ -84,17 +97,35 @@ class Methods(StudySettings):
         return Shown(
             tables=(_table(found, costs, truth),),
             figures=(_figure(found, truth),),
-            sentences=tuple(_sentences(found, truth)),
+            sentences=(*_sentences(found, truth), *(each.why_not for each in timed if each.why_not)),
             facts=facts,
         )
 
 
-def _timed(method: _Method, views: _Views) -> tuple[_Estimate, float]:
-    """What a method finds, and its time [ms]; the first call is thrown away, as it may compile or load what it needs."""
-    method.estimate(views)
-    before = time.perf_counter()
-    found = method.estimate(views)
-    return found, 1e3 * (time.perf_counter() - before)
+@dataclass(frozen=True, kw_only=True)
+class _Timed:
+    """What a method found and how long it took [ms], or why it found nothing, as a sentence."""
+
+    estimate: _Estimate
+    cost: float = math.nan
+    why_not: str = ""
+
+
+_NOTHING = _Estimate(gain=math.nan, gain_sd=math.nan, time_constant=math.nan, time_constant_sd=math.nan)
+
+
+def _timed(method: _Method, views: _Views) -> _Timed:
+    """What a method finds; its first call is thrown away, as it may compile or load what it needs."""
+    try:
+        method.estimate(views)
+        before = time.perf_counter()
+        found = method.estimate(views)
+    except NotIdentifiable as error:
+        return _Timed(
+            estimate=_NOTHING,
+            why_not=f"{method.label} on the {method.sees} gives nothing: {f'{error}'.rstrip('.')}.",
+        )
+    return _Timed(estimate=found, cost=1e3 * (time.perf_counter() - before))
 
 
 def _fitted(estimator: str, structure: str, data: Dataset) -> Fit:
@@ -204,7 +235,7 @@ def _table(found: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> 
             column("time_constant", "τ", "s", [each.time_constant for each in found], 5),
             column("error", "error of τ", "%", [100 * _off(each, truth) / truth.time_constant for each in found], 2),
             column("sd", "stated sd of τ", "ms", [1e3 * each.time_constant_sd for each in found], 2),
-            column("sds", "error in sds", "", [abs(_off(each, truth)) / each.time_constant_sd for each in found], 2),
+            column("sds", "error in sds", "", [each.sds_off(truth) for each in found], 2),
             column("cost", "computing time", "ms", costs, 2),
         ),
         note=(
@@ -219,14 +250,14 @@ def _off(each: _Estimate, truth: Truth) -> float:
 
 
 def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
-    sds = [abs(_off(each, truth)) / each.time_constant_sd for each in found]
-    wrong = sum(each > _FAIR for each in sds)
-    worst = max(range(len(found)), key=lambda n: sds[n])
-    method = _METHODS[worst]
+    sds = [(each.sds_off(truth), method) for each, method in zip(found, _METHODS, strict=True)]
+    told = [(z, method) for z, method in sds if math.isfinite(z)]
+    wrong = sum(z > _FAIR for z, _ in told)
+    worst, method = max(told, key=lambda each: each[0])
     return [
-        f"{wrong} of {len(found)} methods are more than {plain(_FAIR)} of their own standard deviations from the truth: they "
+        f"{wrong} of {len(told)} methods are more than {plain(_FAIR)} of their own standard deviations from the truth: they "
         "say how much their figure scatters, and nothing of what it is always off by.",
-        f"The furthest off by its own measure is {method.label} on the {method.sees}, by {plain(sds[worst], 2)} of its "
+        f"The furthest off by its own measure is {method.label} on the {method.sees}, by {plain(worst, 2)} of its "
         "standard deviations.",
     ]
 
@@ -238,14 +269,14 @@ def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
 
     rows = tuple(
         figures.Difference(
-            name=f"{method.label}, {method.sees}",
+            name=f"{method.label}\n{method.sees}",
             percent=100 * _off(each, truth) / truth.time_constant,
             half=100 * TWO_SIDED * each.time_constant_sd / truth.time_constant,
         )
         for method, each in zip(_METHODS, found, strict=True)
         if math.isfinite(each.time_constant_sd)
     )
-    told = "; ".join(f"{row.name}: {plain(row.percent, 2)} %" for row in rows)
+    told = "; ".join(f"{row.name.replace(chr(10), ', ')}: {plain(row.percent, 2)} %" for row in rows)
     return Illustration(
         name="methods",
         title="The error of τ by method",
