@@ -620,6 +620,12 @@ def test_the_bound_goes_with_the_count_and_with_the_root_of_the_sample_time() ->
     assert bound[3] / bound[0] == pytest.approx(math.sqrt(10), rel=0.05)
 
 
+def test_the_exercise_on_noise_shows_the_same_bounds() -> None:
+    """They belong to the motion, not to how many encoders count it."""
+    for name in ("gain_bound", "tau_bound"):
+        assert numbers("noise", "estimates", name) == pytest.approx(noise()[name], rel=1e-6)
+
+
 # What can go wrong
 
 
