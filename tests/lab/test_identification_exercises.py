@@ -197,7 +197,7 @@ def test_who_knows_the_chain_and_the_delay_is_right_by_its_own_measure_and_no_ot
     assert honest == [
         ("63.2 %", "plain derivative"),
         ("ARX least squares", "plain derivative"),  # a quarter of a bias, and as large a scatter
-        ("output error with the chain", "filtered speed"),
+        ("output error, with chain", "filtered speed"),
         ("srivc", "position"),
         ("frequency response", "position"),
         ("prediction error", "position"),

@@ -211,8 +211,8 @@ _METHODS = (
     _Method(label="slope of the logarithm", sees="filtered speed", estimate=_by("log_linear", _chained)),
     _Method(label="ARX least squares", sees="plain derivative", estimate=_arx(_derivative)),
     _Method(label="ARX least squares", sees="filtered speed", estimate=_arx(_chained)),
-    _Method(label="output error without the chain", sees="filtered speed", estimate=_without_chain),
-    _Method(label="output error with the chain", sees="filtered speed", estimate=_by("output_error", _chained)),
+    _Method(label="output error, no chain", sees="filtered speed", estimate=_without_chain),
+    _Method(label="output error, with chain", sees="filtered speed", estimate=_by("output_error", _chained)),
     _Method(label="srivc without a delay", sees="position", estimate=_srivc("rational_1_0_integrator")),
     _Method(label="srivc", sees="position", estimate=_srivc("rational_1_0_integrator_delay")),
     _Method(label="frequency response", sees="position", estimate=_by("frequency_response", _position)),
@@ -233,12 +233,13 @@ def _table(found: Sequence[_Estimate], costs: Sequence[float], truth: Truth) -> 
             column("sees", "looks at", "", [method.sees for method in _METHODS]),
             column("gain", "K", "rad/(s·V)", [each.gain for each in found], 5),
             column("time_constant", "τ", "s", [each.time_constant for each in found], 5),
-            column("error", "error of τ", "%", [100 * _off(each, truth) / truth.time_constant for each in found], 2),
-            column("sd", "stated sd of τ", "ms", [1e3 * each.time_constant_sd for each in found], 2),
-            column("sds", "error in sds", "", [each.sds_off(truth) for each in found], 2),
-            column("cost", "computing time", "ms", costs, 2),
+            column("error", "error", "%", [100 * _off(each, truth) / truth.time_constant for each in found], 2),
+            column("sd", "stated sd", "ms", [1e3 * each.time_constant_sd for each in found], 2),
+            column("sds", "in sds", "", [each.sds_off(truth) for each in found], 2),
+            column("cost", "time", "ms", costs, 2),
         ),
         note=(
+            "Error and stated standard deviation (sd) are those of τ; time is that of computing. "
             f"The motor's own: K = {plain(truth.gain, 5)} rad/(s·V), τ = {plain(truth.time_constant, 5)} s, from its parameters: "
             "k/(R b + k²), and -1 over the slow pole."
         ),

@@ -18,12 +18,12 @@ from servobench.settings import PositiveTime, Voltage
 if TYPE_CHECKING:
     from servobench.estimators.base import Estimate
 
-_NAMES: Mapping[str, tuple[str, str]] = {
-    "resistance": ("resistance R", "Ω"),
-    "motor_constant": ("torque constant k", "V·s/rad"),
-    "inertia": ("inertia J", "kg·m²"),
-    "viscous_friction": ("viscous friction b", "N·m·s/rad"),
-    "coulomb_torque": ("Coulomb torque", "N·m"),
+_NAMES: Mapping[str, str] = {
+    "resistance": "R (Ω)",
+    "motor_constant": "k (V·s/rad)",
+    "inertia": "J (kg·m²)",
+    "viscous_friction": "b (N·m·s/rad)",
+    "coulomb_torque": "Coulomb torque (N·m)",
 }
 
 
@@ -74,16 +74,12 @@ def _table(alone: Mapping[str, Estimate], both: Mapping[str, Estimate], truth: T
     return Table(
         title="The same by identification",
         columns=(
-            Column(
-                name="parameter", heading="parameter", values=tuple(label for label, _ in _NAMES.values())
-            ),
-            Column(name="alone", heading="free shaft and its current", values=values(alone)),
+            Column(name="parameter", heading="parameter", values=tuple(_NAMES.values())),
+            Column(name="alone", heading="free shaft", values=values(alone)),
             Column(name="alone_sd", heading="sd", unit="%", digits=2, values=sds(alone)),
-            Column(name="both", heading="and the stalled shaft", values=values(both)),
+            Column(name="both", heading="and stalled", values=values(both)),
             Column(name="both_sd", heading="sd", unit="%", digits=2, values=sds(both)),
-            Column(
-                name="true", heading="the motor's own", values=tuple(getattr(truth, name) for name in _NAMES)
-            ),
-            Column(name="unit", heading="unit", values=tuple(unit for _, unit in _NAMES.values())),
+            Column(name="true", heading="true", values=tuple(getattr(truth, name) for name in _NAMES)),
         ),
+        note="By the recording of the free shaft with its current, and together with that of the stalled one.",
     )
