@@ -178,10 +178,10 @@ def test_a_position_loops_frequency_damping_peak_and_overshoot() -> None:
         assert found["peak"][row] == pytest.approx(t[np.argmax(theta)] - 0.1, abs=2 * H + 0.003)
         assert found["overshoot"][row] == pytest.approx(100 * (theta.max() - 1), abs=200 * COUNT)
         assert abs(found["error"][row]) <= HELD / kp + COUNT  # type: ignore[arg-type]
-        assert (
-            found["overshoot_linear"][row] > found["overshoot_theory"][row] > found["overshoot"][row]
-            or kp == 8
-        )  # type: ignore[operator]
+        assert found["overshoot_linear"][row] > found["overshoot_theory"][row]  # type: ignore[operator]
+    # As the text says: of the slowest loop friction takes more than the hold adds, of the fastest less.
+    assert found["overshoot"][0] < found["overshoot_theory"][0]  # type: ignore[operator]
+    assert found["overshoot"][3] > found["overshoot_theory"][3]  # type: ignore[operator]
 
 
 def test_the_margins_on_paper_and_as_it_runs() -> None:
