@@ -86,6 +86,29 @@ def test_multiplicities_are_those_that_the_polynomial_was_made_with(roots: tuple
         assert pole.side == np.sign(nearest.real)
 
 
+def test_multiplicities_of_many_systems_are_those_that_they_were_made_with() -> None:
+    """Servo systems drawn by chance: real poles and pairs over six decades, single and double, on the axis and left of it."""
+    random = np.random.default_rng(0)
+    for _ in range(500):
+        wanted: dict[complex, int] = {}
+        while len(wanted) < random.integers(1, 5):
+            count = int(random.integers(1, 3))
+            real = 0.0 if random.random() < 0.2 else -(10 ** random.uniform(-2, 4))
+            imaginary = 0.0 if random.random() < 0.6 else 10 ** random.uniform(-1, 3)
+            # What is nearer than a hundredth to another, or to its own conjugate, is a question of digits, asked below.
+            if 0 < imaginary < 1e-2 * abs(real):
+                continue
+            if all(abs(complex(real, imaginary) - z) > 1e-2 * abs(z) for z in wanted):
+                wanted |= {complex(real, sign * imaginary): count for sign in (1, -1)}
+        roots = [z for z, count in wanted.items() for _ in range(count)]
+        found = poles_of(np.poly(roots).real * 10 ** random.uniform(-3, 3))
+
+        assert sum(pole.multiplicity for pole in found) == len(roots)
+        for pole in found:
+            nearest = min(wanted, key=lambda z: abs(z - pole.at))
+            assert (pole.multiplicity, pole.side) == (wanted[nearest], np.sign(nearest.real)), wanted
+
+
 def test_what_the_coefficients_tell_apart_is_told_apart() -> None:
     """Two poles a thousandth apart are two; two that differ by less than the coefficients' digits are one."""
     assert [pole.multiplicity for pole in poles_of(np.poly([-1.0, -1.001]))] == [1, 1]

@@ -245,6 +245,16 @@ def test_the_lead_is_put_where_it_was_wished() -> None:
     assert found["overshoot"][0] <= 7.5  # type: ignore[operator]
     assert found["peak_linear"][0] > 0.05  # type: ignore[operator]
     assert found["voltage"][0] < 10  # type: ignore[operator]
+    # The faster one has the peak in time without friction and limit, and asks for more than there is.
+    names = ("left", "lost", "lead", "ratio", "zero", "pole", "gain")
+    faster = dict(zip(names, columns(at.shown("faster"))["value"], strict=True))
+    assert faster["left"] == pytest.approx(faster["lost"], rel=1e-3)  # type: ignore[arg-type]
+    fast = columns(at.shown("fast"))
+    assert fast["controller"] == (
+        f"lead, gain {faster['gain']:.2f}, zero {faster['zero']:.1f}, pole {faster['pole']:.0f}",
+    )
+    assert fast["peak_linear"][0] < 0.06  # type: ignore[operator]
+    assert fast["voltage"][0] > 10  # type: ignore[operator]
 
 
 def test_the_lead_loops_speed_is_that_of_the_loop_with_and_without_friction() -> None:

@@ -51,7 +51,7 @@ def poles_of(polynomial: Sequence[float] | Coefficients) -> tuple[Pole, ...]:
         found.append(pole)
         if pole.at.imag != 0:  # of a real polynomial the conjugate is a root as often
             found.append(Pole(at=mirror, multiplicity=pole.multiplicity, uncertainty=pole.uncertainty))
-            for root in sorted(roots, key=lambda r: abs(r - mirror))[: pole.multiplicity]:
+            for root in _nearest(roots, mirror, pole.multiplicity):
                 roots.remove(root)
     return tuple(sorted(found, key=lambda pole: (abs(pole.at), -pole.at.imag)))
 
@@ -67,15 +67,22 @@ def multiplicity_at(polynomial: Sequence[float] | Coefficients, s: complex) -> i
 
 def _largest(p: Coefficients, roots: list[complex]) -> tuple[Pole, list[complex]]:
     """The pole that the first root belongs to, of the largest multiplicity that the coefficients allow, and its roots."""
-    near = sorted(roots, key=lambda r: abs(r - roots[0]))
-    for m in range(len(near), 1, -1):
-        group = near[:m]
+    for m in range(len(roots), 1, -1):
+        group = _nearest(roots, roots[0], m)
         centre = complex(np.mean(group))
         spread = max(abs(root - centre) for root in group)
         at = _newton(np.polyder(p, m - 1), centre)
-        if abs(at - centre) <= spread and multiplicity_at(p, _snapped(p, m, at).at) >= m:
-            return _snapped(p, m, at), group
+        pole = _snapped(p, m, at)
+        # Roots that happen to come out equal have no spread, and their mean is off by its rounding all the same. A root of the
+        # derivative that belongs to another group has others next to it.
+        own = abs(at - centre) <= spread + pole.uncertainty and {*group} == {*_nearest(roots, at, m)}
+        if own and multiplicity_at(p, pole.at) >= m:
+            return pole, group
     return _snapped(p, 1, _newton(p, roots[0])), roots[:1]
+
+
+def _nearest(roots: list[complex], at: complex, count: int) -> list[complex]:
+    return sorted(roots, key=lambda root: abs(root - at))[:count]
 
 
 def _snapped(p: Coefficients, m: int, at: complex) -> Pole:
