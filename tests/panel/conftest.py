@@ -66,7 +66,7 @@ class Served:
             "sec-fetch-site": "same-origin",
             "content-type": content,
             "x-servobench-token": session.token,
-            "cookie": f"servobench_session={session.cookie}",
+            "cookie": f"servobench_session_{self.port}={session.cookie}",
         }
 
     @cached_property

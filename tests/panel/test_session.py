@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ import pytest
 
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
+from servobench.panel import session
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession, Refusal
 from servobench.panel.socket import ACTIONS, _answered
@@ -321,6 +323,63 @@ def test_another_device_takes_the_place_of_the_one_before(tmp_path: Path) -> Non
     played(tmp_path, story)
 
 
+def state_of(messages: list[dict[str, Any]]) -> dict[str, Any]:
+    """The newest state in there; the empty one, of before anything is known, where there is none."""
+    return [{"opening": None}, *(message for message in messages if message["kind"] == "state")][-1]
+
+
+def test_a_device_that_takes_long_to_open_says_so_and_takes_no_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second step compiles kernels the first time: meanwhile the loop, which is there already, hears that somebody is."""
+    may_go_on = threading.Event()
+    ready = session.live_fit
+
+    def slowly(*given: Any) -> Any:
+        assert may_go_on.wait(60)
+        return ready(*given)
+
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        monkeypatch.setattr(session, "live_fit", slowly)
+        await room.motor.begin()  # opens it anew, and shows that somebody is there from now on
+        while (told := state_of(await heard(page))["opening"] or {"step": 0})["step"] != 2:
+            pass
+        assert (told["device"], told["of"]) == ("twin", 2)
+        assert told["doing"] == "getting ready to follow the motor"
+        for asked in ("start", "record", "halt"):
+            assert "being opened" in (await room.say(page, do=asked))["error"]
+        before = room.loop.signs
+        while room.loop.signs < before + 3:
+            await asyncio.sleep(0.01)
+
+        may_go_on.set()
+        while not (state := state_of(await heard(page))).get("running"):
+            pass
+        assert state["opening"] is None
+        assert (await room.say(page, do="start"))["ok"]
+
+    played(tmp_path, story)
+
+
+def test_a_device_that_cannot_be_followed_is_closed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def fails(*given: Any) -> Any:
+        raise UsageError("there are no counts")
+
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        monkeypatch.setattr(session, "live_fit", fails)
+        assert (await room.say(page, do="open"))["error"] == "there are no counts"
+        assert all(loop.left for loop in room.loops)
+        room.motor.show_state()
+        state = state_of(await heard(page))
+        assert (state["opening"], state["running"]) == (None, False)
+
+    played(tmp_path, story)
+
+
 def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_open(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         page = await room.page()
@@ -331,6 +390,7 @@ def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_ope
 
         messages = await heard(page)
         assert {"kind": "stopped", "sentence": "the device failed: it was unplugged"} in messages
+        assert room.motor.state_for(page)["closed"] == "the device failed: it was unplugged"
         assert "open" in (await room.say(page, do="start"))["error"]
         assert (await room.say(page, do="open"))["ok"]
         assert (await room.say(page, do="start"))["ok"]

@@ -40,6 +40,7 @@ _AS_RECORDED = ("reference", "commanded", "applied", "counts", "current", "late"
 _SETTLING = (
     2.0  # s of positions through which another chain is run before it's shown, so that its start isn't seen
 )
+_FORGOTTEN = 0.01  # of a filter's start state; with less left of it what comes out is taken for known
 
 
 def encode(first: int, values: Array) -> bytes:
@@ -69,16 +70,30 @@ def speed_chain(text: str) -> Chain:
 
 @dataclass
 class _Through:
-    """A chain that is being gone through."""
+    """A chain that is being gone through; what comes out before it is known is NaN."""
 
     chain: Chain
 
     def __post_init__(self) -> None:
         self._state = self.chain.start()
+        self._times: Array | None = np.empty(0)  # s since its first sample; None once all that comes out is known
 
     def __call__(self, x: Array, dt: Array) -> Array:
         self._state, y = continued(self.chain, self._state, x, dt)
+        y[: self._unknown(dt)] = math.nan
         return y
+
+    def _unknown(self, dt: Array) -> int:
+        """How many of the next outputs look back before the first sample, or still show the filter's start from zero."""
+        if self._times is None or not len(dt):
+            return 0
+        before = len(self._times)
+        last = self._times[-1] if before else 0.0
+        t = np.concatenate([self._times, last + np.cumsum(dt)])
+        start = np.abs(self.chain.start_responses(t)).max(axis=1, initial=0.0)
+        known = self.chain.valid(t) & ((start < _FORGOTTEN) | (t - t[0] >= _SETTLING))
+        self._times = None if known.any() else t
+        return (int(known.argmax()) if known.any() else len(t)) - before
 
 
 class Scope:

@@ -26,7 +26,7 @@ from servobench.measurement.base import Chain
 from servobench.panel.bodies import json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
-from servobench.panel.gate import COOKIE, Asks, Door, Refused
+from servobench.panel.gate import Asks, Door, Refused
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
 from servobench.panel.work import Work, done_elsewhere
@@ -70,7 +70,7 @@ async def front(request: Request, panel: Panel) -> Response:
         )
     response = RedirectResponse("/", status_code=303)
     response.set_cookie(
-        COOKIE,
+        panel.door.cookie,
         session.cookie,
         httponly=True,
         samesite="strict",

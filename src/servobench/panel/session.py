@@ -22,8 +22,9 @@ from servobench.loop.messages import Command, Notice, info_to_json
 from servobench.loop.process import LoopProcess
 from servobench.panel.frames import History, speed_chain
 from servobench.panel.library import Library
+from servobench.panel.opening import LIVE, Opening
 from servobench.panel.pump import Live, Loop, News, Pump
-from servobench.panel.taking import Taking
+from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer, as_text
 from servobench.recording.recording import Stopped
 from servobench.stopping_rule import parse_wish
@@ -65,6 +66,8 @@ class MotorSession:
         self._context: AbstractContextManager[Loop] | None = None
         self.loop: Loop | None = None
         self._pump: Pump | None = None
+        self._opening: Opening | None = None
+        self._closed_by = ""  # why no device is open, where one was
         self._changing = asyncio.Lock()
         self._signs: asyncio.Task[None] | None = None
         self.enabled = False
@@ -86,7 +89,7 @@ class MotorSession:
     async def close(self) -> None:
         """End everything; the motor is at rest then."""
         async with self._changing:  # a device that is being opened is open first
-            await self._close_loop()
+            await self._close_loop("the panel ends")
         if self._signs is not None:
             self._signs.cancel()
         for task in tuple(self._tasks):
@@ -95,23 +98,36 @@ class MotorSession:
     async def open(self, experiment: Experiment) -> None:
         """Open the experiment's device in the place of the one before; raises what keeps it from beginning."""
         async with self._changing:
-            await self._close_loop()
-            self.experiment = for_panel(experiment)
-            self._signal = self.experiment.signal
-            context = self._loop_of(self.experiment)
-            loop = await asyncio.to_thread(context.__enter__)
-            self._context, self.loop = context, loop
-            self.history = History()
-            self.enabled, self._fault = False, None
-            self._last_enable = self._heard = self._late = self._missed = self._command = 0
-            for viewer in self.viewers:
-                viewer.next_row = 0
-            server = asyncio.get_running_loop()
-            hand_on = partial(_to_thread_of, server, partial(self.take, loop))
-            self._live = await asyncio.to_thread(live_fit, loop.info, self.experiment.sample_time, self._wish)
-            self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
-            self._pump.start()
+            self._opening = Opening(experiment.device.name)
+            self.show_state()
+            try:
+                await self._close_loop("another device is being opened")
+                self.experiment = for_panel(experiment)
+                self._signal = self.experiment.signal
+                await self._open_loop(self._opening)
+            except BaseException:
+                await self._close_loop("it couldn't be opened")
+                raise
+            finally:
+                self._opening = None
+                self.show_state()
+
+    async def _open_loop(self, opening: Opening) -> None:
+        context = self._loop_of(self.experiment)
+        loop = await asyncio.to_thread(context.__enter__)
+        self._context, self.loop = context, loop
+        self.history = History()
+        self.enabled, self._fault, self._closed_by = False, None, ""
+        self._last_enable = self._heard = self._late = self._missed = self._command = 0
+        for viewer in self.viewers:
+            viewer.next_row = 0
+        opening.doing = LIVE
         self.show_state()
+        server = asyncio.get_running_loop()
+        hand_on = partial(_to_thread_of, server, partial(self.take, loop))
+        self._live = await asyncio.to_thread(live_fit, loop.info, self.experiment.sample_time, self._wish)
+        self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
+        self._pump.start()
 
     async def _open_or_tell(self) -> None:
         try:
@@ -121,21 +137,23 @@ class MotorSession:
             self.tell({"kind": "fault", **self._fault})
             self.show_state()
 
-    async def _close_loop(self) -> None:
+    async def _close_loop(self, why: str) -> None:
         pump, context = self._pump, self._context
         self._pump = self._context = self.loop = None
         self.enabled = False
         if pump is not None:
             await asyncio.to_thread(pump.close)
         if self._taking is not None:
-            self._taking.loop.end_recording()
+            self._taking.end(why)
             await self._ending_of(self._taking)
         if context is not None:
             await asyncio.to_thread(context.__exit__, None, None, None)
 
     async def _show_signs(self) -> None:
         while True:
-            if self.loop is not None and self._pump is not None and self._pump.is_alive() and self._may_go_on:
+            # Until there is a pump the device is still being opened, and at zero volts.
+            watched = self._pump is None or self._pump.is_alive()
+            if self.loop is not None and watched and self._may_go_on:
                 self.loop.here()
             await asyncio.sleep(SIGN_INTERVAL)
 
@@ -214,6 +232,8 @@ class MotorSession:
         return self.command(Command(acknowledge=True, enabled=False))
 
     def _going_on(self) -> Loop:
+        if self._opening is not None:
+            raise Refusal("the device is being opened: wait until it is open")
         if self.loop is None:
             raise Refusal("no device is open: open one first")
         return self.loop
@@ -245,7 +265,7 @@ class MotorSession:
         """End the recording with the row that is the last one now; raises `Refusal` where there is none."""
         if self._taking is None:
             raise Refusal("nothing is being recorded")
-        self._taking.loop.end_recording()
+        self._taking.end(BY_HAND)
 
     def _ending_of(self, taking: Taking) -> asyncio.Task[None]:
         """What takes note of a recording's end; it happens once."""
@@ -265,7 +285,7 @@ class MotorSession:
         if error:
             self._unrecorded(error)
         else:
-            self.tell({"kind": "recorded", "name": taking.folder.name})
+            self.tell({"kind": "recorded", **taking.outcome()})
         self.tell({"kind": "library"})
         self.show_state()
 
@@ -345,6 +365,9 @@ class MotorSession:
         self.show_state()
 
     def _ended(self, stopped: Stopped) -> None:
+        self._closed_by = stopped.sentence
+        if self._taking is not None:
+            self._taking.end(stopped.sentence)
         self.tell({"kind": "stopped", "sentence": stopped.sentence})
         if stopped.reason in ("device_lost", "error", "fault"):
             self._fault = {"code": stopped.reason.replace("_", "-"), "sentence": stopped.sentence}
@@ -352,7 +375,7 @@ class MotorSession:
 
     async def _closed(self) -> None:
         async with self._changing:
-            await self._close_loop()
+            await self._close_loop(self._closed_by)
         self.show_state()
 
     def _note_limits(self, news: News) -> None:
@@ -386,7 +409,9 @@ class MotorSession:
         asked = self.experiment.model_dump(mode="json", include={"signal", "controller"})
         return {
             "kind": "state",
-            "running": self.loop is not None,
+            "running": self.loop is not None and self._opening is None,
+            "opening": None if self._opening is None else self._opening.state(),
+            "closed": self._closed_by,
             "enabled": self.enabled,
             "operator": self.operator is viewer,
             "taken": self.operator is not None,

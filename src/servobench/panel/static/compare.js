@@ -19,7 +19,7 @@ export function aligned(recordings, column) {
     const place = new Map(all.map((time, k) => [time, k]));
     const columns = recordings.map((recording, r) => {
         const values = new Array(all.length).fill(undefined); // undefined: no gap, just no row of this recording's
-        times[r].forEach((time, k) => (values[place.get(time)] = recording[column][k]));
+        times[r].forEach((time, k) => (values[place.get(time)] = Number.isFinite(recording[column][k]) ? recording[column][k] : null));
         return values;
     });
     return [all, ...columns];

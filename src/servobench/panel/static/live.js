@@ -2,6 +2,7 @@
 
 import { byId, el, say, shape } from "./dom.js";
 import { significant, words } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 import { toast } from "./announcer.js";
 
 const WIDEST = 0.3; // of the value: half the width of a whisker that fills its line
@@ -91,6 +92,6 @@ function makeWish(store, commands) {
         state.dataset.level = enough ? "ok" : wished ? "warn" : "off";
         say(state.lastElementChild, enough ? "Enough: the interval is reached" : wished ? "Not yet" : "No wish set");
     };
-    store.on("state", ({ operator }) => (button.disabled = !operator));
+    store.on("state", (state) => permit(button, whyNot(state)));
     return { element: form, light };
 }
