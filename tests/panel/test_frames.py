@@ -227,7 +227,9 @@ def test_somebody_elses_recording_shows_what_it_has(recording: Recording) -> Non
 
 
 def test_a_filter_that_forgets_too_slowly_is_shown_after_two_seconds(recording: Recording) -> None:
-    speed = column(in_blocks(Scope(recording, "derivative | lowpass 0.1 rad/s"), rows_of(recording), 50), "speed")
+    speed = column(
+        in_blocks(Scope(recording, "derivative | lowpass 0.1 rad/s"), rows_of(recording), 50), "speed"
+    )
 
     assert np.isnan(speed[:1000]).all()
     assert np.isfinite(speed[1001:]).all()

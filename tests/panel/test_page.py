@@ -18,7 +18,7 @@ pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.control.base import CONTROLLERS
 from servobench.signals.base import SIGNALS
-from tests.panel.fake import app
+from tests.panel.fake import LARGEST, app
 
 
 @pytest.fixture(scope="module")
@@ -173,6 +173,70 @@ def test_a_limit_says_what_it_holds_back(panel: Panel) -> None:
     panel.until(lambda: "within" in light.inner_text())
     panel.bench.limits = [{"code": "saturated", "sentence": "The voltage is held at 10 V."}]
     panel.until(lambda: "held at 10 V" in light.inner_text() and light.get_attribute("data-level") == "warn")
+
+
+CONTROLS = (
+    "#start",
+    "#record",
+    "#record-length",
+    "#cutoff",
+    "#device",
+    "#signal fieldset",
+    "#controller fieldset",
+)
+
+
+def test_a_device_that_is_being_opened_is_told_and_everything_waits_with_the_reason(panel: Panel) -> None:
+    panel.bench.opening = {"device": "twin", "doing": "starting the loop", "step": 1, "of": 2, "seconds": 7.2}
+    strip = panel.page.get_by_role("region", name="Opening")
+    strip.wait_for()
+    assert "Opening Twin starting the loop" in strip.inner_text().replace("\n", " ")
+    panel.until(lambda: "step 1 of 2 · 7 s" in strip.inner_text())
+    assert panel.page.locator("#run-text").inner_text() == "Opening …"
+    for control in CONTROLS:
+        found = panel.page.locator(control)
+        assert found.evaluate("(control) => control.matches(':disabled')"), control
+        assert found.get_attribute("title") == "The device is being opened.", control
+    assert panel.page.locator("#start-status").inner_text() == "The device is being opened."
+    panel.bench.opening = None
+    panel.until(lambda: not strip.is_visible() and panel.page.locator("#start").is_enabled())
+    assert [panel.page.locator(control).get_attribute("title") for control in CONTROLS] == [""] * len(
+        CONTROLS
+    )
+
+
+def test_a_device_that_was_closed_says_why(panel: Panel) -> None:
+    panel.bench.closed = "the device failed: it was unplugged"
+    chip = panel.page.locator("#start-status")
+    panel.until(lambda: chip.inner_text() == "Closed: the device failed: it was unplugged. Start opens it.")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_what_was_commanded_is_seen_where_it_is_what_was_applied(
+    browser: Any, server: tuple[str, Any], theme: str
+) -> None:
+    panel = Panel(browser, *server, color_scheme=theme)
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.tick > 3000)
+    panel.button("Pause").click()
+    seen = panel.page.get_by_role("region", name="Voltage").evaluate(
+        """(scope) => {
+            const canvas = scope.querySelector("canvas");
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            return ["commanded", "applied"].map((name) => {
+                const colour = getComputedStyle(document.documentElement).getPropertyValue(`--trace-${name}`).trim();
+                const wanted = [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
+                let count = 0;
+                for (let k = 0; k < data.length; k += 4) {
+                    if (data[k + 3] > 200 && wanted.every((value, c) => Math.abs(data[k + c] - value) < 12)) count += 1;
+                }
+                return count;
+            });
+        }"""
+    )
+    # Of two equal lines the one on top leaves half of each period, and of the wider one below its edges.
+    assert min(seen) > 0.2 * max(seen) > 0
+    panel.context.close()
 
 
 def test_the_cut_off_moves_by_keyboard_and_says_its_value(panel: Panel) -> None:
@@ -347,6 +411,7 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
     panel.page.get_by_label("Length").select_option("")
     panel.button("Record").click()
     panel.button(re.compile("End recording 0:0")).click()
+    panel.page.locator("#toast").get_by_text(re.compile(r"^Recorded mine: [\d.]+ (s|ms)$")).wait_for()
     panel.tab("Recordings")
     panel.button("mine").click()
     panel.button("Identify").click()
@@ -355,6 +420,64 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
         panel.page.get_by_role("link", name="Open the report of mine").get_attribute("href")
         == "/reports/mine"
     )
+
+
+def test_a_recording_that_was_ended_early_says_so(panel: Panel) -> None:
+    panel.page.get_by_label("Name of the recording").fill("mine")
+    panel.page.get_by_label("Length").select_option("60")
+    panel.button("Record").click()
+    panel.button(re.compile("End recording 0:01")).click()
+    said = re.compile(r"^Recorded mine: [12]\.\d+ s of 60.0 s, as it was ended by hand$")
+    panel.page.locator("#toast").get_by_text(said).wait_for()
+
+
+def test_what_takes_long_says_how_long_and_can_be_ended(panel: Panel) -> None:
+    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": None}
+    panel.tab("Recordings")
+    panel.button("chirp-slow").click()
+    panel.button("Identify").click()
+    going = panel.page.get_by_role("group", name="Identifying chirp-slow")
+    panel.until(lambda: going.is_visible() and "identifying · 0:12 so far" in going.inner_text())
+    assert going.get_by_role("progressbar").get_attribute("value") is None
+    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": 36.0}
+    panel.until(lambda: "about 0:36 left" in going.inner_text())
+    assert going.get_by_role("progressbar").get_attribute("value") == "0.25"
+    assert panel.button("Identifying …").get_attribute("aria-disabled") == "true"
+    going.get_by_role("button", name="End: Identifying chirp-slow").click()
+    panel.until(lambda: panel.bench.working is None and going.count() == 0)
+    panel.button("Identify").wait_for()
+
+
+def chosen(panel: Panel, size: int) -> None:
+    file = {"name": "theirs.csv", "mimeType": "text/csv", "buffer": b"0" * size}
+    panel.page.locator("#import-file").set_input_files(files=[file])
+
+
+def test_a_file_that_is_too_large_is_told_before_it_is_sent(panel: Panel) -> None:
+    panel.tab("Recordings")
+    chosen(panel, LARGEST + 10**5)
+    panel.page.locator("#toast").get_by_text(
+        "theirs.csv has 1.1 MB; 1.0 MB at most can be imported"
+    ).wait_for()
+    assert panel.bench.uploads == []
+    assert not [url for url in panel.requests if "upload" in url]
+
+
+def test_a_file_tells_how_far_it_is_while_it_is_sent_and_can_be_ended(panel: Panel) -> None:
+    panel.tab("Recordings")
+    panel.bench.hold = True
+    chosen(panel, LARGEST)
+    going = panel.page.get_by_role("group", name="Importing theirs.csv")
+    panel.until(lambda: "1.0 MB of 1.0 MB" in (going.text_content() if going.count() else ""))
+    panel.until(lambda: panel.bench.uploads == [("theirs.csv", LARGEST)])
+    panel.until(lambda: "being read" in going.inner_text())
+    assert panel.button("Import").is_disabled()
+    going.get_by_role("button", name="End: Importing theirs.csv").click()
+    panel.page.locator("#toast").get_by_text("it was ended before all of it was sent").wait_for()
+    panel.bench.hold = False
+    chosen(panel, 1000)
+    panel.page.locator("#toast").get_by_text("Imported theirs.csv").wait_for()
+    assert going.count() == 0
 
 
 def test_two_recordings_are_laid_over_each_other(panel: Panel) -> None:

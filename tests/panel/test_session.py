@@ -363,7 +363,9 @@ def test_a_device_that_takes_long_to_open_says_so_and_takes_no_command(
     played(tmp_path, story)
 
 
-def test_a_device_that_cannot_be_followed_is_closed_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_device_that_cannot_be_followed_is_closed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     def fails(*given: Any) -> Any:
         raise UsageError("there are no counts")
 

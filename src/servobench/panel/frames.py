@@ -76,7 +76,9 @@ class _Through:
 
     def __post_init__(self) -> None:
         self._state = self.chain.start()
-        self._times: Array | None = np.empty(0)  # s since its first sample; None once all that comes out is known
+        self._times: Array | None = np.empty(
+            0
+        )  # s since its first sample; None once all that comes out is known
 
     def __call__(self, x: Array, dt: Array) -> Array:
         self._state, y = continued(self.chain, self._state, x, dt)
