@@ -28,7 +28,7 @@ from servobench.recording.recording import Recording, Series, Source
 _JSON = re.compile(r'\s*(\{|\[\s*[\[{"0-9-])')
 _MARK = f"# {metadata.SCHEMA} "
 _STRING = re.compile(r'"(?:[^"\\]|\\.)*"')  # in JSON
-# A cell that begins with one of these is a formula to a spreadsheet. Where a cell begins depends on what it takes for a separator.
+# A cell that begins with one of these is a formula to a spreadsheet; where one begins depends on what it takes for a separator.
 _FORMULA = re.compile(r"""((?:^|[,;|"'])\s*|\\t)([=+\-@])""")
 
 

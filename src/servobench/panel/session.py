@@ -225,10 +225,12 @@ class MotorSession:
             self.loop.command(Command(enabled=False))
         self.tell({"kind": "stopped", "sentence": sentence})
 
-    def acknowledge(self) -> int:
-        """Acknowledge a fault, so that the motor may turn again, once it's started."""
+    def acknowledge(self) -> int | None:
+        """Acknowledge a fault, so that the motor may turn again, once it's started; None where it ended the loop."""
         self._fault = None
         self.show_state()
+        if self.loop is None:
+            return None
         return self.command(Command(acknowledge=True, enabled=False))
 
     def _going_on(self) -> Loop:

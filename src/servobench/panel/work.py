@@ -91,9 +91,8 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
 
 async def _conversation(process: asyncio.subprocess.Process, asked: bytes, said: Said) -> tuple[bytes, bytes]:
     """Ask, hand on what is said of the work meanwhile, and return the last line that was said, and the complaints."""
-    assert process.stdin is not None
-    assert process.stdout is not None
-    assert process.stderr is not None
+    if process.stdin is None or process.stdout is None or process.stderr is None:
+        raise RuntimeError("the process was started without pipes")
     complaints = asyncio.ensure_future(process.stderr.read())
     with suppress(BrokenPipeError, ConnectionResetError):  # it is gone already, and its complaints say why
         process.stdin.write(asked)

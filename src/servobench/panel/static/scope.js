@@ -220,6 +220,7 @@ export class Scope {
         const { cursors, trigger } = this.shared;
         ctx.save();
         ctx.lineWidth = devicePixelRatio;
+        ctx.setLineDash([]); // the last trace's dashes are none of theirs
         if (cursors) {
             cursors.forEach((time, k) => this.line(plot, time, "AB"[k]));
         }
