@@ -360,6 +360,77 @@ def test_cursors_tell_times_and_differences_and_move_by_keyboard(panel: Panel) -
     assert strip.get_by_role("row").count() == 1 + 4  # commanded, applied, filtered, position
 
 
+def over(panel: Panel, scope: str) -> dict[str, float]:
+    """Where a scope's traces are drawn, in pixels of the page."""
+    return dict(panel.page.get_by_role("region", name=scope).locator(".u-over").bounding_box())
+
+
+def drag(panel: Panel, scope: str, begin: float, end: float) -> None:
+    """Drag over a scope from one share of its width to another."""
+    box = over(panel, scope)
+    height = box["y"] + box["height"] / 2
+    panel.page.mouse.move(box["x"] + begin * box["width"], height)
+    panel.page.mouse.down()
+    panel.page.mouse.move(box["x"] + end * box["width"], height, steps=5)
+    panel.page.mouse.up()
+
+
+def times(panel: Panel) -> list[float]:
+    return [line[0] for line in panel.table()[1]]
+
+
+def test_a_drag_zooms_into_what_it_covers_and_a_double_click_shows_all(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.page.get_by_label("Time shown").select_option("2")
+    panel.button("Pause").click()
+    before = times(panel)
+    drag(panel, "Speed", 0.25, 0.75)
+    panel.until(lambda: len(times(panel)) < len(before))
+    after = times(panel)
+    # To a pixel or two at each end, of the 700 that show 2 s.
+    span = before[-1] - before[0]
+    assert after[0] - before[0] == pytest.approx(span / 4, abs=0.01)
+    assert after[-1] - before[0] == pytest.approx(3 * span / 4, abs=0.01)
+    box = over(panel, "Speed")
+    panel.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    panel.until(lambda: len(times(panel)) > len(before))
+
+
+def test_a_cursor_is_dragged_and_nothing_is_zoomed_by_it(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.page.get_by_label("Time shown").select_option("1")
+    panel.button("Pause").click()
+    panel.button("Cursors").click()
+    strip = panel.page.get_by_role("group", name="Cursors")
+    strip.get_by_text("Δt 300 ms").wait_for()
+    before = len(times(panel))
+    drag(panel, "Speed", 0.65, 0.85)  # B
+    # To a pixel of the 700 that show 1 s.
+    panel.until(lambda: re.search(r"Δt (49[89]|50[0-2]) ms", strip.inner_text()) is not None)
+    assert len(times(panel)) == before
+
+
+def test_a_single_trigger_holds_until_it_is_armed_again(panel: Panel) -> None:
+    panel.page.get_by_label("Time shown").select_option("0.2")
+    panel.button("Trigger").click()
+    panel.page.get_by_label("Single").check()
+    strip = panel.page.locator("#trigger-strip")
+    before = panel.page.get_by_role("slider", name="Before")
+    before.focus()
+    for _ in range(8):
+        panel.page.keyboard.press("ArrowRight")
+    assert before.get_attribute("aria-valuetext") == "50 percent of the screen before the trigger"
+    panel.button("Start").click()
+    strip.get_by_text("Triggered, held").wait_for()
+    held = panel.table()[1]
+    # Half of what is seen is before the edge.
+    assert [line[2] for line in held[:100]] == [0.0] * 100
+    panel.until(lambda: panel.bench.motor.tick > 6000)  # more edges have come since
+    assert panel.table()[1] == held
+    panel.button("Arm again").click()
+    panel.until(lambda: panel.table()[1] != held)
+
+
 def test_every_signal_and_controller_of_the_library_can_be_set(panel: Panel) -> None:
     for name in SIGNALS.names():
         panel.page.get_by_label("Kind of signal").select_option(name)
@@ -531,6 +602,39 @@ def test_nothing_sticks_out_at_the_side_and_stop_stays_in_view(
     assert box["y"] >= 0
     assert box["y"] + box["height"] <= size[1]
     assert box["height"] >= 44
+    panel.context.close()
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844)])
+def test_nothing_lies_over_anything_else_however_much_is_shown(
+    browser: Any, server: tuple[str, Any], size: tuple[int, int]
+) -> None:
+    panel = Panel(browser, *server, viewport={"width": size[0], "height": size[1]})
+    panel.button("Cursors").click()
+    panel.button("Trigger").click()
+    for name in ("Current", "Residual"):
+        panel.button(name).click()
+    panel.tab("Recordings")
+    panel.button("square-1-3").click()
+    panel.page.wait_for_timeout(300)
+    overlaps = panel.page.evaluate(
+        """() => {
+            const names = "#trigger-strip, .scope, #cursor-strip, .rail .block, .rail.results";
+            const parts = [...document.querySelectorAll(names)].filter((part) => part.checkVisibility());
+            const boxes = parts.map((part) => part.getBoundingClientRect());
+            const found = [];
+            boxes.forEach((a, j) => boxes.slice(j + 1).forEach((b, k) => {
+                // Sideways the columns stand apart; below each other parts touch at most.
+                const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+                const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+                if (wide > 1 && high > 1) found.push([parts[j], parts[j + 1 + k]].map((part) => part.id || part.className));
+            }));
+            return found;
+        }"""
+    )
+    assert overlaps == []
+    panel.page.get_by_label("Compare square-1-3").check()  # it can be pressed
+    panel.page.get_by_role("img", name="Speed of square-1-3 over time").wait_for()
     panel.context.close()
 
 
