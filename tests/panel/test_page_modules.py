@@ -206,6 +206,17 @@ def test_what_is_not_known_of_a_recording_is_left_out_and_positions_begin_at_its
     assert b == [0, None, 3]
 
 
+def test_short_times_are_told_in_milliseconds(call: Call) -> None:
+    given = [
+        {"value": 0.00025, "interval": [0.0, 0.0005], "unit": "s"},
+        {"value": 0.09, "interval": [0.08, 0.1], "unit": "s"},
+        {"value": 0.001, "interval": None, "unit": "V"},
+    ]
+    short, *others = call("format", "(m, g) => g.map(m.readable)", given)
+    assert short == {"value": 0.25, "interval": [0.0, 0.5], "unit": "ms"}
+    assert others == given[1:]
+
+
 def test_the_time_that_is_left_is_told_as_far_as_it_is_known(call: Call) -> None:
     known = {"doing": "identifying", "seconds": 30.0, "left": 90.0}
     unknown = {"doing": "identifying", "seconds": 61.0, "left": None}

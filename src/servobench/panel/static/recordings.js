@@ -3,7 +3,7 @@
 import { get, largestUpload, post, upload } from "./api.js";
 import { toast } from "./announcer.js";
 import { byId, el, icon, shape, slug } from "./dom.js";
-import { significant, words } from "./format.js";
+import { readable, significant, words } from "./format.js";
 import { makeProgress, megabytes, uploadProgress, workProgress } from "./progress.js";
 
 const DELETED = "/deleted"; // no recording's name has a slash
@@ -209,15 +209,16 @@ function identified(recording, result) {
     const report = result?.report ?? (recording.verdict ? `/reports/${encodeURIComponent(recording.name)}` : null);
     const link = report && el("a", { class: "report", href: report, target: "_blank", rel: "noopener" }, `Open the report of ${recording.name}`);
     if (!result) return link;
-    const rows = Object.entries(result.parameters ?? {}).map(([name, { value, interval, unit }]) =>
-        el(
+    const rows = Object.entries(result.parameters ?? {}).map(([name, parameter]) => {
+        const { value, interval, unit } = readable(parameter);
+        return el(
             "li",
             {},
             el("span", { class: "name" }, words(name)),
             el("span", {}, el("strong", {}, significant(value, 4)), " ", el("span", { class: "unit" }, unit)),
             el("span", { class: "interval" }, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "no interval"),
-        ),
-    );
+        );
+    });
     const findings = (result.findings ?? []).map(({ severity, sentence }) =>
         el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, sentence)),
     );
