@@ -18,6 +18,7 @@ from servobench.panel import session
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession, Refusal
 from servobench.panel.socket import ACTIONS, _answered
+from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
@@ -434,3 +435,37 @@ def test_without_a_device_there_is_a_sentence(tmp_path: Path) -> None:
         motor.start()
     with pytest.raises(UsageError, match="nothing is being recorded"):
         motor.end_record()
+
+
+class Ending(LoopDouble):
+    """One that can be told to end a recording."""
+
+    def end_recording(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("wished", "length", "reasons", "early"),
+    [
+        (
+            10.0,
+            9.998,
+            [],
+            "",
+        ),  # a sample time less than was asked for lies between the first row and the last
+        (10.0, 9.998, [BY_HAND], ""),  # pressed when it was whole
+        (10.0, 4.2, [BY_HAND], BY_HAND),
+        (10.0, 4.2, ["the device failed", BY_HAND], "the device failed"),
+        (None, 4.2, [BY_HAND], ""),  # as it was meant
+        (None, 4.2, ["the device failed"], "the device failed"),
+    ],
+)
+def test_a_recording_that_is_shorter_than_asked_for_says_why(
+    tmp_path: Path, wished: float | None, length: float, reasons: list[str], early: str
+) -> None:
+    with Ending(Experiment()) as loop:
+        taking = Taking(loop, Experiment(), tmp_path / "mine", wished)
+        for reason in reasons:
+            taking.end(reason)
+        taking._length = length
+        assert taking.outcome() == {"name": "mine", "length": length, "duration": wished, "early": early}
