@@ -20,7 +20,7 @@ from servobench.panel.viewers import Viewer
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
-from tests.panel.doubles import LoopDouble
+from tests.panel.doubles import LoopDouble, unidentified
 
 
 class Room:
@@ -28,7 +28,7 @@ class Room:
 
     def __init__(self, folder: Path) -> None:
         self.loops: list[LoopDouble] = []
-        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of)
+        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of, unidentified)
 
     def _loop_of(self, experiment: Experiment) -> LoopDouble:
         self.loops.append(LoopDouble(experiment))
