@@ -20,7 +20,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -34,7 +34,9 @@ from figures import Figure, shown
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.process import LoopProcess
 from servobench.loop.ring import RowReader, RowRing
+from servobench.loop.spec import COLUMNS
 from tests.panel.browser import NAMES, chromium
+from tests.processes import children
 from tests.stories.program import PATIENCE, Page, Program, running
 
 SAMPLE_TIME = 0.001
@@ -105,14 +107,20 @@ def processor_time(pid: int) -> float:
     return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
 
 
+def live_process(program: Program) -> int:
+    """The process in which a panel identifies the motor while it runs."""
+    (found,) = children(program.process.pid, "servobench.panel.live_process")
+    return found
+
+
 @dataclass
 class Viewers:
     """Sockets that take what they are sent, and do nothing with it."""
 
     frames: int = 0
 
-    async def share(self, program: Program, count: int) -> float:
-        """What part of a core the server needs for `count` of them."""
+    async def share(self, program: Program, count: int) -> dict[str, float]:
+        """What part of a core the server needs for `count` of them, and what live identification needs beside it."""
         import httpx
         from websockets.asyncio.client import connect
 
@@ -140,9 +148,11 @@ class Viewers:
         await sockets[0].send(json.dumps({"do": "start"}))
         await asyncio.sleep(SETTLED)
         self.frames = 0
-        before, begun = processor_time(program.process.pid), time.monotonic()
+        pids = {"server": program.process.pid, "live": live_process(program)}
+        before, begun = {who: processor_time(pid) for who, pid in pids.items()}, time.monotonic()
         await asyncio.sleep(SECONDS)
-        used = (processor_time(program.process.pid) - before) / (time.monotonic() - begun)
+        lasted = time.monotonic() - begun
+        used = {who: (processor_time(pid) - before[who]) / lasted for who, pid in pids.items()}
         for task, socket in zip(taking, sockets, strict=True):
             task.cancel()
             await socket.close()
@@ -154,16 +164,19 @@ class Viewers:
 
 
 def costs() -> list[Figure]:
-    """The server's share of a core, for one viewer and for 20."""
+    """The server's share of a core, for one viewer and for 20; that of live identification, a process beside it, has no limit."""
     figures = []
+    live = []
     with panel() as program:
         for count, limit in zip(SOCKETS, (3.0, 8.0), strict=True):
             viewers = Viewers()
-            share = 100 * asyncio.run(viewers.share(program, count))
+            shares = asyncio.run(viewers.share(program, count))
             sent = viewers.frames / SECONDS / count
             what = f"panel: server's share of a core, {count} socket{'s' if count > 1 else ''} with {sent:.0f} frames/s"
-            figures.append(Figure(what=what, value=share, unit="%", at_most=limit))
-    return figures
+            figures.append(Figure(what=what, value=100 * shares["server"], unit="%", at_most=limit))
+            live.append(100 * shares["live"])
+    what = "panel: share of a core of live identification, its own process at low priority"
+    return [*figures, Figure(what=what, value=max(live), unit="%")]
 
 
 @dataclass(frozen=True)
@@ -206,9 +219,11 @@ def ages(painted: np.ndarray, newest: np.ndarray) -> np.ndarray:
 
 @contextmanager
 def ring_of(program: Program) -> Iterator[RowRing]:
-    """The ring of rows between a panel and its loop."""
-    (found,) = SHARED_MEMORY.glob(f"servobench-rows-{program.process.pid}-*")
-    with RowRing.attach(found.name) as ring:
+    """The ring of rows between a panel and its loop; what identifies it has one, too, of wider rows."""
+    with ExitStack() as stack:
+        found = SHARED_MEMORY.glob(f"servobench-rows-{program.process.pid}-*")
+        rings = [stack.enter_context(RowRing.attach(path.name)) for path in found]
+        (ring,) = (ring for ring in rings if ring.columns == COLUMNS)
         yield ring
 
 

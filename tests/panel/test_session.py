@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -11,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
+from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession, Refusal
@@ -372,3 +373,50 @@ def test_without_a_device_there_is_a_sentence(tmp_path: Path) -> None:
         motor.start()
     with pytest.raises(UsageError, match="nothing is being recorded"):
         motor.end_record()
+
+
+def test_the_loop_has_signs_of_life_while_the_identification_is_started(tmp_path: Path) -> None:
+    """Its kernels may take long to be compiled: a loop that hears nothing for a second ends itself."""
+    loops: list[LoopDouble] = []
+    begun, going_on = threading.Event(), threading.Event()
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def slow(*_: object) -> None:
+        begun.set()
+        assert going_on.wait(60)
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, slow)
+        await motor.begin()
+        assert await asyncio.to_thread(begun.wait, 60)
+        before = loops[0].signs
+        while loops[0].signs < before + 3:
+            await asyncio.sleep(0.01)
+        going_on.set()
+        await motor.close()
+
+    asyncio.run(asyncio.wait_for(all_of_it(), 60))
+
+
+def test_a_loop_whose_identification_cannot_be_started_is_closed(tmp_path: Path) -> None:
+    loops: list[LoopDouble] = []
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def failing(*_: object) -> None:
+        raise StorageError("no memory for a ring")
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, failing)
+        with pytest.raises(StorageError):
+            await motor.open(motor.experiment)
+        assert motor.loop is None
+        await motor.close()
+
+    asyncio.run(all_of_it())
+    assert loops[0].left

@@ -1,35 +1,42 @@
 """Live identification in a process of its own: it reads the loop's ring itself, and neither loop nor server waits for it.
 
-`python -m` this module. It gets one line of JSON on standard input (`LiveSpec`), then a line for each look: empty, or a wish as
-JSON. It answers each on standard output in binary (`Seen`). The end of its input is its end.
+`python -m` this module. It gets one line of JSON on standard input (`LiveSpec`), and the end of its input is its end. Just before
+each moment of the panel's beat it looks at the rows that have come, and publishes what became of them in a ring of its own, where
+whoever makes the next frame finds it.
 """
 
 from __future__ import annotations
 
 import json
 import os
-import struct
 import subprocess
 import sys
+import time
 from collections.abc import Mapping
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
-from queue import Empty, SimpleQueue
 from tempfile import TemporaryFile
-from threading import Thread
-from typing import IO, Any, Protocol, Self, cast
+from threading import Event, Thread
+from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 
 import numpy as np
 
 from servobench.channels import Array, DeviceInfo
 from servobench.loop.messages import info_from_json, info_to_json
-from servobench.loop.ring import RowReader, RowRing
+from servobench.loop.ring import MessageRing, RowReader, RowRing
+from servobench.panel.beat import Beat
 from servobench.recording.recording import Recording
 
-PATIENCE = 0.015  # s that a look waits for its answer, which usually takes 1 to 3 ms
+if TYPE_CHECKING:
+    from servobench.panel.live import LiveFit
+
+LEAD = 0.006  # s; a look takes 1 to 3 ms
+PATIENCE = 0.012  # s; how long a frame waits for a look that is late
+_AGAIN = 0.002  # s between two looks at whether it has come
+_SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
 _NICER = 10  # what runs beside has the processor first
-_HEADER = struct.Struct("<QQII")
+_RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -37,39 +44,43 @@ class Seen:
     """What a look came to.
 
     Residuals (N,) of rows from number `first` on [rad], NaN where there are none; `reached` is the number of the first row that
-    may get one later. `message` is the `live` message of `LiveFit` as JSON, empty where none is due.
+    may get one later.
     """
 
     reached: int
     first: int
     residuals: Array
-    message: str = ""
 
-    def to_bytes(self) -> bytes:
-        """Return little-endian u64 `reached`, u64 `first`, u32 N, u32 size of the message; then the f64s and the message."""
-        text = self.message.encode()
-        header = _HEADER.pack(self.reached, self.first, len(self.residuals), len(text))
-        return header + self.residuals.astype("<f8").tobytes() + text
+    def records(self) -> list[Array]:
+        """Return it as records (64,) of a ring: `reached`, `first`, N, then the N residuals, 61 at most."""
+        records = []
+        for begin in range(0, max(len(self.residuals), 1), _RESIDUALS):
+            part = self.residuals[begin : begin + _RESIDUALS]
+            record = np.zeros(3 + _RESIDUALS)
+            record[:3] = self.reached, self.first + begin, len(part)
+            record[3 : 3 + len(part)] = part
+            records.append(record)
+        return records
 
     @classmethod
-    def from_file(cls, file: IO[bytes]) -> Self | None:
-        """Read the next one; None at the end."""
-        header = file.read(_HEADER.size)
-        if len(header) < _HEADER.size:
-            return None
-        reached, first, count, size = _HEADER.unpack(header)
-        rest = file.read(8 * count + size)
-        if len(rest) < 8 * count + size:
-            return None
-        residuals = np.frombuffer(rest, "<f8", count)
-        return cls(reached=reached, first=first, residuals=residuals, message=rest[8 * count :].decode())
+    def of(cls, record: Array) -> Seen:
+        """Return what a record (64,) says."""
+        reached, first, count = (int(x) for x in record[:3])
+        return cls(reached=reached, first=first, residuals=record[3 : 3 + count])
 
 
 @dataclass(frozen=True, kw_only=True)
 class LiveSpec:
-    """What it has to know: the ring's name, where in its rows `t`, `applied` and `counts` are, the device as JSON holds it."""
+    """What it has to know.
+
+    The names of the loop's ring and of those that it publishes in and hears wishes from, where in the loop's rows `t`, `applied`
+    and `counts` are, the device as JSON holds it, the sample time [s], and a wish.
+    """
 
     rows: str
+    seen: str
+    messages: str
+    wishes: str
     columns: Mapping[str, int]
     info: Any
     sample_time: float
@@ -85,33 +96,31 @@ class Identified(Protocol):
 
 
 class LiveProcess:
-    """The process, as the server sees it: `look` asks and takes answers, `close` ends it. One thread at a time looks."""
+    """The process, as the server sees it: `look` takes what it has published, `close` ends it. One thread at a time looks."""
 
     def __init__(self, loop: Identified, sample_time: float, wish: Mapping[str, float]) -> None:
         names = ["t", *(series.channel.name for series in loop.recording.series)]
-        spec = LiveSpec(
-            rows=loop.ring.name,
-            columns={name: names.index(name) for name in ("t", "applied", "counts")},
-            info=info_to_json(loop.info),
-            sample_time=sample_time,
-            wish=dict(wish),
-        )
-        self._errors = TemporaryFile()  # noqa: SIM115 - closed in `close`
-        self._process = subprocess.Popen(
-            [sys.executable, "-P", "-m", "servobench.panel.live_process"],
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=self._errors,
-            start_new_session=True,
-            # Threads of the linear algebra would spin on processors that others need, for matrices of 8 by 8.
-            env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
-        )
-        self._wish: Mapping[str, float] | None = None
-        self._asked = 0
-        self._answers: SimpleQueue[Seen | None] = SimpleQueue()
-        self._ended = self._closed = False
-        self._write(json.dumps(asdict(spec)))
-        Thread(target=self._listen, name="servobench live", daemon=True).start()
+        with ExitStack() as stack:
+            self._ring = stack.enter_context(RowRing.create(3 + _RESIDUALS, 1024))
+            self._messages = stack.enter_context(MessageRing.create(16))
+            self._wishes = stack.enter_context(MessageRing.create(16))
+            self._errors = stack.enter_context(TemporaryFile())
+            spec = LiveSpec(
+                rows=loop.ring.name,
+                seen=self._ring.name,
+                messages=self._messages.name,
+                wishes=self._wishes.name,
+                columns={name: names.index(name) for name in ("t", "applied", "counts")},
+                info=info_to_json(loop.info),
+                sample_time=sample_time,
+                wish=dict(wish),
+            )
+            self._process = _started(spec, self._errors)
+            stack.callback(self._end)
+            self._stack = stack.pop_all()
+        self._seen, self._said = self._ring.reader(0), self._messages.reader(0)
+        self._silent = 1
+        self._status: int | None = None
 
     @property
     def pid(self) -> int:
@@ -119,69 +128,64 @@ class LiveProcess:
         return self._process.pid
 
     def set_wish(self, wish: Mapping[str, float]) -> None:
-        """Say how well the parameters are to be known; the next look says so."""
-        self._wish = wish
+        """Say how well the parameters are to be known; it hears it at its next look."""
+        self._wishes.push(json.dumps(dict(wish)))
 
     def look(self, patience: float = PATIENCE) -> list[Seen]:
-        """Have it look at the rows that there are, and return its answers, old ones that came late and this one.
+        """Return what it has published since the last look.
 
-        It is waited for `patience` [s] at most, and not at all where it is still busy with a look before.
+        Where it is late it is waited for `patience` [s] at most, and not at all where it was late before.
         """
-        seen = self._taken(0.0)
-        if self._asked or self._ended:
-            return seen
-        wish, self._wish = self._wish, None
-        self._write("" if wish is None else json.dumps(wish))
-        self._asked += 1
-        return seen + self._taken(patience)
+        records = self._seen.read()
+        until = time.perf_counter() + patience
+        while not len(records) and not self._silent and time.perf_counter() < until:
+            time.sleep(_AGAIN)
+            records = self._seen.read()
+        self._silent = 0 if len(records) else self._silent + 1
+        if self._silent % _SILENT == 0 and self._silent:
+            self._status = self._process.poll()
+        return [Seen.of(record) for record in records]
+
+    def message(self) -> str:
+        """Return the newest `live` message of `LiveFit`, as JSON; empty where there is none since the last."""
+        return said[-1] if (said := self._said.read()) else ""
 
     @property
     def ended(self) -> str:
         """A sentence about how it ended by itself; empty while it hasn't."""
-        if not self._ended or self._closed:
+        if self._status is None:
             return ""
-        status = self._process.wait()
         self._errors.seek(0)
-        said = self._errors.read().decode("utf-8", "replace").strip().splitlines() or [f"status {status}"]
+        said = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return (
-            f"Live identification has ended ({said[-1][:200]}). Scopes and recordings go on: record, and identify "
-            "the recording; or open the device again."
+            f"Live identification has ended ({said[-1][:200] if said else f'status {self._status}'}). Scopes and recordings "
+            "go on: record, and identify the recording; or open the device again."
         )
 
     def close(self) -> None:
         """End it; may be called twice."""
-        if self._closed:
-            return
-        self._closed = True
+        self._stack.close()
+
+    def _end(self) -> None:
         self._process.kill()  # it has nothing to save
         self._process.wait()
         with suppress(OSError):
             _pipe(self._process.stdin).close()
-        self._errors.close()
 
-    def _write(self, line: str) -> None:
-        with suppress(OSError):  # it is dead already, which `ended` tells
-            _pipe(self._process.stdin).write(line.encode() + b"\n")
-            _pipe(self._process.stdin).flush()
 
-    def _taken(self, patience: float) -> list[Seen]:
-        """The answers that there are; one that is due is waited for."""
-        seen: list[Seen] = []
-        with suppress(Empty):
-            while self._asked:
-                answer = self._answers.get(timeout=patience) if patience else self._answers.get_nowait()
-                if answer is None:
-                    self._ended, self._asked = True, 0
-                    break
-                self._asked -= 1
-                seen.append(answer)
-        return seen
-
-    def _listen(self) -> None:
-        with _pipe(self._process.stdout) as said:
-            while (answer := Seen.from_file(said)) is not None:
-                self._answers.put(answer)
-        self._answers.put(None)
+def _started(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
+    process = subprocess.Popen(
+        [sys.executable, "-P", "-m", "servobench.panel.live_process"],
+        stdin=subprocess.PIPE,
+        stderr=errors,
+        start_new_session=True,
+        # Threads of the linear algebra would spin on processors that others need, for matrices of 8 by 8.
+        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+    )
+    with suppress(OSError):  # it is dead already, which `ended` tells
+        _pipe(process.stdin).write(json.dumps(asdict(spec)).encode() + b"\n")
+        _pipe(process.stdin).flush()
+    return process
 
 
 def live_of(loop: Identified, sample_time: float, wish: Mapping[str, float]) -> LiveProcess | None:
@@ -196,39 +200,53 @@ def _pipe(end: IO[bytes] | None) -> IO[bytes]:
 
 
 def main() -> int:
-    """Identify as the first line on standard input says, until its end."""
+    """Identify as the line on standard input says, until its end."""
     if hasattr(os, "nice"):
         with suppress(OSError):
             os.nice(_NICER)
     from servobench.panel.live import LiveFit
 
     spec = LiveSpec(**json.loads(sys.stdin.buffer.readline()))
+    gone = Event()
+    Thread(target=_await_the_end_of_input, args=(gone,), daemon=True).start()
     live = LiveFit(info_from_json(spec.info), spec.sample_time, spec.wish)
-    with RowRing.attach(spec.rows) as ring:
-        rows = ring.reader()
-        for line in sys.stdin.buffer:
-            if line.strip():
-                live.set_wish(json.loads(line))
-            sys.stdout.buffer.write(looked(live, rows, spec.columns).to_bytes())
-            sys.stdout.buffer.flush()
+    with ExitStack() as stack:
+        rows = stack.enter_context(RowRing.attach(spec.rows)).reader()
+        seen = stack.enter_context(RowRing.attach(spec.seen))
+        messages = stack.enter_context(MessageRing.attach(spec.messages))
+        wishes = stack.enter_context(MessageRing.attach(spec.wishes))
+        wished = wishes.reader(0)
+        for ring in (seen, messages, wishes):
+            stack.callback(ring.clear_up)
+        beat = Beat(LEAD)
+        while not gone.wait(beat.wait()):
+            for wish in wished.read():
+                live.set_wish(json.loads(wish))
+            told = looked(live, rows, spec.columns, seen)
+            if told is not None:
+                messages.push(json.dumps(finite(told), allow_nan=False, separators=(",", ":")))
     return 0
 
 
-def looked(live: Any, reader: RowReader, columns: Mapping[str, int]) -> Seen:
-    """Give what is new in a ring to a `LiveFit`, and return what it made of it."""
-    before = live.reached
+def looked(
+    live: LiveFit, reader: RowReader, columns: Mapping[str, int], to: RowRing
+) -> dict[str, Any] | None:
+    """Give what is new in a ring of rows to a `LiveFit`, publish its residuals, and return its message where one is due."""
+    before, told = live.reached, None
     rows = reader.read(_MOST)
-    told = None
     if len(rows):
         told = live.take({name: rows[:, k] for name, k in columns.items()}, reader.next - len(rows))
     reached = live.reached
     first = max(before, reached - 2 * _MOST)  # rows that were lost are no news
-    return Seen(
-        reached=reached,
-        first=first,
-        residuals=live.residuals(first, reached),
-        message="" if told is None else json.dumps(finite(told), allow_nan=False, separators=(",", ":")),
-    )
+    for record in Seen(reached=reached, first=first, residuals=live.residuals(first, reached)).records():
+        to.push(record.tolist())
+    return told
+
+
+def _await_the_end_of_input(gone: Event) -> None:
+    while sys.stdin.buffer.read(1024):
+        pass
+    gone.set()
 
 
 def finite(told: Any) -> Any:

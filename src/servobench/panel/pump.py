@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event, Thread
@@ -15,12 +14,13 @@ from servobench.channels import Array, DeviceInfo
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice
 from servobench.loop.recording_process import RecorderProcess
-from servobench.loop.ring import MessageReader, RowReader, RowRing
+from servobench.loop.ring import LOOP_STATE, MessageReader, RowReader, RowRing
+from servobench.loop.spec import ENDED
+from servobench.panel.beat import Beat
 from servobench.panel.frames import COLUMNS, Scope
 from servobench.panel.live_process import Seen
 from servobench.recording.recording import Recording, Stopped
 
-FRAMES = 30.0  # a second
 _MOST = 4096  # rows of a look; what is more comes with the next one
 _RESIDUAL = COLUMNS.index("residual")
 _NOTHING_KNOWN: dict[str, Any] = {
@@ -85,7 +85,11 @@ class Live(Protocol):
         ...
 
     def look(self) -> list[Seen]:
-        """Have it look at the rows that there are; return its answers so far, and wait for this one a moment only."""
+        """Return what it has made of rows since the last look; it may be waited for a moment."""
+        ...
+
+    def message(self) -> str:
+        """Return the newest message as JSON; empty where there is none since the last."""
         ...
 
 
@@ -130,14 +134,13 @@ class Pump(Thread):
 
     def run(self) -> None:
         """Look thirty times a second."""
-        due = time.monotonic()
+        beat = Beat()
         while not self._over.is_set():
             news = self.look()
             self._hand_on(news)
             if news.ended is not None:
                 return
-            due = max(due + 1 / FRAMES, time.monotonic())
-            self._over.wait(due - time.monotonic())
+            self._over.wait(beat.wait())
 
     def close(self) -> None:
         """Look no more, and wait until that is so."""
@@ -147,38 +150,41 @@ class Pump(Thread):
 
     def look(self) -> News:
         """Return what is new."""
-        ended = self._loop.ended  # before the rings: what it said last is in them by then
+        ended = self._ended()  # before the rings: what it said last is in them by then
         events = tuple(Notice.parse(text) for text in self._events.read())
         self._chains += [
             (event.about["number"], event.about["what"]["chain"])
             for event in events
             if event.kind == "command" and event.about["accepted"] and "chain" in event.about["what"]
         ]
-        seen = self._identified()
+        seen = [] if self._live is None else self._live.look()
         rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
         first, values = self._rows.next - len(rows), self._shown(rows[:, : self._loop.width])
         _put_residuals(seen, first, values)
-        said = [each.message for each in seen if each.message]
         return News(
             events=events,
             first=first,
             values=values,
             late=self._late,
             missed=self._missed,
-            live=said[-1] if said else "",
+            live=self._told(),
             ended=ended,
         )
 
-    def _identified(self) -> list[Seen]:
-        """What identification says that is new; where it has ended itself, that, once."""
+    def _ended(self) -> Stopped | None:
+        """Why the loop ended; whether its process lives is asked only where no rows come."""
+        ring = self._loop.ring
+        silent = ring.written == self._rows.next or ring.get(LOOP_STATE) == ENDED
+        return self._loop.ended if silent else None
+
+    def _told(self) -> str:
+        """What identification says that is new; where it has ended by itself, that, once."""
         if self._live is None:
-            return []
-        seen = self._live.look()
+            return ""
         if why := self._live.ended:
             self._live = None
-            message = json.dumps({**_NOTHING_KNOWN, "ended": why})
-            seen.append(Seen(reached=0, first=0, residuals=np.empty(0), message=message))
-        return seen
+            return json.dumps({**_NOTHING_KNOWN, "ended": why})
+        return self._live.message()
 
     def _ready(self, seen: list[Seen]) -> int:
         """How many rows can be shown with their residuals; 0 where none can, and nobody waits for that."""

@@ -117,7 +117,13 @@ class MotorSession:
                 viewer.next_row = 0
             server = asyncio.get_running_loop()
             hand_on = partial(_to_thread_of, server, partial(self.take, loop))
-            self._live = await asyncio.to_thread(self._live_of, loop, self.experiment.sample_time, self._wish)
+            try:
+                self._live = await asyncio.to_thread(
+                    self._live_of, loop, self.experiment.sample_time, self._wish
+                )
+            except BaseException:
+                await self._close_loop()
+                raise
             self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
             self._pump.start()
         self.show_state()
@@ -146,7 +152,8 @@ class MotorSession:
 
     async def _show_signs(self) -> None:
         while True:
-            if self.loop is not None and self._pump is not None and self._pump.is_alive() and self._may_go_on:
+            pumped = self._pump is None or self._pump.is_alive()  # none as long as the device is being opened
+            if self.loop is not None and pumped and self._may_go_on:
                 self.loop.here()
             await asyncio.sleep(SIGN_INTERVAL)
 
