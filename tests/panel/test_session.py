@@ -12,9 +12,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
+from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
-from servobench.panel import session
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession, Refusal
 from servobench.panel.socket import ACTIONS, _answered
@@ -23,7 +22,7 @@ from servobench.panel.viewers import Viewer
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
-from tests.panel.doubles import LoopDouble
+from tests.panel.doubles import LoopDouble, unidentified
 
 
 class Room:
@@ -31,7 +30,7 @@ class Room:
 
     def __init__(self, folder: Path) -> None:
         self.loops: list[LoopDouble] = []
-        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of)
+        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of, unidentified)
 
     def _loop_of(self, experiment: Experiment) -> LoopDouble:
         self.loops.append(LoopDouble(experiment))
@@ -334,16 +333,15 @@ def test_a_device_that_takes_long_to_open_says_so_and_takes_no_command(
 ) -> None:
     """The second step compiles kernels the first time: meanwhile the loop, which is there already, hears that somebody is."""
     may_go_on = threading.Event()
-    ready = session.live_fit
 
     def slowly(*given: Any) -> Any:
         assert may_go_on.wait(60)
-        return ready(*given)
+        return unidentified(*given)
 
     async def story(room: Room) -> None:
         page = await room.page()
         await room.say(page, do="lease")
-        monkeypatch.setattr(session, "live_fit", slowly)
+        monkeypatch.setattr(room.motor, "_live_of", slowly)
         await room.motor.begin()  # opens it anew, and shows that somebody is there from now on
         while (told := state_of(await heard(page))["opening"] or {"step": 0})["step"] != 2:
             pass
@@ -373,7 +371,7 @@ def test_a_device_that_cannot_be_followed_is_closed_again(
     async def story(room: Room) -> None:
         page = await room.page()
         await room.say(page, do="lease")
-        monkeypatch.setattr(session, "live_fit", fails)
+        monkeypatch.setattr(room.motor, "_live_of", fails)
         assert (await room.say(page, do="open"))["error"] == "there are no counts"
         assert all(loop.left for loop in room.loops)
         room.motor.show_state()
@@ -469,3 +467,50 @@ def test_a_recording_that_is_shorter_than_asked_for_says_why(
             taking.end(reason)
         taking._length = length
         assert taking.outcome() == {"name": "mine", "length": length, "duration": wished, "early": early}
+
+
+def test_the_loop_has_signs_of_life_while_the_identification_is_started(tmp_path: Path) -> None:
+    """Its kernels may take long to be compiled: a loop that hears nothing for a second ends itself."""
+    loops: list[LoopDouble] = []
+    begun, going_on = threading.Event(), threading.Event()
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def slow(*_: object) -> None:
+        begun.set()
+        assert going_on.wait(60)
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, slow)
+        await motor.begin()
+        assert await asyncio.to_thread(begun.wait, 60)
+        before = loops[0].signs
+        while loops[0].signs < before + 3:
+            await asyncio.sleep(0.01)
+        going_on.set()
+        await motor.close()
+
+    asyncio.run(asyncio.wait_for(all_of_it(), 60))
+
+
+def test_a_loop_whose_identification_cannot_be_started_is_closed(tmp_path: Path) -> None:
+    loops: list[LoopDouble] = []
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def failing(*_: object) -> None:
+        raise StorageError("no memory for a ring")
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, failing)
+        with pytest.raises(StorageError):
+            await motor.open(motor.experiment)
+        assert motor.loop is None
+        await motor.close()
+
+    asyncio.run(all_of_it())
+    assert loops[0].left

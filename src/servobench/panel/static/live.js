@@ -39,6 +39,7 @@ export function makeLive(store, commands) {
     store.on("live", (live) => {
         const names = Object.keys(live.parameters);
         empty.hidden = names.length > 0;
+        if (live.ended) say(empty, live.ended);
         for (const [name, row] of rows) row.element.hidden = !names.includes(name);
         for (const name of names) showRow(rowOf(name), live.parameters[name]);
         say(samples, names.length ? `from ${live.samples.toLocaleString("en")} samples` : "");
