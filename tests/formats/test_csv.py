@@ -1,5 +1,6 @@
 """Text tables as people and programs write them."""
 
+import csv
 import io
 import time
 from collections.abc import Callable
@@ -338,6 +339,59 @@ def test_numbers_of_numpy_in_what_a_recording_knows_are_numbers(tmp_path: Path) 
 
     assert back.findings == (told,)
     assert back["y"].channel == channel
+
+
+def cells_of_texts(path: Path) -> list[str]:
+    """All cells of the lines with texts, as spreadsheets with different separators part them."""
+    lines = path.read_text(encoding="utf-8").splitlines()[:2]
+    return [
+        cell
+        for separator in ",;\t|"
+        for blanks_are_skipped in (False, True)
+        for row in csv.reader(lines, delimiter=separator, skipinitialspace=blanks_are_skipped)
+        for cell in row
+    ]
+
+
+FORMULAS = [
+    "=1+1",
+    "+1",
+    "-1+1",
+    "@SUM(A1)",
+    " =2*3",
+    "a,=1+1",
+    "b; @x",
+    'c "=1"',
+    "d\t-9+9",
+    "e|+2",
+    "f', '=3",
+]
+
+
+def test_no_text_of_a_recording_becomes_a_formula_in_a_spreadsheet(tmp_path: Path) -> None:
+    shown = (f"{text} {number}" for number in range(20) for text in FORMULAS)
+    series = tuple(
+        Series(channel=Channel(name=next(shown), unit=text), values=np.arange(3.0), t=None)
+        for text in FORMULAS
+    )
+    recording = Recording(
+        name="=name",
+        series=series,
+        source=Source(name="@source"),
+        experiment="notes = \"=cmd|' /C calc'!A0\"\n+1\n\t=2\n",
+        findings=tuple(info("example", next(shown)) for _ in FORMULAS),
+    )
+    save(recording, tmp_path / "a.csv")
+
+    dangerous = [cell for cell in cells_of_texts(tmp_path / "a.csv") if cell.strip()[:1] in set("=+-@")]
+    assert dangerous == []
+    (back,) = load(tmp_path / "a.csv")  # nothing is lost by it
+    assert [each.channel for each in back.series] == [each.channel for each in series]
+    assert (back.name, back.experiment, back.findings) == (
+        recording.name,
+        recording.experiment,
+        recording.findings,
+    )
 
 
 def test_more_than_one_recording_has_no_place_in_a_table(tmp_path: Path) -> None:

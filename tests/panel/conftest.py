@@ -21,7 +21,7 @@ from servobench.panel.library import Library
 from servobench.panel.pages import Panel
 from servobench.panel.server import app, door_for, listening, settings
 from servobench.panel.session import MotorSession
-from tests.panel.doubles import LoopDouble
+from tests.panel.doubles import LoopDouble, unidentified
 
 PATIENCE = 30.0  # s; on a machine that is busy with other tests
 
@@ -66,7 +66,7 @@ class Served:
             "sec-fetch-site": "same-origin",
             "content-type": content,
             "x-servobench-token": session.token,
-            "cookie": f"servobench_session={session.cookie}",
+            "cookie": f"servobench_session_{self.port}={session.cookie}",
         }
 
     @cached_property
@@ -108,7 +108,9 @@ def serving(folder: Path, around: Callable[[ASGIApp], ASGIApp] = lambda inner: i
     with listening("127.0.0.1", 0) as listener:
         port = listener.getsockname()[1]
         door = door_for(["127.0.0.1", "localhost"], port, "http", keys)
-        panel = Panel(motor=MotorSession(Experiment(), library, loop_of), library=library, door=door)
+        panel = Panel(
+            motor=MotorSession(Experiment(), library, loop_of, unidentified), library=library, door=door
+        )
         server = uvicorn.Server(settings(around(app(panel)), None))
         thread = threading.Thread(target=lambda: asyncio.run(server.serve([listener])))
         thread.start()

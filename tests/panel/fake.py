@@ -33,6 +33,7 @@ COLUMNS = (
     *("t", "reference", "commanded", "applied", "counts", "position", "speed_raw"),
     *("speed", "current", "residual", "late", "saturated", "command"),
 )
+LARGEST = 2**20  # bytes of a file
 SAMPLE_TIME = 0.001
 GAIN, TIME_CONSTANT, COULOMB, COUNTS = 22.0, 0.09, 0.12, 2048
 POLICY = b"default-src 'self'; frame-ancestors 'none'"
@@ -102,6 +103,10 @@ class Bench:
         self.refuse = ""
         self.hold = False
         self.limits: list[dict[str, str]] = []
+        self.opening: dict[str, Any] | None = None
+        self.closed = ""
+        self.working: dict[str, Any] | None = None  # what an identification says of itself until it's None
+        self.uploads: list[tuple[str, int]] = []
         self.received: list[dict[str, Any]] = []
         self.loop: asyncio.AbstractEventLoop
         self.pending: dict[str, Any] | None = None
@@ -127,7 +132,9 @@ class Bench:
     def state(self, viewer: WebSocket) -> dict[str, Any]:
         return {
             "kind": "state",
-            "running": self.device is not None,
+            "running": self.device is not None and self.opening is None and not self.closed,
+            "opening": self.opening,
+            "closed": self.closed,
             "enabled": self.motor.enabled,
             "operator": viewer is self.operator,
             "taken": self.operator is not None,
@@ -188,7 +195,7 @@ class Bench:
                 "duration": asked.get("duration"),
             }
         elif do == "end_record":
-            self.end_recording()
+            self.ended = self.end_recording()
         elif do in ("set", "start", "halt"):
             return self.command(asked)
         return {"ok": True}
@@ -215,7 +222,8 @@ class Bench:
         self.pending = {"kind": "applied", **acknowledged, "what": what, "why": self.refuse or None}
         return {"ok": True, "number": self.motor.number}
 
-    def end_recording(self) -> str:
+    def end_recording(self) -> dict[str, Any]:
+        """What became of the recording."""
         name = str((self.recording or {}).get("name"))
         seconds = (self.recording or {}).get("samples", 0) * SAMPLE_TIME
         entry = {
@@ -232,8 +240,9 @@ class Bench:
             "verdict": None,
             "deleted": False,
         }
-        self.recording = None
-        return name
+        wanted, self.recording = (self.recording or {}).get("duration"), None
+        early = "it was ended by hand" if wanted and seconds < wanted else ""
+        return {"name": name, "length": seconds, "duration": wanted, "early": early}
 
     async def run(self) -> None:
         """Thirty times a second: new rows to everybody; now and then the state and the live model."""
@@ -251,7 +260,7 @@ class Bench:
                 self.recording["samples"] += len(rows)
                 wanted = self.recording["duration"]
                 if wanted and self.recording["samples"] * SAMPLE_TIME >= wanted:
-                    await self.tell({"kind": "recorded", "name": self.end_recording()})
+                    await self.tell({"kind": "recorded", **self.end_recording()})
                     await self.tell({"kind": "library"})
             if turn % 6 == 0:
                 await self.tell(self.live(until))
@@ -288,7 +297,8 @@ def app() -> Starlette:
         return FileResponse(str(shipped[request.path_params["name"]]))
 
     async def session(_: Request) -> Response:
-        return JSONResponse({"token": "fake", "operator": True, "device": bench.device, "version": "0.0"})
+        about = {"device": bench.device, "version": "0.0", "largest_upload": LARGEST}
+        return JSONResponse({"token": "fake", "operator": True, **about})
 
     async def preview(request: Request) -> Response:
         asked = await request.json()
@@ -315,10 +325,24 @@ def app() -> Starlette:
         elif what in ("delete", "undelete"):
             entry["deleted"] = what == "delete"
         elif what == "identify":
+            while bench.working is not None:
+                await bench.tell({"kind": "work", "name": entry["name"], **bench.working})
+                await asyncio.sleep(0.05)
+            await bench.tell({"kind": "work", "name": entry["name"], "over": True})
             entry["verdict"] = "trusted"
             return JSONResponse(identified(entry["name"]))
         await bench.tell({"kind": "library"})
         return JSONResponse({})
+
+    async def ended(request: Request) -> Response:
+        bench.working = None
+        return JSONResponse({})
+
+    async def upload(request: Request) -> Response:
+        bench.uploads.append((request.query_params["name"], len(await request.body())))
+        while bench.hold:
+            await asyncio.sleep(0.01)
+        return JSONResponse({"name": "uploaded"})
 
     async def rows(_: Request) -> Response:
         return Response(frame(0, bench.kept), media_type="application/octet-stream")
@@ -346,6 +370,7 @@ def app() -> Starlette:
                 answer = bench.take(ws, asked)
                 await ws.send_text(json.dumps({"kind": "answer", "id": asked.get("id"), **answer}))
                 if asked.get("do") == "end_record":
+                    await bench.tell({"kind": "recorded", **bench.ended})
                     await bench.tell({"kind": "library"})
                 if asked.get("do") == "stop":
                     await bench.tell(
@@ -381,7 +406,9 @@ def app() -> Starlette:
         Route("/api/recordings", recordings),
         Route("/api/recordings/{name}/rows", rows),
         Route("/api/recordings/{name}/download", download),
+        Route("/api/recordings/{name}/identify/end", ended, methods=["POST"]),
         Route("/api/recordings/{name}/{what}", change, methods=["POST"]),
+        Route("/api/upload", upload, methods=["POST"]),
         Route("/reports/{name}", report),
         Route("/fake/fault", fault, methods=["POST"]),
         Route("/fake/refuse", refuse, methods=["POST"]),

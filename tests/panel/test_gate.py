@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import socket
 from collections.abc import Iterator
+from pathlib import Path
 
 import httpx
 import pytest
@@ -18,7 +19,7 @@ from servobench.panel.gate import Gate
 from servobench.panel.keys import KEY_TIME, SESSION_TIME, Keys
 from servobench.panel.routes import TABLE, Way
 from servobench.panel.server import app
-from tests.panel.conftest import Clock, Served
+from tests.panel.conftest import Clock, Served, serving
 
 HTTP = [way for way in TABLE if way.method != "WS"]
 PRIVATE = [way for way in TABLE if way.asks.session]
@@ -136,10 +137,12 @@ def test_without_its_origin_nothing_is_changed_and_no_socket_opens(served: Serve
 
 def wrong_cookies(served: Served) -> Iterator[dict[str, str]]:
     right = served.session()
+    name = served.panel.door.cookie
     for value in ("", "wrong", right.cookie[:-1], right.cookie + "x", right.token):
-        yield {"cookie": f"servobench_session={value}"}
-    yield {"cookie": f"servobench_session={right.cookie}; servobench_session={right.cookie}"}
-    yield {"cookie": "servobench_session"}
+        yield {"cookie": f"{name}={value}"}
+    yield {"cookie": f"{name}={right.cookie}; {name}={right.cookie}"}
+    yield {"cookie": name}
+    yield {"cookie": f"servobench_session_{served.port + 1}={right.cookie}"}  # another panel's
     yield {"cookie": "=;;=,"}
     yield {"cookie": f"other={right.cookie}"}
 
@@ -205,6 +208,21 @@ def test_the_address_opens_a_session_and_is_not_kept_in_the_bar(served: Served) 
         told = client.get("/api/session", headers={"sec-fetch-site": "same-origin"}).json()
         assert told["operator"] is True
         assert told["token"] not in cookie
+
+
+def test_two_panels_of_one_host_do_not_log_each_other_out(served: Served, tmp_path: Path) -> None:
+    """Cookies know no ports: a browser that is let in to both sends each both."""
+
+    def lets_in(panel: Served) -> bool:
+        answer = browser.get(f"{panel.origin}/api/session", headers={"sec-fetch-site": "same-origin"})
+        return answer.status_code == 200
+
+    with serving(tmp_path) as other, served.client() as browser:
+        assert not lets_in(served)
+        browser.get(f"{served.origin}/?token={served.keys.new('operator')}")
+        assert (lets_in(served), lets_in(other)) == (True, False)
+        browser.get(f"{other.origin}/?token={other.keys.new('operator')}")
+        assert (lets_in(served), lets_in(other)) == (True, True)
 
 
 @pytest.mark.parametrize("key", ["", "wrong", "%00", "%ed%a0%80", "x" * 4000])

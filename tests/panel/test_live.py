@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -126,12 +128,36 @@ def test_residuals_come_for_each_row_and_are_small() -> None:
     for n in range(0, 8000, BLOCK):
         part = {name: x[n : n + BLOCK] for name, x in rows.items()}
         live.take(part, first=n)
-        residuals.append(live.residuals(len(part["t"])))
+        residuals.append(live.residuals(n, n + len(part["t"])))
+        assert live.reached == n + len(part["t"])
     last = np.concatenate(residuals)
     assert len(last) == 8000
     assert np.isnan(last[:1000]).all()
     assert np.isfinite(last[-1000:]).all()
     assert np.abs(last[-1000:]).max() < 20 * QUANTUM
+
+
+@pytest.mark.parametrize("delay", [0.0, -0.004])
+def test_a_residual_is_that_of_its_own_row(delay: float) -> None:
+    """A count that is wrong in one row shows in that row, also where residuals are known later, and after lost rows."""
+    rows, wrong, lost = columns(9.0), (4321, 8000), slice(6006, 6600)
+    rows["counts"] = rows["counts"].copy()
+    rows["counts"][list(wrong)] += 300
+    live = LiveFit(replace(INFO, delay=delay), STEP)
+    found = np.full(9000, np.nan)
+    for n in range(0, 9000, BLOCK):
+        if lost.start <= n < lost.stop:
+            continue
+        before = live.reached
+        live.take({name: x[n : n + BLOCK] for name, x in rows.items()}, first=n)
+        # What waits is a sample or two, but for the time after lost rows, until there is a start state.
+        assert live.reached >= n + BLOCK - 5 or n >= lost.stop
+        found[before : live.reached] = live.residuals(before, live.reached)
+    assert np.isnan(found[lost]).all()
+    for row in wrong:
+        assert int(np.nanargmax(found[row - 500 : row + 500])) == 500
+        assert found[row] == pytest.approx(300 * QUANTUM, abs=20 * QUANTUM)
+    assert np.isfinite(found[8200:-5]).all()
 
 
 def test_a_device_that_does_not_say_its_resolution_is_refused() -> None:

@@ -18,7 +18,7 @@ pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.control.base import CONTROLLERS
 from servobench.signals.base import SIGNALS
-from tests.panel.fake import app
+from tests.panel.fake import LARGEST, app
 
 
 @pytest.fixture(scope="module")
@@ -175,6 +175,70 @@ def test_a_limit_says_what_it_holds_back(panel: Panel) -> None:
     panel.until(lambda: "held at 10 V" in light.inner_text() and light.get_attribute("data-level") == "warn")
 
 
+CONTROLS = (
+    "#start",
+    "#record",
+    "#record-length",
+    "#cutoff",
+    "#device",
+    "#signal fieldset",
+    "#controller fieldset",
+)
+
+
+def test_a_device_that_is_being_opened_is_told_and_everything_waits_with_the_reason(panel: Panel) -> None:
+    panel.bench.opening = {"device": "twin", "doing": "starting the loop", "step": 1, "of": 2, "seconds": 7.2}
+    strip = panel.page.get_by_role("region", name="Opening")
+    strip.wait_for()
+    assert "Opening Twin starting the loop" in strip.inner_text().replace("\n", " ")
+    panel.until(lambda: "step 1 of 2 · 7 s" in strip.inner_text())
+    assert panel.page.locator("#run-text").inner_text() == "Opening …"
+    for control in CONTROLS:
+        found = panel.page.locator(control)
+        assert found.evaluate("(control) => control.matches(':disabled')"), control
+        assert found.get_attribute("title") == "The device is being opened.", control
+    assert panel.page.locator("#start-status").inner_text() == "The device is being opened."
+    panel.bench.opening = None
+    panel.until(lambda: not strip.is_visible() and panel.page.locator("#start").is_enabled())
+    assert [panel.page.locator(control).get_attribute("title") for control in CONTROLS] == [""] * len(
+        CONTROLS
+    )
+
+
+def test_a_device_that_was_closed_says_why(panel: Panel) -> None:
+    panel.bench.closed = "the device failed: it was unplugged"
+    chip = panel.page.locator("#start-status")
+    panel.until(lambda: chip.inner_text() == "Closed: the device failed: it was unplugged. Start opens it.")
+
+
+@pytest.mark.parametrize("theme", ["light", "dark"])
+def test_what_was_commanded_is_seen_where_it_is_what_was_applied(
+    browser: Any, server: tuple[str, Any], theme: str
+) -> None:
+    panel = Panel(browser, *server, color_scheme=theme)
+    panel.button("Start").click()
+    panel.until(lambda: panel.bench.motor.tick > 3000)
+    panel.button("Pause").click()
+    seen = panel.page.get_by_role("region", name="Voltage").evaluate(
+        """(scope) => {
+            const canvas = scope.querySelector("canvas");
+            const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+            return ["commanded", "applied"].map((name) => {
+                const colour = getComputedStyle(document.documentElement).getPropertyValue(`--trace-${name}`).trim();
+                const wanted = [1, 3, 5].map((k) => parseInt(colour.slice(k, k + 2), 16));
+                let count = 0;
+                for (let k = 0; k < data.length; k += 4) {
+                    if (data[k + 3] > 200 && wanted.every((value, c) => Math.abs(data[k + c] - value) < 12)) count += 1;
+                }
+                return count;
+            });
+        }"""
+    )
+    # Of two equal lines the one on top leaves half of each period, and of the wider one below its edges.
+    assert min(seen) > 0.2 * max(seen) > 0
+    panel.context.close()
+
+
 def test_the_cut_off_moves_by_keyboard_and_says_its_value(panel: Panel) -> None:
     slider = panel.page.get_by_role("slider", name="Cut-off")
     slider.focus()
@@ -296,6 +360,77 @@ def test_cursors_tell_times_and_differences_and_move_by_keyboard(panel: Panel) -
     assert strip.get_by_role("row").count() == 1 + 4  # commanded, applied, filtered, position
 
 
+def over(panel: Panel, scope: str) -> dict[str, float]:
+    """Where a scope's traces are drawn, in pixels of the page."""
+    return dict(panel.page.get_by_role("region", name=scope).locator(".u-over").bounding_box())
+
+
+def drag(panel: Panel, scope: str, begin: float, end: float) -> None:
+    """Drag over a scope from one share of its width to another."""
+    box = over(panel, scope)
+    height = box["y"] + box["height"] / 2
+    panel.page.mouse.move(box["x"] + begin * box["width"], height)
+    panel.page.mouse.down()
+    panel.page.mouse.move(box["x"] + end * box["width"], height, steps=5)
+    panel.page.mouse.up()
+
+
+def times(panel: Panel) -> list[float]:
+    return [line[0] for line in panel.table()[1]]
+
+
+def test_a_drag_zooms_into_what_it_covers_and_a_double_click_shows_all(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 2500)
+    panel.page.get_by_label("Time shown").select_option("2")
+    panel.button("Pause").click()
+    before = times(panel)
+    drag(panel, "Speed", 0.25, 0.75)
+    panel.until(lambda: len(times(panel)) < len(before))
+    after = times(panel)
+    # To a pixel or two at each end, of the 700 that show 2 s.
+    span = before[-1] - before[0]
+    assert after[0] - before[0] == pytest.approx(span / 4, abs=0.01)
+    assert after[-1] - before[0] == pytest.approx(3 * span / 4, abs=0.01)
+    box = over(panel, "Speed")
+    panel.page.mouse.dblclick(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    panel.until(lambda: len(times(panel)) > len(before))
+
+
+def test_a_cursor_is_dragged_and_nothing_is_zoomed_by_it(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 1500)
+    panel.page.get_by_label("Time shown").select_option("1")
+    panel.button("Pause").click()
+    panel.button("Cursors").click()
+    strip = panel.page.get_by_role("group", name="Cursors")
+    strip.get_by_text("Δt 300 ms").wait_for()
+    before = len(times(panel))
+    drag(panel, "Speed", 0.65, 0.85)  # B
+    # To a pixel of the 700 that show 1 s.
+    panel.until(lambda: re.search(r"Δt (49[89]|50[0-2]) ms", strip.inner_text()) is not None)
+    assert len(times(panel)) == before
+
+
+def test_a_single_trigger_holds_until_it_is_armed_again(panel: Panel) -> None:
+    panel.page.get_by_label("Time shown").select_option("0.2")
+    panel.button("Trigger").click()
+    panel.page.get_by_label("Single").check()
+    strip = panel.page.locator("#trigger-strip")
+    before = panel.page.get_by_role("slider", name="Before")
+    before.focus()
+    for _ in range(8):
+        panel.page.keyboard.press("ArrowRight")
+    assert before.get_attribute("aria-valuetext") == "50 percent of the screen before the trigger"
+    panel.button("Start").click()
+    strip.get_by_text("Triggered, held").wait_for()
+    held = panel.table()[1]
+    # Half of what is seen is before the edge.
+    assert [line[2] for line in held[:100]] == [0.0] * 100
+    panel.until(lambda: panel.bench.motor.tick > 6000)  # more edges have come since
+    assert panel.table()[1] == held
+    panel.button("Arm again").click()
+    panel.until(lambda: panel.table()[1] != held)
+
+
 def test_every_signal_and_controller_of_the_library_can_be_set(panel: Panel) -> None:
     for name in SIGNALS.names():
         panel.page.get_by_label("Kind of signal").select_option(name)
@@ -347,6 +482,7 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
     panel.page.get_by_label("Length").select_option("")
     panel.button("Record").click()
     panel.button(re.compile("End recording 0:0")).click()
+    panel.page.locator("#toast").get_by_text(re.compile(r"^Recorded mine: [\d.]+ (s|ms)$")).wait_for()
     panel.tab("Recordings")
     panel.button("mine").click()
     panel.button("Identify").click()
@@ -355,6 +491,64 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
         panel.page.get_by_role("link", name="Open the report of mine").get_attribute("href")
         == "/reports/mine"
     )
+
+
+def test_a_recording_that_was_ended_early_says_so(panel: Panel) -> None:
+    panel.page.get_by_label("Name of the recording").fill("mine")
+    panel.page.get_by_label("Length").select_option("60")
+    panel.button("Record").click()
+    panel.button(re.compile("End recording 0:01")).click()
+    said = re.compile(r"^Recorded mine: [12]\.\d+ s of 60.0 s, as it was ended by hand$")
+    panel.page.locator("#toast").get_by_text(said).wait_for()
+
+
+def test_what_takes_long_says_how_long_and_can_be_ended(panel: Panel) -> None:
+    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": None}
+    panel.tab("Recordings")
+    panel.button("chirp-slow").click()
+    panel.button("Identify").click()
+    going = panel.page.get_by_role("group", name="Identifying chirp-slow")
+    panel.until(lambda: going.is_visible() and "identifying · 0:12 so far" in going.inner_text())
+    assert going.get_by_role("progressbar").get_attribute("value") is None
+    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": 36.0}
+    panel.until(lambda: "about 0:36 left" in going.inner_text())
+    assert going.get_by_role("progressbar").get_attribute("value") == "0.25"
+    assert panel.button("Identifying …").get_attribute("aria-disabled") == "true"
+    going.get_by_role("button", name="End: Identifying chirp-slow").click()
+    panel.until(lambda: panel.bench.working is None and going.count() == 0)
+    panel.button("Identify").wait_for()
+
+
+def chosen(panel: Panel, size: int) -> None:
+    file = {"name": "theirs.csv", "mimeType": "text/csv", "buffer": b"0" * size}
+    panel.page.locator("#import-file").set_input_files(files=[file])
+
+
+def test_a_file_that_is_too_large_is_told_before_it_is_sent(panel: Panel) -> None:
+    panel.tab("Recordings")
+    chosen(panel, LARGEST + 10**5)
+    panel.page.locator("#toast").get_by_text(
+        "theirs.csv has 1.1 MB; 1.0 MB at most can be imported"
+    ).wait_for()
+    assert panel.bench.uploads == []
+    assert not [url for url in panel.requests if "upload" in url]
+
+
+def test_a_file_tells_how_far_it_is_while_it_is_sent_and_can_be_ended(panel: Panel) -> None:
+    panel.tab("Recordings")
+    panel.bench.hold = True
+    chosen(panel, LARGEST)
+    going = panel.page.get_by_role("group", name="Importing theirs.csv")
+    panel.until(lambda: "1.0 MB of 1.0 MB" in (going.text_content() if going.count() else ""))
+    panel.until(lambda: panel.bench.uploads == [("theirs.csv", LARGEST)])
+    panel.until(lambda: "being read" in going.inner_text())
+    assert panel.button("Import").is_disabled()
+    going.get_by_role("button", name="End: Importing theirs.csv").click()
+    panel.page.locator("#toast").get_by_text("it was ended before all of it was sent").wait_for()
+    panel.bench.hold = False
+    chosen(panel, 1000)
+    panel.page.locator("#toast").get_by_text("Imported theirs.csv").wait_for()
+    assert going.count() == 0
 
 
 def test_two_recordings_are_laid_over_each_other(panel: Panel) -> None:
@@ -408,6 +602,39 @@ def test_nothing_sticks_out_at_the_side_and_stop_stays_in_view(
     assert box["y"] >= 0
     assert box["y"] + box["height"] <= size[1]
     assert box["height"] >= 44
+    panel.context.close()
+
+
+@pytest.mark.parametrize("size", [(1440, 900), (1024, 768), (390, 844)])
+def test_nothing_lies_over_anything_else_however_much_is_shown(
+    browser: Any, server: tuple[str, Any], size: tuple[int, int]
+) -> None:
+    panel = Panel(browser, *server, viewport={"width": size[0], "height": size[1]})
+    panel.button("Cursors").click()
+    panel.button("Trigger").click()
+    for name in ("Current", "Residual"):
+        panel.button(name).click()
+    panel.tab("Recordings")
+    panel.button("square-1-3").click()
+    panel.page.wait_for_timeout(300)
+    overlaps = panel.page.evaluate(
+        """() => {
+            const names = "#trigger-strip, .scope, #cursor-strip, .rail .block, .rail.results";
+            const parts = [...document.querySelectorAll(names)].filter((part) => part.checkVisibility());
+            const boxes = parts.map((part) => part.getBoundingClientRect());
+            const found = [];
+            boxes.forEach((a, j) => boxes.slice(j + 1).forEach((b, k) => {
+                // Sideways the columns stand apart; below each other parts touch at most.
+                const wide = Math.min(a.right, b.right) - Math.max(a.left, b.left);
+                const high = Math.min(a.bottom, b.bottom) - Math.max(a.top, b.top);
+                if (wide > 1 && high > 1) found.push([parts[j], parts[j + 1 + k]].map((part) => part.id || part.className));
+            }));
+            return found;
+        }"""
+    )
+    assert overlaps == []
+    panel.page.get_by_label("Compare square-1-3").check()  # it can be pressed
+    panel.page.get_by_role("img", name="Speed of square-1-3 over time").wait_for()
     panel.context.close()
 
 

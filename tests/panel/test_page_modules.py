@@ -195,6 +195,49 @@ def test_two_recordings_of_different_rates_share_an_axis(call: Call) -> None:
     assert b == [7, 8, 9, None]
 
 
+def test_what_is_not_known_of_a_recording_is_left_out_and_positions_begin_at_its_first(call: Call) -> None:
+    body = (
+        "(m, g) => m.aligned(g.map(({t, y}) => ({t, y: Float32Array.from(y, (v) => v ?? NaN)})), 'y', true)"
+    )
+    recordings = [{"t": [1.0, 2.0, 3.0], "y": [None, 70, 71]}, {"t": [0.0, 1.0, 2.0], "y": [5, None, 8]}]
+    t, a, b = call("compare", body, recordings)
+    assert t == [0.0, 1.0, 2.0]
+    assert a == [None, 0, 1]
+    assert b == [0, None, 3]
+
+
+def test_short_times_are_told_in_milliseconds(call: Call) -> None:
+    given = [
+        {"value": 0.00025, "interval": [0.0, 0.0005], "unit": "s"},
+        {"value": 0.09, "interval": [0.08, 0.1], "unit": "s"},
+        {"value": 0.001, "interval": None, "unit": "V"},
+    ]
+    short, *others = call("format", "(m, g) => g.map(m.readable)", given)
+    assert short == {"value": 0.25, "interval": [0.0, 0.5], "unit": "ms"}
+    assert others == given[1:]
+
+
+def test_the_time_that_is_left_is_told_as_far_as_it_is_known(call: Call) -> None:
+    known = {"doing": "identifying", "seconds": 30.0, "left": 90.0}
+    unknown = {"doing": "identifying", "seconds": 61.0, "left": None}
+    told = call("progress", "(m, g) => g.map(m.workProgress)", [known, unknown])
+    assert told[0] == {"share": 0.25, "sentence": "identifying  ·  about 1:30 left"}
+    assert told[1] == {"share": None, "sentence": "identifying  ·  1:01 so far"}
+
+
+def test_why_nothing_can_be_set_is_told_in_a_sentence(call: Call) -> None:
+    states = [
+        None,
+        {"opening": {"device": "twin"}, "operator": True},
+        {"operator": False, "taken": True},
+        {"operator": False, "taken": False},
+        {"operator": True, "taken": True},
+    ]
+    told = call("permit", "(m, g) => g.map(m.whyNot)", states)
+    assert [bool(each) for each in told] == [True, True, True, True, False]
+    assert len(set(told)) == len(told)
+
+
 def test_steps_of_an_axis_are_written_in_full(call: Call) -> None:
     steps = [100, 5, 2.5, 1, 0.5, 0.25, 0.1, 0.002, 0.1 + 0.2]
     assert call("format", "(m, g) => g.map(m.decimals)", steps) == [0, 0, 1, 0, 1, 2, 1, 3, 1]

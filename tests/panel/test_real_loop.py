@@ -25,6 +25,7 @@ from websockets.exceptions import ConnectionClosed
 
 from servobench.panel.frames import COLUMNS
 from servobench.recording.reader import read
+from tests.processes import children
 
 PATIENCE = 20.0  # s; the first loop compiles its kernels, maybe on a busy machine
 SAMPLE_TIME = 0.002
@@ -338,23 +339,7 @@ def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
     played(story)
 
 
-def children(parent: int, named: str) -> list[int]:
-    """The processes that a process has started, by a part of their command line."""
-    found = []
-    for entry in Path("/proc").iterdir():
-        if not entry.name.isdecimal():
-            continue
-        try:
-            stat = (entry / "stat").read_text()
-            line = (entry / "cmdline").read_bytes().decode()
-        except OSError:  # it has ended meanwhile
-            continue
-        if int(stat.rpartition(")")[2].split()[1]) == parent and named in line:
-            found.append(int(entry.name))
-    return found
-
-
-def test_the_servers_death_ends_the_loop(tmp_path: Path) -> None:
+def test_the_servers_death_ends_the_loop_and_what_identifies_it(tmp_path: Path) -> None:
     process = subprocess.Popen(
         [
             sys.executable,
@@ -380,11 +365,14 @@ def test_the_servers_death_ends_the_loop(tmp_path: Path) -> None:
             await turning(page)
 
         played(story)
-        (loop,) = children(process.pid, "servobench.loop.child")
-        handle = os.pidfd_open(loop)
+        handles = {}
+        for name in ("servobench.loop.child", "servobench.panel.live_process"):
+            (found,) = children(process.pid, name)
+            handles[name] = os.pidfd_open(found)
         process.kill()
-        assert select.select([handle], [], [], PATIENCE)[0], "the loop goes on without anybody"
-        os.close(handle)
+        for name, handle in handles.items():
+            assert select.select([handle], [], [], PATIENCE)[0], f"{name} goes on without anybody"
+            os.close(handle)
     finally:
         process.kill()
         process.communicate()

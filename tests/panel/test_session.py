@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import threading
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 from typing import Any
@@ -11,16 +12,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
+from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession, Refusal
 from servobench.panel.socket import ACTIONS, _answered
+from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
-from tests.panel.doubles import LoopDouble
+from tests.panel.doubles import LoopDouble, unidentified
 
 
 class Room:
@@ -28,7 +30,7 @@ class Room:
 
     def __init__(self, folder: Path) -> None:
         self.loops: list[LoopDouble] = []
-        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of)
+        self.motor = MotorSession(Experiment(), Library(folder), self._loop_of, unidentified)
 
     def _loop_of(self, experiment: Experiment) -> LoopDouble:
         self.loops.append(LoopDouble(experiment))
@@ -321,6 +323,64 @@ def test_another_device_takes_the_place_of_the_one_before(tmp_path: Path) -> Non
     played(tmp_path, story)
 
 
+def state_of(messages: list[dict[str, Any]]) -> dict[str, Any]:
+    """The newest state in there; the empty one, of before anything is known, where there is none."""
+    return [{"opening": None}, *(message for message in messages if message["kind"] == "state")][-1]
+
+
+def test_a_device_that_takes_long_to_open_says_so_and_takes_no_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """The second step compiles kernels the first time: meanwhile the loop, which is there already, hears that somebody is."""
+    may_go_on = threading.Event()
+
+    def slowly(*given: Any) -> Any:
+        assert may_go_on.wait(60)
+        return unidentified(*given)
+
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        monkeypatch.setattr(room.motor, "_live_of", slowly)
+        await room.motor.begin()  # opens it anew, and shows that somebody is there from now on
+        while (told := state_of(await heard(page))["opening"] or {"step": 0})["step"] != 2:
+            pass
+        assert (told["device"], told["of"]) == ("twin", 2)
+        assert told["doing"] == "getting ready to follow the motor"
+        for asked in ("start", "record", "halt"):
+            assert "being opened" in (await room.say(page, do=asked))["error"]
+        before = room.loop.signs
+        while room.loop.signs < before + 3:
+            await asyncio.sleep(0.01)
+
+        may_go_on.set()
+        while not (state := state_of(await heard(page))).get("running"):
+            pass
+        assert state["opening"] is None
+        assert (await room.say(page, do="start"))["ok"]
+
+    played(tmp_path, story)
+
+
+def test_a_device_that_cannot_be_followed_is_closed_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fails(*given: Any) -> Any:
+        raise UsageError("there are no counts")
+
+    async def story(room: Room) -> None:
+        page = await room.page()
+        await room.say(page, do="lease")
+        monkeypatch.setattr(room.motor, "_live_of", fails)
+        assert (await room.say(page, do="open"))["error"] == "there are no counts"
+        assert all(loop.left for loop in room.loops)
+        room.motor.show_state()
+        state = state_of(await heard(page))
+        assert (state["opening"], state["running"]) == (None, False)
+
+    played(tmp_path, story)
+
+
 def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_open(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         page = await room.page()
@@ -331,6 +391,7 @@ def test_a_loop_that_ended_is_told_and_lets_nothing_be_done_until_another_is_ope
 
         messages = await heard(page)
         assert {"kind": "stopped", "sentence": "the device failed: it was unplugged"} in messages
+        assert room.motor.state_for(page)["closed"] == "the device failed: it was unplugged"
         assert "open" in (await room.say(page, do="start"))["error"]
         assert (await room.say(page, do="open"))["ok"]
         assert (await room.say(page, do="start"))["ok"]
@@ -372,3 +433,84 @@ def test_without_a_device_there_is_a_sentence(tmp_path: Path) -> None:
         motor.start()
     with pytest.raises(UsageError, match="nothing is being recorded"):
         motor.end_record()
+
+
+class Ending(LoopDouble):
+    """One that can be told to end a recording."""
+
+    def end_recording(self) -> None:
+        pass
+
+
+@pytest.mark.parametrize(
+    ("wished", "length", "reasons", "early"),
+    [
+        (
+            10.0,
+            9.998,
+            [],
+            "",
+        ),  # a sample time less than was asked for lies between the first row and the last
+        (10.0, 9.998, [BY_HAND], ""),  # pressed when it was whole
+        (10.0, 4.2, [BY_HAND], BY_HAND),
+        (10.0, 4.2, ["the device failed", BY_HAND], "the device failed"),
+        (None, 4.2, [BY_HAND], ""),  # as it was meant
+        (None, 4.2, ["the device failed"], "the device failed"),
+    ],
+)
+def test_a_recording_that_is_shorter_than_asked_for_says_why(
+    tmp_path: Path, wished: float | None, length: float, reasons: list[str], early: str
+) -> None:
+    with Ending(Experiment()) as loop:
+        taking = Taking(loop, Experiment(), tmp_path / "mine", wished)
+        for reason in reasons:
+            taking.end(reason)
+        taking._length = length
+        assert taking.outcome() == {"name": "mine", "length": length, "duration": wished, "early": early}
+
+
+def test_the_loop_has_signs_of_life_while_the_identification_is_started(tmp_path: Path) -> None:
+    """Its kernels may take long to be compiled: a loop that hears nothing for a second ends itself."""
+    loops: list[LoopDouble] = []
+    begun, going_on = threading.Event(), threading.Event()
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def slow(*_: object) -> None:
+        begun.set()
+        assert going_on.wait(60)
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, slow)
+        await motor.begin()
+        assert await asyncio.to_thread(begun.wait, 60)
+        before = loops[0].signs
+        while loops[0].signs < before + 3:
+            await asyncio.sleep(0.01)
+        going_on.set()
+        await motor.close()
+
+    asyncio.run(asyncio.wait_for(all_of_it(), 60))
+
+
+def test_a_loop_whose_identification_cannot_be_started_is_closed(tmp_path: Path) -> None:
+    loops: list[LoopDouble] = []
+
+    def loop_of(experiment: Experiment) -> LoopDouble:
+        loops.append(LoopDouble(experiment))
+        return loops[-1]
+
+    def failing(*_: object) -> None:
+        raise StorageError("no memory for a ring")
+
+    async def all_of_it() -> None:
+        motor = MotorSession(Experiment(), Library(tmp_path), loop_of, failing)
+        with pytest.raises(StorageError):
+            await motor.open(motor.experiment)
+        assert motor.loop is None
+        await motor.close()
+
+    asyncio.run(all_of_it())
+    assert loops[0].left

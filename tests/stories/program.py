@@ -76,7 +76,7 @@ def _address(process: subprocess.Popen[str]) -> str:
     while time.monotonic() < until and process.poll() is None:
         if select.select([process.stderr], [], [], 1.0)[0]:
             said += process.stderr.readline()
-            if found := re.search(r"panel: (http://\S+)", said):
+            if found := re.search(r"panel: (https?://\S+)", said):
                 return found[1]
     raise AssertionError(f"the panel didn't begin: {said}")
 

@@ -57,6 +57,9 @@ class Recursive:
         self._input_before = setting.input_before
         self._before_again: float | None = None
         self.samples = 0
+        self.behind = 0
+        """How many of the last samples had no residual yet when they were taken, but will have: they wait for inputs of later
+        rows, or for a start state."""
         self._last = -np.inf
         self._kept: list[Samples] | None = []
         self._waiting: list[Samples] | None = None
@@ -88,9 +91,15 @@ class Recursive:
         if self._kept is not None:
             self._kept.append(samples)
         residual = np.empty(0) if self._motion is None else self._follow(self._motion, samples)
+        self.behind = self._waiting_for_more()
         if self.samples >= self._next:
             self.look_again()
         return residual
+
+    def _waiting_for_more(self) -> int:
+        if self._waiting is not None:
+            return sum(len(each.t) for each in self._waiting)
+        return 0 if self._motion is None else len(self._motion.pending.t)
 
     def start_again(self, input_before: float | None = None) -> None:
         """Say that the next row doesn't follow the last one: rows were lost, and with them what the input was meanwhile.

@@ -27,6 +27,9 @@ from servobench.recording.recording import Recording, Series, Source
 
 _JSON = re.compile(r'\s*(\{|\[\s*[\[{"0-9-])')
 _MARK = f"# {metadata.SCHEMA} "
+_STRING = re.compile(r'"(?:[^"\\]|\\.)*"')  # in JSON
+# A cell that begins with one of these is a formula to a spreadsheet; where one begins depends on what it takes for a separator.
+_FORMULA = re.compile(r"""((?:^|[,;|"'])\s*|\\t)([=+\-@])""")
 
 
 @final
@@ -77,7 +80,9 @@ class Csv:
         layout = [
             {"timed": group.t is not None, "channels": group.channels, "rows": group.rows} for group in groups
         ]
-        head = metadata.as_text({"recording": metadata.described(recording), "columns": layout})
+        head = _harmless_json(
+            metadata.as_text({"recording": metadata.described(recording), "columns": layout})
+        )
         columns = [column for group in groups for column in group.columns]
         with path.open("w", encoding="utf-8", errors="backslashreplace", newline="\n") as file:
             file.write(f"{_MARK}{head}\n")
@@ -150,10 +155,18 @@ def _label(channel: Channel) -> str:
 
 
 def _row(cells: Iterator[str]) -> str:
-    """A row of names; one that begins like a comment, or has a separator in it, gets quotes."""
+    """A row of names; one that begins like a comment, or has a separator in it, gets quotes, and one like a formula another."""
     text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerow([" ".join(cell.split()) for cell in cells])
+    names = [_FORMULA.sub(r"\1'\2", " ".join(cell.split())) for cell in cells]
+    csv.writer(text, lineterminator="\n").writerow(names)
     return text.getvalue()
+
+
+def _harmless_json(text: str) -> str:
+    """The same JSON, in whose strings no spreadsheet finds a cell with a formula, wherever it parts the line."""
+    return _STRING.sub(
+        lambda found: _FORMULA.sub(lambda part: f"{part[1]}\\u{ord(part[2]):04x}", found[0]), text
+    )
 
 
 def _rows(columns: Sequence[Array]) -> Iterator[str]:

@@ -211,7 +211,9 @@ class MessageReader:
     def read(self, most: int = 256) -> list[str]:
         """Return up to `most` of the texts that there are, as they were pushed; where it was overtaken `missed` has risen."""
         ring = self._ring
-        out = np.empty((_room(ring, self.next, most), ring.width), np.int64)
+        if not (room := _room(ring, self.next, most)):
+            return []
+        out = np.empty((room, ring.width), np.int64)
         number, begin, end = ring._kernels.read_rows(ring.memory, self.next, out)
         self.missed += number - self.next
         self.next = number + end - begin

@@ -10,6 +10,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.measurement.base import STAGES, Kind
+from servobench.measurement.continued import differences
 
 
 @STAGES.member("derivative")
@@ -65,7 +66,7 @@ class Derivative:
         """The differences of a block of samples (N,), N at least 1."""
         y = np.zeros(len(x))
         known = 1 if state is None else 0
-        y[known:] = np.diff(x, prepend=x[0] if state is None else state)[known:] / dt[known:]
+        y[known:] = differences(x, x[0] if state is None else state)[known:] / dt[known:]
         return float(x[-1]), y
 
     def __call__(self, x: Array, t: Array) -> Array:

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import UnitError, UsageError
 from servobench.measurement.base import STAGES, Kind, Mask
+from servobench.measurement.continued import differences
 from servobench.measurement.words import check_positive, number_and_unit, number_text, written_as
 from servobench.units import unit as unit_named
 
@@ -146,7 +147,7 @@ class Unwrap:
     ) -> tuple[tuple[float, float], Array]:
         """A block of samples (N,), N at least 1."""
         before, turns = state
-        d = np.diff(x, prepend=x[0] if before is None else before)
+        d = differences(x, x[0] if before is None else before)
         all_turns = turns - np.cumsum(np.rint(d / self.si_modulus))
         return (float(x[-1]), float(all_turns[-1])), x + self.si_modulus * all_turns
 

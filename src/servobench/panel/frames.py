@@ -13,7 +13,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.measurement.base import Chain
-from servobench.measurement.continued import continued
+from servobench.measurement.continued import continued, differences
 from servobench.measurement.derivative import Derivative
 from servobench.measurement.scale import Scale
 from servobench.measurement.unwrap import Unwrap
@@ -34,12 +34,14 @@ COLUMNS = (
     "saturated",
     "command",
 )
+_POSITION, _SPEED_RAW, _SPEED = (COLUMNS.index(name) for name in ("position", "speed_raw", "speed"))
 MAGIC = 0x31425653  # "SVB1"
 KEPT = 10.0  # s; what a new viewer sees at once
 _AS_RECORDED = ("reference", "commanded", "applied", "counts", "current", "late", "saturated", "command")
 _SETTLING = (
     2.0  # s of positions through which another chain is run before it's shown, so that its start isn't seen
 )
+_FORGOTTEN = 0.01  # of a filter's start state; with less left of it what comes out is taken for known
 
 
 def encode(first: int, values: Array) -> bytes:
@@ -69,16 +71,32 @@ def speed_chain(text: str) -> Chain:
 
 @dataclass
 class _Through:
-    """A chain that is being gone through."""
+    """A chain that is being gone through; what comes out before it is known is NaN."""
 
     chain: Chain
 
     def __post_init__(self) -> None:
         self._state = self.chain.start()
+        self._times: Array | None = np.empty(
+            0
+        )  # s since its first sample; None once all that comes out is known
 
     def __call__(self, x: Array, dt: Array) -> Array:
         self._state, y = continued(self.chain, self._state, x, dt)
+        y[: self._unknown(dt)] = math.nan
         return y
+
+    def _unknown(self, dt: Array) -> int:
+        """How many of the next outputs look back before the first sample, or still show the filter's start from zero."""
+        if self._times is None or not len(dt):
+            return 0
+        before = len(self._times)
+        last = self._times[-1] if before else 0.0
+        t = np.concatenate([self._times, last + np.cumsum(dt)])
+        start = np.abs(self.chain.start_responses(t)).max(axis=1, initial=0.0)
+        known = self.chain.valid(t) & ((start < _FORGOTTEN) | (t - t[0] >= _SETTLING))
+        self._times = None if known.any() else t
+        return (int(known.argmax()) if known.any() else len(t)) - before
 
 
 class Scope:
@@ -90,7 +108,10 @@ class Scope:
 
     def __init__(self, opened: Recording, chain: str) -> None:
         names = ["t", *(series.channel.name for series in opened.series)]
-        self._place = {name: names.index(name) for name in _AS_RECORDED if name in names}
+        self._counts = names.index("counts")
+        recorded = [name for name in ("t", *_AS_RECORDED) if name in names]
+        self._from = [names.index(name) for name in recorded]
+        self._to = [COLUMNS.index(name) for name in recorded]
         counter = opened["counts"].channel
         self._radians = 2 * math.pi / counter.counts_per_rev if counter.counts_per_rev else math.nan
         unwrap = () if counter.counter_bits is None else (Unwrap.parse((str(counter.counter_bits), "bit")),)
@@ -105,18 +126,16 @@ class Scope:
         shown = np.full((len(rows), len(COLUMNS)), math.nan)
         if not len(rows):
             return shown
-        t = rows[:, 0]
-        shown[:, 0] = t
-        for name, place in self._place.items():
-            shown[:, COLUMNS.index(name)] = rows[:, place]
-        dt = np.diff(t, prepend=t[0] if self._before is None else self._before)
+        shown[:, self._to] = rows[:, self._from]
+        t = shown[:, 0].copy()
+        dt = differences(t, t[0] if self._before is None else self._before)
         self._before = float(t[-1])
         if math.isnan(self._radians):
             return shown
-        position = self._radians * self._unwrap(rows[:, self._place["counts"]], dt)
-        shown[:, COLUMNS.index("position")] = position
-        shown[:, COLUMNS.index("speed_raw")] = self._raw(position, dt)
-        shown[:, COLUMNS.index("speed")] = self._speed_of(position, dt)
+        position = self._radians * self._unwrap(rows[:, self._counts], dt)
+        shown[:, _POSITION] = position
+        shown[:, _SPEED_RAW] = self._raw(position, dt)
+        shown[:, _SPEED] = self._speed_of(position, dt)
         self._remember(t, position)
         return shown
 
@@ -168,6 +187,12 @@ class History:
 
     def since(self, number: int) -> list[bytes]:
         """Return the frames with all rows from that number on that are still there; rows that the loop lost divide frames."""
+        if self._blocks and number > self._blocks[-1][0]:
+            return []
+        if (
+            len(self._blocks) > 1 and number > self._blocks[-2][0]
+        ):  # as for nearly everybody, thirty times a second
+            return [self._blocks[-1][2]]
         wanted = [block for block in self._blocks if block[0] >= number]
         if len(wanted) < 2:
             return [block[2] for block in wanted]

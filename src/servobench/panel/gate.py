@@ -17,7 +17,6 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from servobench.panel.keys import Keys, Session, same
 
-COOKIE = "servobench_session"
 TOKEN = "x-servobench-token"
 
 Body: TypeAlias = Literal["none", "application/json", "application/octet-stream"]
@@ -54,8 +53,14 @@ class Door:
     """What is let in: the names by which this server may be asked for, with the port as browsers send it, and the keys."""
 
     hosts: frozenset[str]
+    port: int
     scheme: Literal["http", "https"]
     keys: Keys
+
+    @property
+    def cookie(self) -> str:
+        """The name of the session's cookie: browsers send those of one port to all others of a host, where each has its own."""
+        return f"servobench_session_{self.port}"
 
     def check_host(self, headers: Headers) -> None:
         """Raise `Refused` for a name that isn't ours, such as one that was made to mean this machine."""
@@ -73,7 +78,7 @@ class Door:
             raise Refused(415, f"what is sent here has to be {asks.body}, and say so in its Content-Type")
         if not asks.session:
             return None
-        session = self.keys.session(_cookie(headers))
+        session = self.keys.session(_cookie(headers, self.cookie))
         if session is None:
             raise Refused(
                 401, "no session: open the address that the panel printed when it started, with its token"
@@ -98,10 +103,10 @@ class Door:
             )
 
 
-def _cookie(headers: Headers) -> str:
-    """The session's cookie; empty where there is none, or more than one, of which one isn't ours."""
+def _cookie(headers: Headers, wanted: str) -> str:
+    """The cookie with a name; empty where there is none, or more than one, of which one isn't ours."""
     pairs = [pair.strip().partition("=") for line in headers.getlist("cookie") for pair in line.split(";")]
-    found = [value for name, _, value in pairs if name == COOKIE]
+    found = [value for name, _, value in pairs if name == wanted]
     return found[0] if len(found) == 1 else ""
 
 

@@ -7,6 +7,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array, DeviceInfo
 from servobench.errors import UsageError
@@ -16,6 +17,7 @@ from servobench.estimators.recursive import Recursive
 
 _INTERVAL = 0.2  # s of the run between two messages
 _TWO_SIDED = 1.959964  # standard deviations of a normal that hold 95 %
+_KEPT = 8192  # residuals that nobody has asked for yet
 _UNITS = {
     "gain": "rad/(s·V)",
     "time_constant": "s",
@@ -48,7 +50,8 @@ class LiveFit:
         self._travel = 0.0
         self._next: int | None = None
         self._told = -math.inf
-        self._residuals = np.empty(0)
+        self._waiting = np.empty(0)  # numbers of rows whose residuals will be known later
+        self._numbers, self._residuals = np.empty(0), np.empty(0)
 
     def set_wish(self, wish: Mapping[str, float] | None) -> None:
         """Say how well the parameters are to be known; None for no wish."""
@@ -66,24 +69,46 @@ class LiveFit:
             if self._next is not None and first != self._next:
                 self._recursive.start_again()
                 self._counts = None
-            self._next = first + len(t)
+                self._waiting = np.empty(0)
+            self._next = first
+        begin = self._next or 0
+        self._next = begin + len(t)
         driven, seen = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
         y = (self._unwrapped(counts[seen]) + 0.5) * self._quantum
         if seen.any():
             known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t[driven], u=u[driven]))
-            self._residuals = np.concatenate([self._residuals, known])
+            self._keep(known, begin + np.flatnonzero(seen))
         if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
             return None
         self._told = float(t[seen][-1])
         return self.message()
 
-    def residuals(self, count: int) -> Array:
-        """Return the next `count` residuals of the live model [rad] that weren't returned yet, NaN where there are none.
+    @property
+    def reached(self) -> int:
+        """The number of the first row about which more may become known: all before it have their residuals, or never will."""
+        return int(self._waiting[0]) if len(self._waiting) else self._next or 0
 
-        Where the delay is below zero a residual is known two rows late, and stays so late.
+    def residuals(self, first: int, until: int) -> Array:
+        """Return the residuals of the live model [rad] of rows number `first` to before `until`; NaN where there are none.
+
+        Rows before `until` are forgotten by that.
         """
-        known, self._residuals = self._residuals[:count], self._residuals[count:]
-        return np.concatenate([np.full(count - len(known), np.nan), known])
+        found = np.full(max(until - first, 0), np.nan)
+        here = (self._numbers >= first) & (self._numbers < until)
+        found[(self._numbers[here] - first).astype(np.int64)] = self._residuals[here]
+        later = self._numbers >= until
+        self._numbers, self._residuals = self._numbers[later], self._residuals[later]
+        return found
+
+    def _keep(self, known: Array, rows: NDArray[np.int64]) -> None:
+        """Keep residuals that have become known after rows with those numbers were taken; some may be known later only."""
+        rows_so_far = np.concatenate([self._waiting, rows])
+        end = max(len(rows_so_far) - self._recursive.behind, 0)
+        # After the run was gone through again some come a second time: they are left out.
+        count = min(len(known), end)
+        self._waiting = rows_so_far[end:]
+        self._numbers = np.concatenate([self._numbers, rows_so_far[end - count : end]])[-_KEPT:]
+        self._residuals = np.concatenate([self._residuals, known[len(known) - count :]])[-_KEPT:]
 
     def message(self) -> dict[str, Any]:
         """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough."""

@@ -23,10 +23,11 @@ from servobench.errors import UsageError
 from servobench.experiment import Experiment
 from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
-from servobench.panel.bodies import json_object
+from servobench.panel.bodies import LARGEST_UPLOAD, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
-from servobench.panel.gate import COOKIE, Asks, Door, Refused
+from servobench.panel.gate import Asks, Door, Refused
+from servobench.panel.jobs import Jobs
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
 from servobench.panel.work import Work, done_elsewhere
@@ -55,6 +56,7 @@ class Panel:
     """Has a piece of work done in another process."""
     exercises: Path = FOLDER
     """The folder of the exercises."""
+    jobs: Jobs = field(default_factory=Jobs, repr=False)
 
 
 async def front(request: Request, panel: Panel) -> Response:
@@ -70,7 +72,7 @@ async def front(request: Request, panel: Panel) -> Response:
         )
     response = RedirectResponse("/", status_code=303)
     response.set_cookie(
-        COOKIE,
+        panel.door.cookie,
         session.cookie,
         httponly=True,
         samesite="strict",
@@ -102,6 +104,7 @@ async def session(request: Request, panel: Panel) -> Response:
             "operator": own.role == "operator",
             "device": panel.motor.device(),
             "version": __version__,
+            "largest_upload": LARGEST_UPLOAD,
         }
     )
 

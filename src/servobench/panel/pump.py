@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import math
-import time
-from collections.abc import Callable, Mapping
+import json
+from collections.abc import Callable
 from dataclasses import dataclass
 from threading import Event, Thread
 from typing import Any, Protocol
@@ -15,11 +14,22 @@ from servobench.channels import Array, DeviceInfo
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice
 from servobench.loop.recording_process import RecorderProcess
-from servobench.loop.ring import MessageReader, RowReader, RowRing
+from servobench.loop.ring import LOOP_STATE, MessageReader, RowReader, RowRing
+from servobench.loop.spec import ENDED
+from servobench.panel.beat import Beat
 from servobench.panel.frames import COLUMNS, Scope
+from servobench.panel.live_process import Seen
 from servobench.recording.recording import Recording, Stopped
 
-FRAMES = 30.0  # a second
+_MOST = 4096  # rows of a look; what is more comes with the next one
+_RESIDUAL = COLUMNS.index("residual")
+_NOTHING_KNOWN: dict[str, Any] = {
+    "kind": "live",
+    "parameters": {},
+    "white": None,
+    "enough": False,
+    "samples": 0,
+}
 
 
 class Loop(Protocol):
@@ -67,18 +77,19 @@ class Loop(Protocol):
 
 
 class Live(Protocol):
-    """Identification while the motor runs; `LiveFit` is one."""
+    """Identification beside the loop; `LiveProcess` is one."""
 
-    def take(self, columns: Mapping[str, Array], first: int | None = None) -> dict[str, Any] | None:
-        """Take rows in order and return a message where one is due."""
+    @property
+    def ended(self) -> str:
+        """A sentence about how it ended by itself; empty while it hasn't."""
         ...
 
-    def residuals(self, count: int) -> Array:
-        """Return the next residuals [rad], NaN where there are none yet."""
+    def look(self) -> list[Seen]:
+        """Return what it has made of rows since the last look; it may be waited for a moment."""
         ...
 
-    def set_wish(self, wish: Mapping[str, float] | None) -> None:
-        """Say how well the parameters are to be known."""
+    def message(self) -> str:
+        """Return the newest message as JSON; empty where there is none since the last."""
         ...
 
 
@@ -86,8 +97,8 @@ class Live(Protocol):
 class News:
     """What came from the loop since the last look: events, and rows (N, 13) as scopes show them, the first number `first`.
 
-    `late` and `missed` count ticks since the run began. `live` is what is known of the motor, where that is due. `ended` says why
-    the run ended, once it did.
+    `late` and `missed` count ticks since the run began. `live` is a message of what is known of the motor, as JSON, empty where
+    none is due. `ended` says why the run ended, once it did.
     """
 
     events: tuple[Notice, ...]
@@ -95,7 +106,7 @@ class News:
     values: Array
     late: int
     missed: int
-    live: dict[str, Any] | None
+    live: str
     ended: Stopped | None
 
 
@@ -117,20 +128,19 @@ class Pump(Thread):
         self._scheduled, self._late_flag = names.index("scheduled"), names.index("late")
         self._command = names.index("command")
         self._chains: list[tuple[int, str]] = []
-        self._tick: int | None = None
+        self._tick = -1
         self._late = self._missed = 0
         self._over = Event()
 
     def run(self) -> None:
         """Look thirty times a second."""
-        due = time.monotonic()
+        beat = Beat()
         while not self._over.is_set():
             news = self.look()
             self._hand_on(news)
             if news.ended is not None:
                 return
-            due = max(due + 1 / FRAMES, time.monotonic())
-            self._over.wait(due - time.monotonic())
+            self._over.wait(beat.wait())
 
     def close(self) -> None:
         """Look no more, and wait until that is so."""
@@ -140,34 +150,45 @@ class Pump(Thread):
 
     def look(self) -> News:
         """Return what is new."""
-        ended = self._loop.ended  # before the rings: what it said last is in them by then
+        ended = self._ended()  # before the rings: what it said last is in them by then
         events = tuple(Notice.parse(text) for text in self._events.read())
         self._chains += [
             (event.about["number"], event.about["what"]["chain"])
             for event in events
             if event.kind == "command" and event.about["accepted"] and "chain" in event.about["what"]
         ]
-        rows = self._rows.read()  # what is more comes with the next look
+        seen = [] if self._live is None else self._live.look()
+        rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
         first, values = self._rows.next - len(rows), self._shown(rows[:, : self._loop.width])
+        _put_residuals(seen, first, values)
         return News(
             events=events,
             first=first,
             values=values,
             late=self._late,
             missed=self._missed,
-            live=self._identified(first, values),
+            live=self._told(),
             ended=ended,
         )
 
-    def _identified(self, first: int, values: Array) -> dict[str, Any] | None:
-        """What is known of the motor by now, where that is due; the residuals go where they are shown."""
-        if self._live is None or not len(values):
-            return None
-        told = self._live.take(
-            {name: values[:, COLUMNS.index(name)] for name in ("t", "applied", "counts")}, first
-        )
-        values[:, COLUMNS.index("residual")] = self._live.residuals(len(values))
-        return None if told is None else _finite(told)
+    def _ended(self) -> Stopped | None:
+        """Why the loop ended; whether its process lives is asked only where no rows come."""
+        ring = self._loop.ring
+        silent = ring.written == self._rows.next or ring.get(LOOP_STATE) == ENDED
+        return self._loop.ended if silent else None
+
+    def _told(self) -> str:
+        """What identification says that is new; where it has ended by itself, that, once."""
+        if self._live is None:
+            return ""
+        if why := self._live.ended:
+            self._live = None
+            return json.dumps({**_NOTHING_KNOWN, "ended": why})
+        return self._live.message()
+
+    def _ready(self, seen: list[Seen]) -> int:
+        """How many rows can be shown with their residuals; 0 where none can, and nobody waits for that."""
+        return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
 
     def _shown(self, rows: Array) -> Array:
         """What rows show; another chain counts from the row on that its command was in force."""
@@ -187,16 +208,16 @@ class Pump(Thread):
     def _count(self, rows: Array) -> None:
         """Count ticks that were late, and those that were missed between two rows."""
         self._late += int(rows[:, self._late_flag].sum())
-        ticks = np.rint(rows[:, self._scheduled] / self._sample_time).astype(np.int64)
-        steps = np.diff(ticks, prepend=-1 if self._tick is None else self._tick)
-        self._missed += int(steps.sum()) - len(ticks)
-        self._tick = int(ticks[-1])
+        tick = round(float(rows[-1, self._scheduled]) / self._sample_time)
+        self._missed += tick - self._tick - len(rows)
+        self._tick = tick
 
 
-def _finite(told: Any) -> Any:
-    """A message as JSON can hold it: None in the place of numbers that aren't finite, as of an interval without an end."""
-    if isinstance(told, Mapping):
-        return {key: _finite(value) for key, value in told.items()}
-    if isinstance(told, list):
-        return [_finite(value) for value in told]
-    return None if isinstance(told, float) and not math.isfinite(told) else told
+def _put_residuals(seen: list[Seen], first: int, values: Array) -> None:
+    """Put residuals into the rows (N, 13) from number `first` on that they are of; those of other rows came too late."""
+    for each in seen:
+        begin = max(each.first, first)
+        end = min(each.first + len(each.residuals), first + len(values))
+        if begin < end:
+            found = each.residuals[begin - each.first : end - each.first]
+            values[begin - first : end - first, _RESIDUAL] = found

@@ -102,14 +102,22 @@ async def identified(request: Request, panel: Panel) -> Response:
     name = _name(request)
     native = panel.library.file(name, RECORDING)
     page = native.parent / REPORT
-    answer = await panel.work(
-        {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
+    asked = {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
+    answer = await panel.jobs.identify(
+        panel.work, panel.motor.tell, name, asked, about_in(native.parent).samples
     )
     result: dict[str, Any] = answer["result"]
     replace_file(native.parent / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
     keep_about(native.parent, replace(about_in(native.parent), verdict=str(result["verdict"])))
     panel.motor.tell({"kind": "library"})
     return as_json({**result, "report": f"/reports/{name}"})
+
+
+async def identification_ended(request: Request, panel: Panel) -> Response:
+    """An identification that somebody doesn't want to wait for any more."""
+    await json_object(request)
+    panel.jobs.end(_name(request))
+    return as_json({})
 
 
 async def report(request: Request, panel: Panel) -> Response:

@@ -16,6 +16,7 @@ from servobench.errors import DeviceError, ServobenchError, StorageError, Unknow
 from servobench.panel import pages, recordings
 from servobench.panel.bodies import Listening
 from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse
+from servobench.panel.jobs import Ended
 from servobench.panel.pages import Panel
 from servobench.panel.session import Refusal
 from servobench.panel.socket import converse
@@ -56,6 +57,12 @@ TABLE = (
     Way(method="GET", path="/api/recordings/{name}/download", asks=READS, answer=recordings.download),
     Way(method="GET", path="/api/recordings/{name}/rows", asks=READS, answer=recordings.rows),
     Way(method="POST", path="/api/recordings/{name}/identify", asks=CHANGES, answer=recordings.identified),
+    Way(
+        method="POST",
+        path="/api/recordings/{name}/identify/end",
+        asks=CHANGES,
+        answer=recordings.identification_ended,
+    ),
     Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),
     Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.uploaded),
     Way(method="GET", path="/api/diagram", asks=READS, answer=pages.drawn),
@@ -126,7 +133,13 @@ class _Socket:
 
 def _status(error: ServobenchError) -> int:
     """The status that an error of ours is answered with."""
-    for kind, status in ((Refusal, 409), (UnknownName, 404), (StorageError, 507), (DeviceError, 409)):
+    for kind, status in (
+        (Refusal, 409),
+        (Ended, 409),
+        (UnknownName, 404),
+        (StorageError, 507),
+        (DeviceError, 409),
+    ):
         if isinstance(error, kind):
             return status
     return 400

@@ -58,6 +58,7 @@ def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], 
     names = {_bracketed(host).lower() for host in hosts}
     return Door(
         hosts=frozenset({f"{name}:{port}" for name in names} | (names if port == usual else set())),
+        port=port,
         scheme=scheme,
         keys=keys,
     )

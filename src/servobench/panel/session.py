@@ -12,18 +12,18 @@ from contextlib import AbstractContextManager
 from functools import partial
 from typing import Any
 
-import numpy as np
 from pydantic import ValidationError
 
-from servobench.channels import DeviceInfo
 from servobench.errors import ServobenchError, UsageError
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.messages import Command, Notice, info_to_json
 from servobench.loop.process import LoopProcess
 from servobench.panel.frames import History, speed_chain
 from servobench.panel.library import Library
-from servobench.panel.pump import Live, Loop, News, Pump
-from servobench.panel.taking import Taking
+from servobench.panel.live_process import LiveProcess, live_of
+from servobench.panel.opening import LIVE, Opening
+from servobench.panel.pump import Loop, News, Pump
+from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer, as_text
 from servobench.recording.recording import Stopped
 from servobench.stopping_rule import parse_wish
@@ -34,6 +34,7 @@ STATE_INTERVAL = 0.2  # s between two states where nothing but counts has change
 _LIMITED_FOR = 0.5  # s for which a limit's light stays on
 
 LoopOf = Callable[[Experiment], AbstractContextManager[Loop]]
+LiveOf = Callable[[Loop, float, Mapping[str, float]], LiveProcess | None]
 
 
 def own_process(experiment: Experiment) -> AbstractContextManager[Loop]:
@@ -48,11 +49,19 @@ class Refusal(UsageError):
 class MotorSession:
     """What the pages share. `experiment` says what is there at the start; `loop_of` makes the loop of an experiment.
 
+    `live_of` makes what identifies it meanwhile.
+
     The motor turns only while the operator, who has the lease, is connected: `leave` puts out zero volts at once. The loop gets
     a sign of life while an operator is there, or once it has said that it puts out zero volts; otherwise it ends by itself.
     """
 
-    def __init__(self, experiment: Experiment, library: Library, loop_of: LoopOf = own_process) -> None:
+    def __init__(
+        self,
+        experiment: Experiment,
+        library: Library,
+        loop_of: LoopOf = own_process,
+        live_of: LiveOf = live_of,
+    ) -> None:
         self.experiment = for_panel(experiment)
         self.library = library
         self.viewers: set[Viewer] = set()
@@ -60,11 +69,14 @@ class MotorSession:
         self.history = History()
         self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
         self._wish: dict[str, float] = {}
-        self._live: Live | None = None
+        self._live: LiveProcess | None = None
+        self._live_of = live_of
         self._loop_of = loop_of
         self._context: AbstractContextManager[Loop] | None = None
         self.loop: Loop | None = None
         self._pump: Pump | None = None
+        self._opening: Opening | None = None
+        self._closed_by = ""  # why no device is open, where one was
         self._changing = asyncio.Lock()
         self._signs: asyncio.Task[None] | None = None
         self.enabled = False
@@ -86,7 +98,7 @@ class MotorSession:
     async def close(self) -> None:
         """End everything; the motor is at rest then."""
         async with self._changing:  # a device that is being opened is open first
-            await self._close_loop()
+            await self._close_loop("the panel ends")
         if self._signs is not None:
             self._signs.cancel()
         for task in tuple(self._tasks):
@@ -95,23 +107,36 @@ class MotorSession:
     async def open(self, experiment: Experiment) -> None:
         """Open the experiment's device in the place of the one before; raises what keeps it from beginning."""
         async with self._changing:
-            await self._close_loop()
-            self.experiment = for_panel(experiment)
-            self._signal = self.experiment.signal
-            context = self._loop_of(self.experiment)
-            loop = await asyncio.to_thread(context.__enter__)
-            self._context, self.loop = context, loop
-            self.history = History()
-            self.enabled, self._fault = False, None
-            self._last_enable = self._heard = self._late = self._missed = self._command = 0
-            for viewer in self.viewers:
-                viewer.next_row = 0
-            server = asyncio.get_running_loop()
-            hand_on = partial(_to_thread_of, server, partial(self.take, loop))
-            self._live = await asyncio.to_thread(live_fit, loop.info, self.experiment.sample_time, self._wish)
-            self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
-            self._pump.start()
+            self._opening = Opening(experiment.device.name)
+            self.show_state()
+            try:
+                await self._close_loop("another device is being opened")
+                self.experiment = for_panel(experiment)
+                self._signal = self.experiment.signal
+                await self._open_loop(self._opening)
+            except BaseException:
+                await self._close_loop("it couldn't be opened")
+                raise
+            finally:
+                self._opening = None
+                self.show_state()
+
+    async def _open_loop(self, opening: Opening) -> None:
+        context = self._loop_of(self.experiment)
+        loop = await asyncio.to_thread(context.__enter__)
+        self._context, self.loop = context, loop
+        self.history = History()
+        self.enabled, self._fault, self._closed_by = False, None, ""
+        self._last_enable = self._heard = self._late = self._missed = self._command = 0
+        for viewer in self.viewers:
+            viewer.next_row = 0
+        opening.doing = LIVE
         self.show_state()
+        server = asyncio.get_running_loop()
+        hand_on = partial(_to_thread_of, server, partial(self.take, loop))
+        self._live = await asyncio.to_thread(self._live_of, loop, self.experiment.sample_time, self._wish)
+        self._pump = Pump(loop, self.experiment.sample_time, self.experiment.chain, hand_on, self._live)
+        self._pump.start()
 
     async def _open_or_tell(self) -> None:
         try:
@@ -121,21 +146,25 @@ class MotorSession:
             self.tell({"kind": "fault", **self._fault})
             self.show_state()
 
-    async def _close_loop(self) -> None:
-        pump, context = self._pump, self._context
-        self._pump = self._context = self.loop = None
+    async def _close_loop(self, why: str) -> None:
+        pump, live, context = self._pump, self._live, self._context
+        self._pump = self._live = self._context = self.loop = None
         self.enabled = False
         if pump is not None:
             await asyncio.to_thread(pump.close)
+        if live is not None:
+            await asyncio.to_thread(live.close)
         if self._taking is not None:
-            self._taking.loop.end_recording()
+            self._taking.end(why)
             await self._ending_of(self._taking)
         if context is not None:
             await asyncio.to_thread(context.__exit__, None, None, None)
 
     async def _show_signs(self) -> None:
         while True:
-            if self.loop is not None and self._pump is not None and self._pump.is_alive() and self._may_go_on:
+            # Until there is a pump the device is still being opened, and at zero volts.
+            watched = self._pump is None or self._pump.is_alive()
+            if self.loop is not None and watched and self._may_go_on:
                 self.loop.here()
             await asyncio.sleep(SIGN_INTERVAL)
 
@@ -149,7 +178,7 @@ class MotorSession:
     def join(self, viewer: Viewer) -> None:
         """Show everything to a viewer from now on, the last ten seconds at once."""
         self.viewers.add(viewer)
-        self._show_state_to(viewer)
+        viewer.show("state", as_text(self.state_for(viewer)))
         viewer.wake()
 
     def leave(self, viewer: Viewer) -> None:
@@ -207,13 +236,17 @@ class MotorSession:
             self.loop.command(Command(enabled=False))
         self.tell({"kind": "stopped", "sentence": sentence})
 
-    def acknowledge(self) -> int:
-        """Acknowledge a fault, so that the motor may turn again, once it's started."""
+    def acknowledge(self) -> int | None:
+        """Acknowledge a fault, so that the motor may turn again, once it's started; None where it ended the loop."""
         self._fault = None
         self.show_state()
+        if self.loop is None:
+            return None
         return self.command(Command(acknowledge=True, enabled=False))
 
     def _going_on(self) -> Loop:
+        if self._opening is not None:
+            raise Refusal("the device is being opened: wait until it is open")
         if self.loop is None:
             raise Refusal("no device is open: open one first")
         return self.loop
@@ -245,7 +278,7 @@ class MotorSession:
         """End the recording with the row that is the last one now; raises `Refusal` where there is none."""
         if self._taking is None:
             raise Refusal("nothing is being recorded")
-        self._taking.loop.end_recording()
+        self._taking.end(BY_HAND)
 
     def _ending_of(self, taking: Taking) -> asyncio.Task[None]:
         """What takes note of a recording's end; it happens once."""
@@ -265,7 +298,7 @@ class MotorSession:
         if error:
             self._unrecorded(error)
         else:
-            self.tell({"kind": "recorded", "name": taking.folder.name})
+            self.tell({"kind": "recorded", **taking.outcome()})
         self.tell({"kind": "library"})
         self.show_state()
 
@@ -293,10 +326,9 @@ class MotorSession:
             self._note_limits(news)
             for viewer in self.viewers:
                 viewer.wake()
-        if news.live is not None:
-            text = as_text(news.live)
+        if news.live:
             for viewer in self.viewers:
-                viewer.show("live", text)
+                viewer.show("live", news.live)
         taking = self._taking
         if taking is not None and taking.over:
             self._ending_of(taking)
@@ -345,6 +377,9 @@ class MotorSession:
         self.show_state()
 
     def _ended(self, stopped: Stopped) -> None:
+        self._closed_by = stopped.sentence
+        if self._taking is not None:
+            self._taking.end(stopped.sentence)
         self.tell({"kind": "stopped", "sentence": stopped.sentence})
         if stopped.reason in ("device_lost", "error", "fault"):
             self._fault = {"code": stopped.reason.replace("_", "-"), "sentence": stopped.sentence}
@@ -352,7 +387,7 @@ class MotorSession:
 
     async def _closed(self) -> None:
         async with self._changing:
-            await self._close_loop()
+            await self._close_loop(self._closed_by)
         self.show_state()
 
     def _note_limits(self, news: News) -> None:
@@ -369,8 +404,14 @@ class MotorSession:
 
     def show_state(self) -> None:
         """Show everybody how things are."""
+        if not self.viewers:
+            return
+        state = self._state()
+        for_others = as_text({**state, "operator": False})
         for viewer in self.viewers:
-            self._show_state_to(viewer)
+            viewer.show(
+                "state", as_text({**state, "operator": True}) if viewer is self.operator else for_others
+            )
 
     def _show_counts(self) -> None:
         now = asyncio.get_running_loop().time()
@@ -378,17 +419,19 @@ class MotorSession:
             self._state_due = now + STATE_INTERVAL
             self.show_state()
 
-    def _show_state_to(self, viewer: Viewer) -> None:
-        viewer.show("state", as_text(self.state_for(viewer)))
-
     def state_for(self, viewer: Viewer) -> dict[str, Any]:
         """Return how things are, as one viewer sees it."""
+        return {**self._state(), "operator": self.operator is viewer}
+
+    def _state(self) -> dict[str, Any]:
+        """How things are, for everybody; who the operator is differs."""
         asked = self.experiment.model_dump(mode="json", include={"signal", "controller"})
         return {
             "kind": "state",
-            "running": self.loop is not None,
+            "running": self.loop is not None and self._opening is None,
+            "opening": None if self._opening is None else self._opening.state(),
+            "closed": self._closed_by,
             "enabled": self.enabled,
-            "operator": self.operator is viewer,
             "taken": self.operator is not None,
             "signal": asked["signal"],
             "controller": asked["controller"],
@@ -422,20 +465,6 @@ class MotorSession:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
-
-
-def live_fit(info: DeviceInfo, sample_time: float, wish: Mapping[str, float]) -> Live | None:
-    """Return what identifies a device while it runs; None where it can't be, as the device doesn't tell its angle."""
-    from servobench.panel.live import LiveFit
-
-    encoder = info.channel("counts")
-    if encoder is None or not encoder.counts_per_rev:
-        return None
-    # Compiled now, on a motion of no motor: scopes would stand still for as long as that takes the first time.
-    t = np.arange(1000, dtype=np.float64) * sample_time
-    u = np.where(np.arange(1000) % 250 < 125, 3.0, 1.0)
-    LiveFit(info, sample_time).take({"t": t, "applied": u, "counts": np.floor(np.cumsum(u))})
-    return LiveFit(info, sample_time, wish)
 
 
 def command_from(given: Mapping[str, Any]) -> Command:

@@ -15,6 +15,8 @@ from servobench.loop.spec import DONE, FAILED
 from servobench.panel.library import EXPERIMENT, RECORDING, About, keep_about, replace_file
 from servobench.panel.pump import Loop
 
+BY_HAND = "it was ended by hand"
+
 
 class Taking:
     """Rows of a loop on their way into a run's folder, by a process of its own; `duration` [s] is None until it's ended."""
@@ -27,6 +29,8 @@ class Taking:
         self._experiment = experiment.model_copy(update={"duration": duration, "name": folder.name})
         self._recorder: RecorderProcess | None = None
         self._first = loop.ring.written
+        self._length = 0.0  # s, of the file
+        self._ended_by = ""
         self._created = datetime.now().isoformat(timespec="seconds")
 
     async def begin(self) -> None:
@@ -35,6 +39,23 @@ class Taking:
         self._recorder = await asyncio.to_thread(
             self.loop.record_from, self._first, str(self.folder / RECORDING), self._experiment, self.duration
         )
+
+    def end(self, why: str) -> None:
+        """Let it end with the row that is the last one now; the first reason that is given counts."""
+        self._ended_by = self._ended_by or why
+        self.loop.end_recording()
+
+    def outcome(self) -> dict[str, Any]:
+        """Return what became of it, once it is finished: its length [s], the one that was asked for, and why it is shorter."""
+        # Between the first row and the last there is a sample time less than was asked for; a late tick is no early end.
+        early = self.duration is not None and self._length < self.duration - 2 * self._experiment.sample_time
+        by_hand = self.duration is None and self._ended_by == BY_HAND
+        return {
+            "name": self.folder.name,
+            "length": self._length,
+            "duration": self.duration,
+            "early": self._ended_by if early or (self.duration is None and not by_hand) else "",
+        }
 
     @property
     def over(self) -> bool:
@@ -72,12 +93,11 @@ class Taking:
         make_whole(self.folder / RECORDING)
 
     def _keep_about(self) -> None:
-        keep_about(
-            self.folder,
-            about(
-                self.folder / RECORDING, self._created, str(self._experiment.model_dump()["signal"]["type"])
-            ),
+        known = about(
+            self.folder / RECORDING, self._created, str(self._experiment.model_dump()["signal"]["type"])
         )
+        self._length = known.duration
+        keep_about(self.folder, known)
 
 
 def about(path: Path, created: str, signal: str) -> About:

@@ -9,24 +9,49 @@ import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
 from contextlib import suppress
-from typing import Any, TypeAlias
+from typing import Any, Protocol, TypeAlias
 
 import servobench.errors as errors
 from servobench.errors import ServobenchError, UsageError
 
-Work: TypeAlias = Callable[[Mapping[str, Any]], Awaitable[dict[str, Any]]]
+Said: TypeAlias = Callable[[str], None]
+
+
+class Work(Protocol):
+    """Has a piece of work done: `done_elsewhere` does."""
+
+    def __call__(self, asked: Mapping[str, Any], said: Said = ..., /) -> Awaitable[dict[str, Any]]:
+        """Have it done; `said` is told what is done now."""
+        ...
+
+
+STARTING, READING, IDENTIFYING, WRITING = STAGES = (
+    "starting",
+    "reading the recording",
+    "identifying",
+    "writing the report",
+)
 
 PATIENCE = 300.0  # s; then it's ended
 _AT_ONCE = asyncio.Semaphore(1)
 _LONGEST = 16 * 1024 * 1024  # bytes of an answer
+_DOING = b"doing: "
+_ONE_THREAD = {
+    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
+}  # the loop needs the others
 
 
-async def done_elsewhere(asked: Mapping[str, Any]) -> dict[str, Any]:
+def _nobody_asks(doing: str) -> None:
+    pass
+
+
+async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) -> dict[str, Any]:
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
-    `asked` is JSON, whose `do` says which: see `PIECES`.
+    `asked` is JSON, whose `do` says which: see `PIECES`. `said` is told what is done now. Cancelled, it ends the process.
     """
     async with _AT_ONCE:
+        said(STARTING)
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-P",
@@ -36,10 +61,12 @@ async def done_elsewhere(asked: Mapping[str, Any]) -> dict[str, Any]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             limit=_LONGEST,
+            env={**os.environ, **_ONE_THREAD},
+            creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
         )
         try:
             async with asyncio.timeout(PATIENCE):
-                said, complaints = await process.communicate(json.dumps(asked).encode())
+                last, complaints = await _conversation(process, json.dumps(asked).encode(), said)
         except TimeoutError:
             raise UsageError(
                 f"this took longer than {PATIENCE:g} s, and was ended; take a shorter recording"
@@ -49,17 +76,41 @@ async def done_elsewhere(asked: Mapping[str, Any]) -> dict[str, Any]:
                 process.kill()
                 await process.wait()
     try:
-        answer: dict[str, Any] = json.loads(said)
+        answer: dict[str, Any] = json.loads(last)
     except ValueError:  # it was ended before it could say anything, by a lack of memory for instance
-        last = (complaints.decode("utf-8", "replace").strip().splitlines() or ["without a word"])[-1]
+        word = (complaints.decode("utf-8", "replace").strip().splitlines() or ["without a word"])[-1]
         raise UsageError(
-            f"the process that did this ended with status {process.returncode}: {last[:200]}"
+            f"the process that did this ended with status {process.returncode}: {word[:200]}"
         ) from None
     if "error" in answer:
         kind = getattr(errors, answer["error"], UsageError)
         simple = kind in (UsageError, errors.FormatError, errors.StorageError, errors.NotIdentifiable)
         raise (kind if simple else UsageError)(answer["sentence"])
     return answer
+
+
+async def _conversation(process: asyncio.subprocess.Process, asked: bytes, said: Said) -> tuple[bytes, bytes]:
+    """Ask, hand on what is said of the work meanwhile, and return the last line that was said, and the complaints."""
+    if process.stdin is None or process.stdout is None or process.stderr is None:
+        raise RuntimeError("the process was started without pipes")
+    complaints = asyncio.ensure_future(process.stderr.read())
+    with suppress(BrokenPipeError, ConnectionResetError):  # it is gone already, and its complaints say why
+        process.stdin.write(asked)
+        await process.stdin.drain()
+        process.stdin.close()
+    last = b""
+    async for line in process.stdout:
+        last = line
+        if line.startswith(_DOING):
+            said(line.removeprefix(_DOING).decode().strip())
+    await process.wait()
+    return last, await complaints
+
+
+def _say(doing: str) -> None:
+    """Say in the process that does the work what is done now."""
+    sys.stdout.write(f"{_DOING.decode()}{doing}\n")
+    sys.stdout.flush()
 
 
 def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -70,9 +121,13 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.recording.reader import read
     from servobench.report.document import Report
 
+    _say(READING)
     recording = read(asked["file"])[0]
     chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
-    result = identify([measure(recording, chain)], structure=asked["structure"])
+    data = measure(recording, chain)
+    _say(IDENTIFYING)
+    result = identify([data], structure=asked["structure"])
+    _say(WRITING)
     Report([recording], result, command=f"servobench identify {os.path.basename(asked['file'])}").write(
         asked["report"]
     )

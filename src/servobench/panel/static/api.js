@@ -1,10 +1,12 @@
 // Requests to the server the page came from, with the session's token; a refusal is an error with the server's sentence.
 
 let token = "";
+let largest = Infinity; // bytes that may be sent as a file
 
 export async function session() {
     const found = await get("/api/session");
     token = found.token;
+    largest = found.largest_upload ?? Infinity;
     return found;
 }
 
@@ -20,7 +22,32 @@ export async function bytes(path) {
 
 export const post = (path, body = {}) => send(path, "application/json", JSON.stringify(body));
 
-export const upload = (path, file) => send(path, "application/octet-stream", file);
+export const largestUpload = () => largest;
+
+// A file on its way: {done, a promise; end()}. `onProgress(sent, total)` is called meanwhile: fetch doesn't tell that.
+export function upload(path, file, onProgress) {
+    const request = new XMLHttpRequest();
+    const done = new Promise((resolve, reject) => {
+        request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded, total));
+        request.addEventListener("error", () => reject(new Error("the connection was lost")));
+        request.addEventListener("abort", () => reject(new Error("it was ended before all of it was sent")));
+        request.addEventListener("load", () => {
+            let said = {};
+            try {
+                said = JSON.parse(request.responseText);
+            } catch {
+                // A proxy's answer, for instance; its status tells enough.
+            }
+            if (request.status < 300) resolve(said);
+            else reject(new Error(said.error ?? `the server answered ${request.status}`));
+        });
+    });
+    request.open("POST", path);
+    request.setRequestHeader("Content-Type", "application/octet-stream");
+    request.setRequestHeader("X-Servobench-Token", token);
+    request.send(file);
+    return { done, end: () => request.abort() };
+}
 
 async function send(path, type, body) {
     const headers = { "Content-Type": type, "X-Servobench-Token": token };

@@ -8,18 +8,23 @@ import { decimals, fixed } from "./format.js";
 const SHOWN = [
     { column: "applied", title: "Applied voltage", unit: "V" },
     { column: "speed", title: "Speed", unit: "rad/s" },
-    { column: "position", title: "Position", unit: "rad" },
+    { column: "position", title: "Position since the beginning", unit: "rad", since: true },
 ];
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// The common times of two recordings, and each one's values there (null outside): what uPlot wants to draw two lines.
-export function aligned(recordings, column) {
+// The common times of two recordings, and each one's values there (null outside): what uPlot wants to draw two lines. `since`
+// counts a column from its first value on.
+export function aligned(recordings, column, since = false) {
     const times = recordings.map(({ t }) => Float64Array.from(t, (time) => time - t[0]));
     const all = [...new Set(times.flatMap((t) => [...t]))].sort((a, b) => a - b);
     const place = new Map(all.map((time, k) => [time, k]));
     const columns = recordings.map((recording, r) => {
         const values = new Array(all.length).fill(undefined); // undefined: no gap, just no row of this recording's
-        times[r].forEach((time, k) => (values[place.get(time)] = recording[column][k]));
+        const begins = since ? (recording[column].find(Number.isFinite) ?? 0) : 0;
+        times[r].forEach((time, k) => {
+            const value = recording[column][k] - begins;
+            values[place.get(time)] = Number.isFinite(value) ? value : null; // null: nobody knows it
+        });
         return values;
     });
     return [all, ...columns];
@@ -75,7 +80,7 @@ async function rowsOf(name, kept) {
     return kept.get(name);
 }
 
-function plot(place, { column, title, unit }, names, recordings) {
+function plot(place, { column, title, unit, since }, names, recordings) {
     const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.join(" and ")} over time` });
     place.append(el("section", { class: "scope" }, el("header", {}, el("h3", {}, title), el("span", { class: "unit" }, unit)), holder));
     const grid = { stroke: token("--scope-grid"), width: 1 };
@@ -99,5 +104,5 @@ function plot(place, { column, title, unit }, names, recordings) {
         ],
         series: [{}, ...series],
     };
-    return new uPlot(options, aligned(recordings, column), holder);
+    return new uPlot(options, aligned(recordings, column, since), holder);
 }

@@ -1,12 +1,12 @@
 // Start and halt, the controller with its gains, and the cut-off; each holds when the loop has said so.
 
 import { announce } from "./announcer.js";
+import { OPENING } from "./device.js";
 import { byId, say } from "./dom.js";
 import { significant } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
-
-const OPENING = 60000; // ms; a device may have to be found, and a simulated one's kernels to be compiled
 
 export function makeStart(store, commands) {
     const button = byId("start");
@@ -25,9 +25,16 @@ export function makeStart(store, commands) {
         const turning = state.running && state.enabled;
         say(button, turning ? "Halt" : "Start");
         button.classList.toggle("halts", turning);
-        button.disabled = !state.operator || Boolean(state.fault) || !state.device;
+        const reason = whyNot(state) || (state.fault ? "Acknowledge the fault first." : "");
+        permit(button, reason);
+        // What was asked for last is told until something keeps it from being asked for again.
+        const closed = state.running || state.opening ? "" : closedSentence(state);
+        if (reason || closed) showStatus(chip, "none", reason || closed);
+        else if (chip.dataset.status === "none") showStatus(chip, "none");
     });
 }
+
+const closedSentence = ({ closed }) => `${closed ? `Closed: ${closed}. ` : "No device is open. "}Start opens it.`;
 
 export function makeController(store, commands, controllers) {
     const chip = byId("controller-status");
@@ -58,7 +65,7 @@ export function makeController(store, commands, controllers) {
         if (store.state?.operator && !store.state.enabled) send();
     });
     store.on("state", (state) => {
-        applied.set.disabled = !state.operator;
+        permit(applied.set, whyNot(state));
         if (state.controller && applied.follow(state.controller)) showStatus(chip, "applied");
     });
 }
@@ -123,7 +130,7 @@ export function makeCutoff(store, commands) {
     });
     let held = null;
     store.on("state", (state) => {
-        slider.disabled = !state.operator;
+        permit(slider, whyNot(state));
         if (state.chain === held || busy || waiting) return;
         held = state.chain;
         const cutoff = cutoffOf(state.chain);

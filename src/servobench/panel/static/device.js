@@ -3,10 +3,14 @@
 import { toast } from "./announcer.js";
 import { byId, el, say } from "./dom.js";
 import { significant } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 import { SettingsForm } from "./settings.js";
+
+export const OPENING = 300000; // ms; a device may have to be found, and a simulated one's kernels to be compiled
 
 export function makeDevice(store, commands, devices) {
     const dialog = byId("device-dialog");
+    store.titles = new Map(devices.map(({ name, title }) => [name, title]));
     const settings = new SettingsForm({ prefix: "device", label: "Device", members: devices, onEdit: () => {} });
     const rate = el("input", { type: "number", id: "device-sample-time", min: 0.1, step: "any", value: 1 });
     const entry = el("span", { class: "entry" }, rate, el("span", { class: "unit" }, "ms"));
@@ -26,9 +30,11 @@ export function makeDevice(store, commands, devices) {
         try {
             const { type, ...given } = settings.changed();
             const asked = { do: "open", device: { name: type, settings: given }, sample_time: Number(rate.value) / 1000 };
-            const outcome = await commands.ask(asked, 60000);
-            if (outcome.accepted) dialog.close();
-            else byId("device-trouble").textContent = outcome.why;
+            dialog.close(); // how it goes on is told where everybody sees it
+            const outcome = await commands.ask(asked, OPENING);
+            if (outcome.accepted) return;
+            byId("device-trouble").textContent = outcome.why;
+            dialog.showModal();
         } catch (error) {
             byId("device-trouble").textContent = error.message;
         }
@@ -38,8 +44,8 @@ export function makeDevice(store, commands, devices) {
         toast(`This asks for a sample time of ${significant(1000 * sample_time, 4)} ms; it is set where the device is chosen.`);
     });
     store.on("state", (state) => {
-        byId("device").disabled = !state.operator;
-        say(byId("device-name"), state.device ? (devices.find((each) => each.name === state.device.name)?.title ?? state.device.name) : "none");
+        permit(byId("device"), whyNot(state));
+        say(byId("device-name"), state.device ? store.titleOf(state.device.name) : "none");
         say(byId("device-rate"), state.sample_time ? `${Number((1 / state.sample_time).toPrecision(4))} Hz` : "");
     });
 }

@@ -1,6 +1,7 @@
 // Views that other modules bring, when they're looked at for the first time: `mount(element, api)`, and a style sheet beside it.
 
 import { get, post } from "./api.js";
+import { OPENING } from "./device.js";
 import { byId, el } from "./dom.js";
 
 const EXTRAS = { "tab-diagram": "diagram", "tab-exercises": "exercises" };
@@ -11,7 +12,7 @@ async function propose(store, commands, experiment) {
     const wanted = experiment.sample_time;
     if (operator && !enabled && wanted && wanted !== sample_time) {
         const asked = { do: "open", device: { name: device.name, settings: device.settings }, sample_time: wanted };
-        const outcome = await commands.ask(asked, 60000);
+        const outcome = await commands.ask(asked, OPENING);
         if (!outcome.accepted) throw new Error(outcome.why);
     }
     store.emit("proposed", experiment);

@@ -30,6 +30,12 @@ export function seconds(value) {
     return `${significant(value, 4)} s`;
 }
 
+// A parameter with its interval, short times in ms: a delay of 0.0001 s is no figure to read.
+export function readable({ value, interval, unit }) {
+    if (unit !== "s" || Math.abs(value) >= 0.01) return { value, interval, unit };
+    return { value: 1000 * value, interval: interval?.map((end) => 1000 * end), unit: "ms" };
+}
+
 // A duration on a clock: 0:07.
 export function clock(value) {
     const whole = Math.floor(value);

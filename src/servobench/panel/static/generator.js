@@ -4,6 +4,7 @@ import { post } from "./api.js";
 import { announce } from "./announcer.js";
 import { byId, el } from "./dom.js";
 import { significant } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
 
@@ -58,7 +59,7 @@ export function makeGenerator(store, commands, signals) {
         if (store.state?.operator && !store.state.enabled) send();
     });
     store.on("state", (state) => {
-        applied.set.disabled = !state.operator;
+        permit(applied.set, whyNot(state));
         if (state.signal && applied.follow(state.signal)) {
             showStatus(chip, "applied");
             draw();

@@ -3,6 +3,7 @@
 import { announce } from "./announcer.js";
 import { byId, el, say, shape } from "./dom.js";
 import { clock, significant } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 
 const LIT_FOR = 5000; // ms
 const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Whiteness" };
@@ -60,11 +61,13 @@ function showRun(store, state) {
     const run = byId("run");
     const [level, text] = state.fault
         ? ["bad", "Fault"]
-        : !state.running
-          ? ["off", "Closed"]
-          : state.enabled
-            ? ["ok", "Driving"]
-            : ["off", "Zero volts"];
+        : state.opening
+          ? ["off", "Opening …"]
+          : !state.running
+            ? ["off", "Closed"]
+            : state.enabled
+              ? ["ok", "Driving"]
+              : ["off", "Zero volts"];
     if (run.dataset.text !== text) announce({ Fault: `Fault: ${state.fault?.sentence}`, Driving: "The motor is driven" }[text] ?? text);
     run.dataset.text = text;
     run.dataset.level = level;
@@ -79,7 +82,7 @@ function makeFault(store, commands) {
     };
     store.on("state", (state) => {
         show(state.fault);
-        byId("acknowledge").disabled = !state.operator;
+        permit(byId("acknowledge"), whyNot(state));
     });
     store.on("fault", show);
     byId("acknowledge").addEventListener("click", async () => {
@@ -105,8 +108,9 @@ export function makeRecord(store, commands, toast) {
         const { recording } = state;
         const on = Boolean(recording);
         button.classList.toggle("on", on);
-        button.disabled = !state.operator || !state.running;
-        name.disabled = byId("record-length").disabled = on || !state.operator;
+        const reason = whyNot(state);
+        permit(button, reason || (state.running ? "" : "No device is open."));
+        for (const field of [name, byId("record-length")]) permit(field, reason || (on ? "A recording is being made." : ""));
         const spent = on ? recording.samples * state.sample_time : 0;
         say(byId("record-text"), on ? "End" : "Record");
         say(byId("record-what"), on ? "recording" : "");
@@ -128,7 +132,15 @@ export function makeRecord(store, commands, toast) {
     });
     store.on("recorded", (message) => {
         name.value = "";
-        toast(`Recorded ${message.name}`);
-        announce(`Recorded ${message.name}`);
+        const sentence = recordedSentence(message);
+        toast(sentence);
+        announce(sentence);
     });
+}
+
+// What became of a recording: its length, and why it is shorter than was asked for, where it is.
+export function recordedSentence({ name, length, duration, early }) {
+    const long = `Recorded ${name}: ${significant(length, 3)} s`;
+    if (!early) return long;
+    return `${long}${duration ? ` of ${significant(duration, 3)} s` : ""}, as ${early}`;
 }

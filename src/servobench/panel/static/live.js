@@ -2,6 +2,7 @@
 
 import { byId, el, say, shape } from "./dom.js";
 import { significant, words } from "./format.js";
+import { permit, whyNot } from "./permit.js";
 import { toast } from "./announcer.js";
 
 const WIDEST = 0.3; // of the value: half the width of a whisker that fills its line
@@ -38,6 +39,7 @@ export function makeLive(store, commands) {
     store.on("live", (live) => {
         const names = Object.keys(live.parameters);
         empty.hidden = names.length > 0;
+        if (live.ended) say(empty, live.ended);
         for (const [name, row] of rows) row.element.hidden = !names.includes(name);
         for (const name of names) showRow(rowOf(name), live.parameters[name]);
         say(samples, names.length ? `from ${live.samples.toLocaleString("en")} samples` : "");
@@ -91,6 +93,6 @@ function makeWish(store, commands) {
         state.dataset.level = enough ? "ok" : wished ? "warn" : "off";
         say(state.lastElementChild, enough ? "Enough: the interval is reached" : wished ? "Not yet" : "No wish set");
     };
-    store.on("state", ({ operator }) => (button.disabled = !operator));
+    store.on("state", (state) => permit(button, whyNot(state)));
     return { element: form, light };
 }

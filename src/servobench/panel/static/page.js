@@ -13,6 +13,7 @@ import { makeGenerator } from "./generator.js";
 import { makeLease } from "./lease.js";
 import { makeLights, makeRecord } from "./lights.js";
 import { makeLive } from "./live.js";
+import { makeOpening } from "./permit.js";
 import { makeReadings } from "./readings.js";
 import { makeRecordings } from "./recordings.js";
 import { Scopes } from "./scopes.js";
@@ -74,6 +75,7 @@ async function begin() {
     makeTabs(byId("results"), mountExtra);
     const compare = makeCompare(() => views.show("tab-compare"));
     const loadRecordings = makeRecordings(store, compare);
+    makeOpening(store);
     makeLights(store, commands);
     makeRecord(store, commands, toast);
     makeLive(store, commands);

@@ -1,9 +1,10 @@
 // The recordings: found, annotated, compared, identified, taken away, deleted and brought back.
 
-import { get, post, upload } from "./api.js";
+import { get, largestUpload, post, upload } from "./api.js";
 import { toast } from "./announcer.js";
 import { byId, el, icon, shape, slug } from "./dom.js";
-import { significant, words } from "./format.js";
+import { readable, significant, words } from "./format.js";
+import { makeProgress, megabytes, uploadProgress, workProgress } from "./progress.js";
 
 const DELETED = "/deleted"; // no recording's name has a slash
 
@@ -12,6 +13,7 @@ export function makeRecordings(store, compare) {
     const search = byId("search");
     const open = new Set(); // names whose details are open
     const results = new Map(); // name -> what an identification said
+    const working = new Map(); // name -> the progress of its identification
     let all = [];
 
     const load = async () => {
@@ -27,7 +29,7 @@ export function makeRecordings(store, compare) {
         try {
             return await post(`/api/recordings/${encodeURIComponent(name)}/${what}`, body);
         } catch (error) {
-            toast(`${words(what)}: ${error.message}`);
+            toast(`${words(what.split("/").at(-1))}: ${error.message}`);
             return null;
         }
     };
@@ -40,14 +42,24 @@ export function makeRecordings(store, compare) {
         await load();
         toast(`Deleted ${name}`, { title: "Undo", run: () => bringBack(name) });
     };
-    const identify = async (name, button) => {
-        button.disabled = true;
-        button.textContent = "Identifying …";
+    const identify = async (name) => {
         const result = await act(name, "identify", { structure: "auto" });
         if (result) results.set(name, result);
         await load();
     };
-    const actions = { act, remove, bringBack, identify, open, results, compare, load };
+    store.on("work", (message) => {
+        const { name } = message;
+        if (message.over) {
+            working.get(name)?.over();
+            working.delete(name);
+            return show();
+        }
+        const begins = !working.has(name);
+        if (begins) working.set(name, makeProgress(`Identifying ${name}`, () => act(name, "identify/end")));
+        working.get(name).show(workProgress(message));
+        if (begins) show();
+    });
+    const actions = { act, remove, bringBack, identify, open, results, working, compare, load };
     const show = () => {
         // A note that is being written isn't taken from under a person's hands.
         if (list.contains(document.activeElement) && document.activeElement.tagName === "TEXTAREA") return;
@@ -76,12 +88,26 @@ function makeImport(load) {
         const [chosen] = file.files;
         file.value = "";
         if (!chosen) return;
+        const most = largestUpload();
+        if (chosen.size > most) {
+            return toast(`${chosen.name} has ${megabytes(chosen.size)}; ${megabytes(most)} at most can be imported. Take a part of it, or use servobench convert.`);
+        }
+        const begun = performance.now();
+        const progress = makeProgress(`Importing ${chosen.name}`, () => sending.end());
+        byId("import").parentElement.after(progress.element);
+        const told = (sent, total) => progress.show(uploadProgress(sent, total, begun));
+        const sending = upload(`/api/upload?name=${encodeURIComponent(chosen.name)}`, chosen, told);
+        told(0, chosen.size);
+        byId("import").disabled = true;
         try {
-            await upload(`/api/upload?name=${encodeURIComponent(chosen.name)}`, chosen);
+            await sending.done;
             toast(`Imported ${chosen.name}`);
             await load();
         } catch (error) {
             toast(`${chosen.name}: ${error.message}`);
+        } finally {
+            progress.over();
+            byId("import").disabled = false;
         }
     });
 }
@@ -164,8 +190,9 @@ function details(recording, id, actions) {
         set: { value: recording.notes ?? "" },
         on: { change: () => actions.act(name, "notes", { notes: notes.value }) },
     });
-    const identify = el("button", { type: "button", class: "plain", id: `${id}-identify` }, "Identify");
-    identify.addEventListener("click", () => actions.identify(name, identify));
+    const going = actions.working.get(name);
+    const identify = el("button", { type: "button", class: "plain", id: `${id}-identify`, "aria-disabled": String(Boolean(going)) }, going ? "Identifying …" : "Identify");
+    identify.addEventListener("click", () => actions.working.has(name) || actions.identify(name));
     const row = el(
         "div",
         { class: "row" },
@@ -174,7 +201,7 @@ function details(recording, id, actions) {
         el("a", { class: "plain", href: `${path}?as=csv`, download: true, "aria-label": `Download ${name} as CSV` }, "CSV"),
         el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
     );
-    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, identified(recording, actions.results.get(name))].filter(Boolean);
+    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
 }
 
 // What the identification said; a recording that was identified before still has its report.
@@ -182,15 +209,16 @@ function identified(recording, result) {
     const report = result?.report ?? (recording.verdict ? `/reports/${encodeURIComponent(recording.name)}` : null);
     const link = report && el("a", { class: "report", href: report, target: "_blank", rel: "noopener" }, `Open the report of ${recording.name}`);
     if (!result) return link;
-    const rows = Object.entries(result.parameters ?? {}).map(([name, { value, interval, unit }]) =>
-        el(
+    const rows = Object.entries(result.parameters ?? {}).map(([name, parameter]) => {
+        const { value, interval, unit } = readable(parameter);
+        return el(
             "li",
             {},
             el("span", { class: "name" }, words(name)),
             el("span", {}, el("strong", {}, significant(value, 4)), " ", el("span", { class: "unit" }, unit)),
             el("span", { class: "interval" }, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "no interval"),
-        ),
-    );
+        );
+    });
     const findings = (result.findings ?? []).map(({ severity, sentence }) =>
         el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, sentence)),
     );
@@ -198,7 +226,7 @@ function identified(recording, result) {
         "div",
         { class: "result" },
         rows.length ? el("ul", { class: "values" }, rows) : null,
-        findings.length ? el("ul", { class: "findings" }, findings) : null,
         link,
+        findings.length ? el("ul", { class: "findings" }, findings) : null,
     );
 }

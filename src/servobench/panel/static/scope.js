@@ -7,7 +7,8 @@ import { Span } from "./span.js";
 
 const FONT = '11px ui-sans-serif, system-ui, "Segoe UI", Roboto, sans-serif';
 const AXIS_WIDTH = 58;
-const DASHES = { dashed: [6, 4], dotted: [2, 3] };
+const DASHES = { dashed: [7, 7], dotted: [2, 3] };
+const WIDTHS = { thin: 1, wide: 3 }; // px
 
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
@@ -51,6 +52,7 @@ export class Scope {
                 "data-trace": trace.column,
                 "aria-pressed": String(trace.shown),
                 "aria-label": `${this.definition.title}, ${trace.title}: shown`,
+                title: trace.note,
                 on: { click: () => this.toggle(trace) },
             },
             swatch,
@@ -83,7 +85,7 @@ export class Scope {
         const series = this.traces.map((trace) => ({
             label: trace.title,
             stroke: token(`--trace-${trace.column}`),
-            width: trace.line === "thin" ? 1 : 1.75,
+            width: WIDTHS[trace.line] ?? 1.75,
             dash: DASHES[trace.line],
             points: { show: false },
             show: trace.shown && trace.there,
@@ -218,6 +220,7 @@ export class Scope {
         const { cursors, trigger } = this.shared;
         ctx.save();
         ctx.lineWidth = devicePixelRatio;
+        ctx.setLineDash([]); // the last trace's dashes are none of theirs
         if (cursors) {
             cursors.forEach((time, k) => this.line(plot, time, "AB"[k]));
         }

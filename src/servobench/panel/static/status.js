@@ -6,7 +6,7 @@ const WORDS = { edited: "Not sent", pending: "Pending", applied: "Applied", refu
 
 export function showStatus(chip, status, detail = "") {
     chip.dataset.status = status;
-    say(chip, detail ? `${WORDS[status]}: ${detail}` : WORDS[status]);
+    say(chip, [WORDS[status], detail].filter(Boolean).join(": "));
 }
 
 // Ask for something and show what becomes of it; resolves to the outcome.

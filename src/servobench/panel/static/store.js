@@ -3,8 +3,13 @@
 export class Store {
     constructor() {
         this.state = null;
+        this.titles = new Map(); // of devices, by name
         this.mayDrive = true; // whether this page may become the operator's at all
         this.listeners = new Map();
+    }
+
+    titleOf(device) {
+        return this.titles.get(device) ?? device;
     }
 
     on(kind, listener) {

@@ -50,6 +50,9 @@ export function makeTriggerStrip(scopes) {
     };
 }
 
+// What a filter leaves of nothing long after is nothing to a reader.
+const readable = (value) => (Math.abs(value) < 1e-9 ? 0 : value);
+
 export function makeCursorStrip(scopes) {
     const strip = byId("cursor-strip");
     const sliders = ["A", "B"].map((name, k) =>
@@ -99,7 +102,7 @@ export function makeCursorStrip(scopes) {
         say(span, `Δt ${seconds(found.span)}  ·  1/Δt ${Number.isFinite(found.rate) ? `${significant(found.rate, 4)} Hz` : "–"}`);
         found.rows.forEach((row, k) => {
             const { factor } = traces[k].trace;
-            [row.a, row.b, row.difference, row.slope].forEach((value, c) => say(rows[k][c], significant(factor * value, 5)));
+            [row.a, row.b, row.difference, row.slope].forEach((value, c) => say(rows[k][c], significant(readable(factor * value), 5)));
         });
     };
 }

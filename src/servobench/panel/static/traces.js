@@ -8,8 +8,8 @@ export const SCOPES = [
         unit: "V",
         shown: true,
         traces: [
-            { column: "commanded", title: "Commanded", shown: true, line: "dashed" },
-            { column: "applied", title: "Applied", shown: true },
+            { column: "applied", title: "Applied", shown: true, line: "wide" },
+            { column: "commanded", title: "Commanded", shown: true, line: "dashed", note: "dashed, over the applied one" },
         ],
     },
     {

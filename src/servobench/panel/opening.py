@@ -1,0 +1,30 @@
+"""A device while it is opened, which takes seconds, and the first time up to minutes, as kernels are compiled."""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import Any
+
+LOOP = "starting the loop and the device"
+LIVE = "getting ready to follow the motor"
+_STEPS = (LOOP, LIVE)
+
+
+@dataclass
+class Opening:
+    """Which device is being opened, and what is done about it now; `since` is a monotonic time [s]."""
+
+    device: str
+    doing: str = LOOP
+    since: float = field(default_factory=time.monotonic)
+
+    def state(self) -> dict[str, Any]:
+        """Return how far it is, as the pages see it: the step, of how many, and for how many seconds it has gone on."""
+        return {
+            "device": self.device,
+            "doing": self.doing,
+            "step": _STEPS.index(self.doing) + 1,
+            "of": len(_STEPS),
+            "seconds": time.monotonic() - self.since,
+        }

@@ -1,0 +1,192 @@
+"""Identifications: told while they go on, ended when somebody wants that, and kept off the loop's processors."""
+
+from __future__ import annotations
+
+import asyncio
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import servobench as sb
+from servobench.errors import NotIdentifiable, UsageError
+from servobench.formats.base import save
+from servobench.panel import jobs, work
+from servobench.panel.jobs import Ended, Jobs
+from servobench.panel.work import IDENTIFYING, STAGES, done_elsewhere
+
+
+class Clock:
+    """A time that a test moves."""
+
+    def __init__(self) -> None:
+        self.now = 100.0
+
+    def monotonic(self) -> float:
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
+    made = Clock()
+    monkeypatch.setattr(jobs, "time", made)
+    monkeypatch.setattr(jobs, "TELL_INTERVAL", 0.0)
+    return made
+
+
+class Room:
+    """Jobs, what they tell, and a work whose stages last as long as a test says."""
+
+    def __init__(self, clock: Clock) -> None:
+        self.clock = clock
+        self.jobs = Jobs()
+        self.told: list[Mapping[str, Any]] = []
+
+    async def done(
+        self, lasts: Mapping[str, float], name: str = "first", samples: int = 1000
+    ) -> dict[str, Any]:
+        async def stages(
+            asked: Mapping[str, Any], said: Callable[[str], None] = lambda _: None
+        ) -> dict[str, Any]:
+            for stage in STAGES:
+                said(stage)
+                await asyncio.sleep(0.01)  # it's told what has just begun
+                self.clock.now += lasts[stage]
+                await asyncio.sleep(0.01)
+            return {"result": name}
+
+        return await self.jobs.identify(stages, self.told.append, name, {}, samples)
+
+    def left(self, stage: str, name: str) -> list[float | None]:
+        return [each["left"] for each in self.told if each["name"] == name and each.get("doing") == stage]
+
+
+LASTS = dict(zip(STAGES, (1.0, 2.0, 10.0, 3.0), strict=True))
+
+
+def test_what_the_last_one_took_tells_what_is_left_of_the_next(clock: Clock) -> None:
+    async def story() -> None:
+        room = Room(clock)
+        assert await room.done(LASTS) == {"result": "first"}
+        assert set(room.left(IDENTIFYING, "first")) == {None}  # nobody knows yet
+        assert room.told[-1] == {"kind": "work", "name": "first", "over": True}
+        # Twice the samples take 20 s in place of 10 s; when 10 s are over, 10 s are left of them, and 3 s for the report.
+        await room.done(LASTS, "second", samples=2000)
+        assert room.left("starting", "second")[0] == pytest.approx(1 + 2 + 20 + 3)
+        assert room.left(IDENTIFYING, "second")[0] == pytest.approx(23)
+        assert room.left(IDENTIFYING, "second")[-1] == pytest.approx(13)
+        assert room.left("writing the report", "second")[0] == pytest.approx(3)
+        # One that takes longer than any says nothing that isn't so.
+        await room.done({**LASTS, "starting": 5.0}, "third")
+        assert room.left("starting", "third")[-1] is None
+
+    asyncio.run(story())
+
+
+def test_one_that_is_ended_says_so_and_can_be_begun_again(clock: Clock) -> None:
+    async def story() -> None:
+        room = Room(clock)
+        going = asyncio.create_task(room.done(LASTS))
+        await asyncio.sleep(0.005)
+        with pytest.raises(Ended, match="first is being identified already"):
+            await room.done(LASTS)
+        room.jobs.end("first")
+        with pytest.raises(Ended, match="was ended"):
+            await going
+        with pytest.raises(Ended, match="isn't being identified"):
+            room.jobs.end("first")
+        assert await room.done(LASTS) == {"result": "first"}
+
+    asyncio.run(story())
+
+
+def test_a_server_that_ends_is_no_wish_of_somebody(clock: Clock) -> None:
+    async def story() -> None:
+        going = asyncio.create_task(Room(clock).done(LASTS))
+        await asyncio.sleep(0.005)
+        going.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await going
+
+    asyncio.run(story())
+
+
+def workers() -> list[int]:
+    """The processes of ours that do such work."""
+    found = []
+    for place in Path("/proc").iterdir():
+        try:
+            parent = (place / "stat").read_text().rpartition(")")[2].split()[1]
+            command = (place / "cmdline").read_text()
+        except (OSError, IndexError):
+            continue
+        if parent == str(os.getpid()) and "servobench.panel.work" in command:
+            found.append(int(place.name))
+    return found
+
+
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("work") / "recording.mcap"
+    with sb.connect("twin") as motor:
+        experiment = sb.Experiment(
+            signal=sb.Square(low=1, high=3, frequency=0.4), duration=5, sample_time=0.002
+        )
+        save(sb.run(experiment, motor), path)
+    return path
+
+
+def asked(recorded: Path) -> dict[str, Any]:
+    return {
+        "do": "identify",
+        "file": os.fspath(recorded),
+        "structure": "auto",
+        "report": os.fspath(recorded.with_name("report.html")),
+    }
+
+
+def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded: Path) -> None:
+    seen: dict[str, tuple[int, str]] = {}
+
+    def said(doing: str) -> None:
+        for process in workers():
+            surroundings = Path(f"/proc/{process}/environ").read_text().split("\0")
+            threads = next((each for each in surroundings if each.startswith("OMP_NUM_THREADS=")), "")
+            seen[doing] = (os.getpriority(os.PRIO_PROCESS, process), threads)
+
+    answer = asyncio.run(done_elsewhere(asked(recorded), said))
+
+    assert answer["result"]["schema"] == "servobench.result/1"
+    expected = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
+    for stage in STAGES[1:]:  # at the start it isn't there yet
+        assert seen[stage] == (expected, "OMP_NUM_THREADS=1"), stage
+
+
+def test_work_that_is_ended_leaves_no_process(recorded: Path) -> None:
+    async def story() -> None:
+        reached = asyncio.Event()
+        task = asyncio.ensure_future(
+            done_elsewhere(asked(recorded), lambda doing: reached.set() if doing == IDENTIFYING else None)
+        )
+        await asyncio.wait_for(reached.wait(), 60)
+        assert len(workers()) == 1
+        task.cancel()
+        with pytest.raises(asyncio.CancelledError):
+            await task
+        assert workers() == []
+
+    asyncio.run(story())
+
+
+def test_what_goes_wrong_elsewhere_is_the_error_that_it_was_there(tmp_path: Path) -> None:
+    nothing = {"do": "identify", "file": str(tmp_path / "no.mcap"), "structure": "auto", "report": "no"}
+    with pytest.raises((UsageError, NotIdentifiable, sb.errors.FormatError), match=r"no\.mcap"):
+        asyncio.run(done_elsewhere(nothing))
+
+
+def test_a_process_that_dies_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(work.sys, "executable", "/bin/false")
+    with pytest.raises(UsageError, match="ended with status 1: without a word"):
+        asyncio.run(done_elsewhere({"do": "identify"}))
