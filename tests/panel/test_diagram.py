@@ -2,6 +2,7 @@
 
 import cmath
 import json
+import re
 from collections.abc import Iterator
 from itertools import pairwise
 from typing import Any
@@ -241,10 +242,8 @@ def _frequency_response(stage: Any, omega: float, sample_time: float) -> complex
 
 def _value(formula: str, s: complex, sample_time: float) -> complex:
     """A formula of a block, evaluated."""
-    text = formula.replace("−", "-").replace("·", "*").replace("e^{", "exp({").replace("z^{-1}", "exp(-s*T)")
-    text = text.replace("{", "(").replace("}", ")")
-    while text.count("(") > text.count(")"):
-        text += ")"
+    text = formula.replace("−", "-").replace("·", "*").replace("z^{-1}", "exp(-s*T)")
+    text = re.sub(r"e\^\{([^}]*)\}", r"exp(\1)", text)
     return complex(eval(text, {"__builtins__": {}}, {"s": s, "exp": cmath.exp, "T": sample_time}))
 
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import servobench as sb
-from servobench.errors import NotIdentifiable, UsageError
+from servobench.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.formats.base import save
 from servobench.panel import jobs, work
 from servobench.panel.jobs import Ended, Jobs
@@ -95,7 +95,7 @@ def test_one_that_is_ended_says_so_and_can_be_begun_again(clock: Clock) -> None:
         room.jobs.end("first")
         with pytest.raises(Ended, match="was ended"):
             await going
-        with pytest.raises(Ended, match="isn't being identified"):
+        with pytest.raises(UnknownName, match="identification that goes on"):
             room.jobs.end("first")
         assert await room.done(LASTS) == {"result": "first"}
 

@@ -43,8 +43,12 @@ class LeastSquares:
 
     @property
     def symbol(self) -> tuple[str, ...]:
-        """What it is, for a diagram."""
-        return (f"slope over {number_text(self.window)} s",)
+        """The transfer function of the slope over all positions of the window, as numerator and denominator, for a diagram."""
+        w = number_text(self.window)
+        return (
+            f"6·({w}·s·(1 + e^{{−{w}·s}}) − 2·(1 − e^{{−{w}·s}}))",
+            f"{number_text(self.window**3)}·s·s",
+        )
 
     def yields(self, kind: Kind) -> Kind:
         """A speed, of a position."""

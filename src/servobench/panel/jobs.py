@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from servobench.errors import UsageError
+from servobench.errors import UnknownName, UsageError
 from servobench.panel.work import IDENTIFYING, STAGES, Work
 
 TELL_INTERVAL = 0.5  # s
@@ -67,10 +67,10 @@ class Jobs:
             tell({"kind": "work", "name": name, "over": True})
 
     def end(self, name: str) -> None:
-        """End an identification; raises `Ended` where there is none."""
+        """End an identification; raises `UnknownName` where none goes on."""
         job = self._going.get(name)
         if job is None or job.task is None:
-            raise Ended(f"{name} isn't being identified")
+            raise UnknownName("identification that goes on", name, self._going)
         job.ended = True
         job.task.cancel()
 

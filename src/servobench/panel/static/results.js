@@ -3,7 +3,7 @@
 // The page's colours for those that a figure is drawn in.
 const COLOURS = { ink: "--ink", muted: "--quiet", rule: "--line", measured: "--edge", model: "--accent", band: "--accent-soft", shade: "--raised" };
 const SHOW = "Show what comes out";
-const FONT = "font-family: system-ui, sans-serif";
+const FONT = "system-ui, sans-serif";
 
 // The places of an exercise's studies and of its corrections, empty but for a button. `get(path)` resolves to the answer's JSON.
 export function places(exercise, get) {
@@ -80,7 +80,7 @@ function figure({ title, caption, description, svg }) {
 function coloured(svg) {
   const style = getComputedStyle(document.documentElement);
   const painted = svg.replace(/var\(--(\w+)\)/g, (_, name) => style.getPropertyValue(COLOURS[name] ?? "--ink").trim());
-  return painted.replace("<svg ", `<svg xmlns="http://www.w3.org/2000/svg" style="${FONT}" `);
+  return painted.replace("<svg ", `<svg xmlns="http://www.w3.org/2000/svg" font-family="${FONT}" `);
 }
 
 function correction({ where, paper, ours, why }) {
