@@ -66,54 +66,61 @@ class StepResponses(OfAMotor):
             formulas.append(_formulas(controller, gain, tau))
             courses.append((controller, found, ideal))
         return Shown(
-            tables=(self._table(formulas, linear, measured, change),),
+            tables=self._tables(formulas, linear, measured, change),
             figures=(self._figure(courses[:_SHOWN], change),),
             sentences=_sentences(stand.experiment, measured),
         )
 
-    def _table(
+    def _tables(
         self,
         formulas: list[tuple[float, float, float, float]],
         linear: list[StepFigures],
         measured: list[StepFigures],
         change: Change,
-    ) -> Table:
+    ) -> tuple[Table, ...]:
         unit = change.unit
         numbers = np.array(formulas)
         columns = [
             Column(name="controller", heading="controller", values=tuple(map(_named, self.controllers)))
         ]
-        if np.isfinite(numbers).any():
-            columns += [
-                Column(name="frequency", heading="ω_n", unit="rad/s", values=_cells(numbers[:, 0])),
-                Column(name="damping", heading="ζ", values=_cells(numbers[:, 1])),
-                Column(name="peak_theory", heading="t_p, formula", unit="s", values=_cells(numbers[:, 2])),
-                Column(name="overshoot_theory", heading="overshoot, formula", unit="%", values=_cells(100 * numbers[:, 3])),
-            ]  # fmt: skip
-        for name, heading, found in (("_linear", "no friction", linear), ("", "run", measured)):
-            peaks, overshoots = tuple(x.peak_time for x in found), tuple(100 * x.overshoot for x in found)
-            rises = tuple(x.rise_time for x in found)
-            columns += [
-                Column(name=f"peak{name}", heading=f"t_p, {heading}", unit="s", values=peaks, digits=3),
-                Column(
-                    name=f"overshoot{name}",
-                    heading=f"overshoot, {heading}",
-                    unit="%",
-                    values=overshoots,
-                    digits=3,
-                ),
-                Column(name=f"rise{name}", heading=f"rise time, {heading}", unit="s", values=rises, digits=3),
-            ]
-        errors, voltages = tuple(x.error for x in measured), tuple(x.voltage for x in measured)
-        columns += [
-            Column(name="error", heading="missing at the end", unit=unit, values=errors, digits=3),
-            Column(name="voltage", heading="largest voltage asked for", unit="V", values=voltages),
+        theory = [
+            *columns,
+            Column(name="frequency", heading="ω_n", unit="rad/s", values=_cells(numbers[:, 0])),
+            Column(name="damping", heading="ζ", values=_cells(numbers[:, 1])),
+            Column(name="peak_theory", heading="t_p", unit="s", values=_cells(numbers[:, 2])),
+            Column(
+                name="overshoot_theory", heading="overshoot", unit="%", values=_cells(100 * numbers[:, 3])
+            ),
+        ]
+        ideal = [*columns, *_read("_linear", linear)]
+        run = [
+            *columns,
+            *_read("", measured),
+            Column(
+                name="error",
+                heading="missing at the end",
+                unit=unit,
+                values=tuple(x.error for x in measured),
+                digits=3,
+            ),
+            Column(
+                name="voltage",
+                heading="voltage asked for",
+                unit="V",
+                values=tuple(x.voltage for x in measured),
+            ),
         ]
         note = (
-            "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without a "
+            "This is the loop as it runs, with sample time and filter, around a motor without friction and without a "
             "limit of the voltage; the difference to the run is what these two do."
         )
-        return Table(title=str(change).capitalize(), columns=tuple(columns), note=note)
+        tables = (
+            Table(title=f"Without friction: {change}", columns=tuple(ideal), note=note),
+            Table(title=f"In the run: {change}", columns=tuple(run)),
+        )
+        if not np.isfinite(numbers).any():
+            return tables
+        return (Table(title="By the formulas of second order", columns=tuple(theory)), *tables)
 
     def _figure(self, courses: list[tuple[Controller, Course, Course]], change: Change) -> Illustration:
         names = "; ".join(_named(controller) for controller, _, _ in courses)
@@ -124,6 +131,17 @@ class StepResponses(OfAMotor):
             description=f"Answers to {change} with {names}.",
             draw=partial(figures.time_courses, tuple(_course(*each, change) for each in courses)),
         )
+
+
+def _read(name: str, found: list[StepFigures]) -> list[Column]:
+    """The columns of what is read off step responses."""
+    peaks, overshoots = tuple(x.peak_time for x in found), tuple(100 * x.overshoot for x in found)
+    rises = tuple(x.rise_time for x in found)
+    return [
+        Column(name=f"peak{name}", heading="t_p", unit="s", values=peaks, digits=3),
+        Column(name=f"overshoot{name}", heading="overshoot", unit="%", values=overshoots, digits=3),
+        Column(name=f"rise{name}", heading="rise time", unit="s", values=rises, digits=3),
+    ]
 
 
 def _formulas(controller: Controller, gain: float, tau: float) -> tuple[float, float, float, float]:
