@@ -25,6 +25,7 @@ check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/lint-imports
 	$(BIN)/python tools/check_lock.py
 	$(BIN)/python tools/check_docs.py
+	$(BIN)/python tools/check_docstrings.py
 	$(BIN)/python tools/check_promises.py
 
 bench: $(INSTALLED)  ## measure speed, accuracy and coverage
@@ -33,8 +34,9 @@ bench: $(INSTALLED)  ## measure speed, accuracy and coverage
 accuracy: $(INSTALLED)  ## accuracy beside the bound, coverage, verdicts, over many runs; ARGS='--runs 100 --rows encoder'; hours
 	$(BIN)/python bench/accuracy.py $(ARGS)
 
-docs: $(INSTALLED)  ## check links, anchors and decision records (the pages themselves are read as Markdown)
+docs: $(INSTALLED)  ## build the documentation as HTML in build/docs; warnings are errors, and nothing is fetched
 	$(BIN)/python tools/check_docs.py
+	$(BIN)/python -m sphinx --fail-on-warning --keep-going --nitpicky --quiet -b html docs build/docs
 
 lock:  ## renew requirements.lock with uv; ARGS=--upgrade takes newer versions too
 	$(UV) pip compile --quiet --universal --generate-hashes --all-extras --group dev \
@@ -42,7 +44,7 @@ lock:  ## renew requirements.lock with uv; ARGS=--upgrade takes newer versions t
 	$(PYTHON) tools/check_lock.py
 
 clean:  ## remove the environment, caches and the demo's output
-	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis dist demo
+	rm -rf .venv .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis build dist demo
 	find . -name __pycache__ -type d -prune -exec rm -rf {} +
 
 environment: $(INSTALLED)  ## create or renew .venv

@@ -48,7 +48,7 @@ default_role = "code"  # docstrings are read in the source: single backticks, as
 autodoc_default_options |= {"no-value": True, "exclude-members": "model_config,model_post_init"}
 
 # Aliases of types keep their names in signatures. What a name stands for is said in the module that defines it.
-ALIASES = ("Array", "Mask", "Kind", "Output", "State", "Timing", "StopReason", "Table", "Cell", "Fact", "Watch", "Look", "Illustration")
+ALIASES = ("Array", "Mask", "Kind", "Output", "State", "Timing", "StopReason", "Table", "Cell", "Fact", "Watch", "Look", "Illustration", "Origin", "Name")
 autodoc_type_aliases = {name: name for name in ALIASES}
 
 # What annotations name and has no page: those aliases, and other projects' names. All else of ours has to be on one.
