@@ -1,0 +1,229 @@
+"""Check that every public name says what it is: docstrings and errors everywhere; fields, shapes and units in the reference.
+
+Public is what no underscore hides. Everything is read from the source, nothing imported. Prints one line for each fault and
+exits with status 1. In all of the package:
+
+- Every module, class, function, method and property has a docstring; of the methods with two underscores on both sides those
+  that one calls without noticing, `__call__` and `__getitem__`. An empty `__init__.py` says nothing and has to say nothing.
+- An error of ours that is raised in the body of a function is named in its docstring or in that of its class, by itself or by
+  an error that it is one of (`UnknownName` is a `UsageError`). What the making of an object raises is said of its class.
+
+In what the reference shows (the modules and names in docs/reference/python; with `--all` in all of the package):
+
+- Every field of a class, which is each of its names with a type, has a docstring below it, or stands in that of the class:
+  `sample_time`, or "the sample time".
+- A parameter or a result that is an `Array` has its shape told, such as `(N,)`, in the docstring of the function or the class,
+  or in that of the method of the same name in the kind's `base.py`, which says it for all members.
+- A float that is a quantity by its name (`voltage`, `sample_time`, ...) has a unit there: in square brackets, or as a word.
+"""
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from functools import cache
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parent.parent
+SOURCE = ROOT / "src" / "servobench"
+REFERENCE = ROOT / "docs" / "reference" / "python"
+OPERATORS = {"__call__", "__getitem__"}
+ERRORS = {
+    "ServobenchError", "UsageError", "UnknownName", "UnitError", "ExperimentError", "FormatError", "MissingInformation",
+    "NotIdentifiable", "SimulationDiverged", "DeviceError", "DeviceLost", "StorageError", "RunEnded",
+}  # fmt: skip
+IS_A = {
+    "UnknownName": "UsageError", "UnitError": "UsageError", "ExperimentError": "UsageError", "FormatError": "UsageError",
+    "MissingInformation": "UsageError", "DeviceLost": "DeviceError",
+}  # fmt: skip
+SHAPE = re.compile(r"\([A-Z][^()]*,[^()]*\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)")
+UNIT = re.compile(
+    r"\[[^\]]+\]|\bseconds?\b|\bvolts?\b|\bradians?\b|\bHz\b|\brad/s\b|\bSI\b|\bunits?\b|\bfraction\b|\bfactor\b|\brelative\b|"
+    r"\bin (s|V|A|rad|m|ms|%)\b"
+)
+QUANTITIES = {
+    "t", "time", "voltage", "sample_time", "duration", "delay", "frequency", "cutoff", "speed", "position", "angle", "current",
+    "resistance", "inductance", "inertia", "torque", "start", "end", "dt", "h", "tau", "omega", "timeout", "period", "reference",
+}  # fmt: skip
+
+
+@dataclass
+class Told:
+    """What has been said where a name is looked at: the docstrings around it, and those of the kind's base."""
+
+    file: str
+    module: str
+    path: str = ""
+    around: str = ""
+    base: dict[str, str] = field(default_factory=dict)
+    shown: set[str] | None = None
+
+    def in_reference(self, name: str) -> bool:
+        """Whether the reference shows a name of this module, or the class that it stands in."""
+        whole = f"{self.module}.{self.path}{name}"
+        return self.shown is None or any(whole == each or whole.startswith(f"{each}.") for each in self.shown)
+
+
+def problems(source: Path = SOURCE, reference: Path | None = REFERENCE) -> list[str]:
+    """Return one line for each public name below `source` that doesn't say what it should; without a reference all are in it."""
+    shown = None if reference is None else in_reference(reference, source)
+    files = [file for file in sorted(source.rglob("*.py")) if _is_public(file, source)]
+    return [fault for file in files for fault in of_file(file, source, shown)]
+
+
+def in_reference(folder: Path, source: Path) -> set[str]:
+    """Return the modules, and the names in modules, that the pages in `folder` show, as `servobench.units` and so on."""
+    found: set[str] = set()
+    for page in sorted(folder.glob("*.md")):
+        text = page.read_text(encoding="utf-8")
+        found |= set(re.findall(r"^\.\. auto\w+:: ([\w.]+)$", text, re.MULTILINE))
+    homes = ast.parse((source / "__init__.py").read_text(encoding="utf-8")) if (source / "__init__.py").exists() else None
+    for node in homes.body if homes else []:  # the package's own names, where they live
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES":
+            homes_of = ast.literal_eval(node.value)
+            found |= {f"{homes_of[name]}.{name}" for name in homes_of if f"{source.name}.{name}" in found}
+    return found
+
+
+def of_file(file: Path, source: Path = SOURCE, shown: set[str] | None = None) -> Iterator[str]:
+    """Yield one line for each fault in a module; `shown` is what is in the reference, None for all."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    base = _methods_of_base(file.parent / "base.py")
+    name = ".".join(file.relative_to(source.parent).with_suffix("").parts).removesuffix(".__init__")
+    told = Told(file=file.relative_to(source.parent).as_posix(), module=name, base=base, shown=shown)
+    if tree.body and not ast.get_docstring(tree):
+        yield f"{told.file}:1: the module has no docstring"
+    yield from _members(tree.body, told)
+
+
+def _is_public(file: Path, source: Path) -> bool:
+    return not any(part.startswith("_") and part != "__init__.py" for part in file.relative_to(source).parts)
+
+
+@cache
+def _methods_of_base(file: Path) -> dict[str, str]:
+    """The docstrings of the methods of the protocols in a kind's base module, by name, with those of their classes."""
+    if not file.exists():
+        return {}
+    found: dict[str, str] = {}
+    for node in ast.parse(file.read_text(encoding="utf-8")).body:
+        if isinstance(node, ast.ClassDef):
+            for inner in node.body:
+                if isinstance(inner, ast.FunctionDef):
+                    text = f"{ast.get_docstring(node) or ''} {ast.get_docstring(inner) or ''}"
+                    found[inner.name] = f"{found.get(inner.name, '')} {text}"
+    return found
+
+
+def _members(body: list[ast.stmt], told: Told) -> Iterator[str]:
+    for node in body:
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            yield from _class(node, told)
+        elif isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _speaks(node):
+            yield from _function(node, told)
+        elif isinstance(node, ast.If | ast.Try):
+            yield from _members(node.body, told)
+
+
+def _speaks(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    """Whether a function has to have a docstring: a public one that is no overload and no setter."""
+    if any(ast.unparse(mark).endswith((".setter", ".deleter", "overload")) for mark in node.decorator_list):
+        return False
+    return node.name in OPERATORS or not node.name.startswith("_")
+
+
+def _class(node: ast.ClassDef, told: Told) -> Iterator[str]:
+    where = f"{told.file}:{node.lineno}: {told.path}{node.name}"
+    text = ast.get_docstring(node) or ""
+    if not text:
+        yield f"{where} has no docstring"
+    inside = replace(told, path=f"{told.path}{node.name}.", around=f"{told.around} {text}")
+    if told.in_reference(node.name):
+        yield from _fields(node, inside)
+    yield from _members(node.body, inside)
+    for made in node.body:  # what making one raises is said of the class
+        if isinstance(made, ast.FunctionDef) and made.name in {"__init__", "__post_init__"}:
+            yield from _errors(made, f"{text} {ast.get_docstring(made) or ''}", where)
+
+
+def _fields(node: ast.ClassDef, told: Told) -> Iterator[str]:
+    for at, statement in enumerate(node.body):
+        if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):
+            continue
+        name = statement.target.id
+        below = node.body[at + 1] if at + 1 < len(node.body) else None
+        described = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
+        # Its name, or the words of which it is made: `sample_time` stands for itself in "the sample time".
+        words = re.escape(name.rstrip("_")).replace("_", "[ _-]")
+        if name.startswith("_") or described or re.search(rf"\b{words}", told.around, re.IGNORECASE):
+            continue
+        yield f"{told.file}:{statement.lineno}: {told.path}{name}: nothing says what this field is"
+
+
+def _function(node: ast.FunctionDef | ast.AsyncFunctionDef, told: Told) -> Iterator[str]:
+    where = f"{told.file}:{node.lineno}: {told.path}{node.name}"
+    text = ast.get_docstring(node) or ""
+    if not text:
+        yield f"{where} has no docstring"
+        return
+    said = f"{text} {told.around} {told.base.get(node.name, '')}"
+    yield from _errors(node, said, where)
+    if told.in_reference(node.name):
+        yield from _shapes(node, said, where)
+        yield from _units(node, said, where)
+
+
+def _errors(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:
+    for name in sorted({*_raised(node.body)}):
+        known = {name, IS_A.get(name, name)}
+        if not any(re.search(rf"\b{each}", said) for each in known):
+            yield f"{where} raises {name}, and its docstring doesn't say so"
+
+
+def _raised(body: list[ast.stmt]) -> Iterator[str]:
+    """The errors of ours that are raised in these statements, functions within them left out."""
+    for statement in body:
+        if isinstance(statement, ast.FunctionDef | ast.ClassDef):
+            continue
+        if isinstance(statement, ast.Raise) and isinstance(statement.exc, ast.Call):
+            name = ast.unparse(statement.exc.func).rpartition(".")[2]
+            if name in ERRORS:
+                yield name
+        for inner in ("body", "orelse", "finalbody"):
+            yield from _raised(getattr(statement, inner, []))
+        for handler in getattr(statement, "handlers", []):
+            yield from _raised(handler.body)
+        for case in getattr(statement, "cases", []):
+            yield from _raised(case.body)
+
+
+def _shapes(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:
+    arrays = [each.arg for each in _arguments(node) if each.annotation and _is_array(each.annotation)]
+    back = node.returns is not None and _is_array(node.returns)
+    if (arrays or back) and not SHAPE.search(said):
+        yield f"{where}: no shape is told of {', '.join(arrays + ['the result'] * back)}; expected such as (N,)"
+
+
+def _units(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:
+    quantities = [
+        each.arg
+        for each in _arguments(node)
+        if each.arg in QUANTITIES and each.annotation and re.match(r"(float|Array)\b", ast.unparse(each.annotation))
+    ]
+    if quantities and not UNIT.search(said):
+        yield f"{where}: no unit is told of {', '.join(quantities)}; expected such as [s]"
+
+
+def _arguments(node: ast.FunctionDef | ast.AsyncFunctionDef) -> list[ast.arg]:
+    return [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+
+
+def _is_array(annotation: ast.expr) -> bool:
+    return re.match(r"(Array|NDArray)\b", ast.unparse(annotation)) is not None
+
+
+if __name__ == "__main__":
+    found = problems(reference=None if "--all" in sys.argv[1:] else REFERENCE)
+    print("\n".join(found), end="\n" if found else "")
+    sys.exit(1 if found else 0)
