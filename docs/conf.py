@@ -1,6 +1,6 @@
 """How the pages in this folder are built: `make docs` writes them to build/docs.
 
-Nothing is fetched: the theme brings its own files, formulas become MathML, and references to other projects' names stay plain text.
+Nothing is fetched: the theme brings its own files, formulas become MathML, and other projects' names stay plain text.
 """
 
 from __future__ import annotations
@@ -48,10 +48,30 @@ default_role = "code"  # docstrings are read in the source: single backticks, as
 autodoc_default_options |= {"no-value": True, "exclude-members": "model_config,model_post_init"}
 
 # Aliases of types keep their names in signatures. What a name stands for is said in the module that defines it.
-ALIASES = ("Array", "Mask", "Kind", "Output", "State", "Timing", "StopReason", "Table", "Cell", "Fact", "Watch", "Look", "Illustration", "Origin", "Name")
+ALIASES = (
+    "Array",
+    "Mask",
+    "Kind",
+    "Output",
+    "State",
+    "Timing",
+    "StopReason",
+    "Table",
+    "Cell",
+    "Fact",
+    "Watch",
+    "Look",
+    "Illustration",
+    "Origin",
+    "Name",
+)
 autodoc_type_aliases = {name: name for name in ALIASES}
 
 # What annotations name and has no page: those aliases, and other projects' names. All else of ours has to be on one.
 ELSEWHERE = r"(numpy|np|pydantic|pydantic_core|collections|pathlib|os|types|typing|scipy|control|abc|enum|NDArray|NoneType)"
 nitpick_ignore = [("py:class", name) for name in ALIASES]
-nitpick_ignore_regex = [("py:.*", ELSEWHERE + r"\b.*"), ("py:.*", r".*\.T"), ("py:.*", r"(tuple|Mapping)\[.*")]
+nitpick_ignore_regex = [
+    ("py:.*", ELSEWHERE + r"\b.*"),
+    ("py:.*", r".*\.T"),
+    ("py:.*", r"(tuple|Mapping)\[.*"),
+]

@@ -1,6 +1,6 @@
 """Write examples/logger.csv: what a data logger has of a motor, made by the twin; a test holds the file equal to this.
 
-Five seconds of random steps at 200 samples a second: a time, a voltage and an angle in degrees, on which the steps of an encoder show.
+Five seconds of random steps at 200 samples a second: a time, a voltage, and an angle in degrees in steps of an encoder.
 """
 
 from pathlib import Path

@@ -35,9 +35,9 @@ def escaped(line: str) -> str:
 
 
 def as_restructured_text(lines: list[str]) -> list[str]:
-    """Return the lines of a docstring with its indented blocks, formulas and drawings, as literal blocks."""
+    """Return the lines of a docstring with its indented blocks, formulas and drawings, as literal blocks; examples stay."""
     out: list[str] = []
-    literal = listed = False
+    literal = listed = example = False
     for line in (line.removesuffix("::") + ":" if line.endswith("::") else line for line in lines):
         indented = line.startswith("    ")
         if line.strip() and not indented:
@@ -45,7 +45,11 @@ def as_restructured_text(lines: list[str]) -> list[str]:
         elif indented and not literal and not listed and not (out and out[-1].strip()):
             out += ["::", ""]
             literal = True
-        out.append(line if literal else escaped(line))
+        if line.startswith(">>> "):
+            example = True
+        elif not line.strip():
+            example = False
+        out.append(line if literal or example else escaped(line))
     return out
 
 
@@ -61,7 +65,11 @@ def settings_of(model: type[BaseModel]) -> Iterator[str]:
             told.append(f"default `{type(field.default).__name__}()`")
         elif default:
             told.append(f"default {default}")
-        yield escaped(f":param {name}: {sentence.rstrip('.')} ({'; '.join(told)})." if told else f":param {name}: {sentence}")
+        yield escaped(
+            f":param {name}: {sentence.rstrip('.')} ({'; '.join(told)})."
+            if told
+            else f":param {name}: {sentence}"
+        )
 
 
 def process(app: Sphinx, what: str, name: str, obj: object, options: object, lines: list[str]) -> None:
@@ -71,7 +79,9 @@ def process(app: Sphinx, what: str, name: str, obj: object, options: object, lin
         lines += ["", *settings_of(obj), ""]
 
 
-def signature(app: Sphinx, what: str, name: str, obj: object, options: object, given: str | None, back: str | None) -> Any:
+def signature(
+    app: Sphinx, what: str, name: str, obj: object, options: object, given: str | None, back: str | None
+) -> Any:
     """Return the signature of settings without its annotations, which stand in the list of the settings; None keeps another."""
     if not _is_settings(obj):
         return None
@@ -108,5 +118,7 @@ def setup(app: Sphinx) -> dict[str, Any]:
     app.connect("autodoc-process-docstring", process)
     app.connect("autodoc-process-signature", signature)
     app.connect("autodoc-skip-member", skip)
-    app.connect("doctree-read", leave_out_settings, priority=400)  # before the tables of contents are gathered, at 500
+    app.connect(
+        "doctree-read", leave_out_settings, priority=400
+    )  # before the tables of contents are gathered, at 500
     return {"parallel_read_safe": True, "parallel_write_safe": True}

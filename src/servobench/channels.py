@@ -21,6 +21,7 @@ class Channel:
     """
 
     name: str
+    """What it is called, such as `counts`."""
     unit: str | None
     minimum: float | None = None
     maximum: float | None = None

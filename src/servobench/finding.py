@@ -33,6 +33,7 @@ class Finding:
 
     code: str
     severity: Severity
+    """`info` tells, `warning` makes a result doubtful, `refusal` refuses it."""
     sentence: str
     parameters: tuple[str, ...] = ()
     rows: tuple[int, int] | None = None

@@ -84,7 +84,7 @@ def to_scipy_and_delay(system: TransferFunction) -> tuple[scipy.signal.lti, floa
 def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> TransferFunction:
     """Return a `scipy.signal.lti` of any kind (transfer function, zeros and poles, state space); arguments as `from_control`.
 
-    Raises `UsageError` for a system in discrete time, or with several inputs or outputs.
+    `delay` [s] is what stands beside it. Raises `UsageError` for a system in discrete time, or with several inputs or outputs.
     """
     from scipy.signal import BadCoefficients, lti
 

@@ -58,10 +58,14 @@ class Derived:
     """One quantity derived from the parameters, with its 95 % interval and how that was found."""
 
     value: float
+    """The quantity, in its unit."""
     interval: tuple[float, float]
     level: float
+    """The probability with which such intervals hold the true value."""
     unit: str
+    """SI and spelled out; 1 for a mere ratio."""
     method: Method
+    """From the derivatives to first order, or from a sample of parameters."""
 
 
 def derived(

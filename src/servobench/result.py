@@ -32,7 +32,9 @@ class RecordFit:
     """
 
     name: str
+    """The name of the record."""
     samples: int
+    """How many samples were left out."""
     fit_percent: float
     beyond: float = 1.0
 
@@ -43,7 +45,9 @@ class Validation:
 
     how: str
     fit_percent: float
+    """100 (1 - |y - model| / |y - mean|) over all that it wasn't fitted to [%]."""
     records: tuple[RecordFit, ...]
+    """The same for each record."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -60,7 +64,9 @@ class Provenance:
 
     version: str
     created: str
+    """Time of making, ISO 8601, UTC."""
     inputs_sha256: tuple[str, ...]
+    """SHA-256 of each file."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -68,10 +74,14 @@ class Comparison:
     """One parameter held against its nominal value: the difference in standard deviations is `z`."""
 
     name: str
+    """The parameter."""
     nominal: float
     identified: float
+    """What the data say."""
     sd: float
+    """The standard deviation that `z` counts in."""
     unit: str
+    """The unit of the three."""
 
     @property
     def z(self) -> float:
@@ -92,7 +102,9 @@ class Result:
     findings: tuple[Finding, ...]
     validation: Validation | None
     operating_range: OperatingRange
+    """Where the data were taken."""
     nominal: tuple[Comparison, ...]
+    """The parameters held against a data sheet; empty where none was named."""
     provenance: Provenance
     motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
 

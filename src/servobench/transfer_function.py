@@ -18,6 +18,12 @@ class TransferFunction:
     Coefficients stand with the highest power of s first. `output` is what comes out (`speed` or `position`), `unit` the
     unit of the gain, output unit per input unit (`rad/(s·V)`). Raises `UsageError` where a coefficient isn't finite or the
     leading coefficient of the denominator is zero.
+
+    >>> motor = TransferFunction(numerator=(23.7,), denominator=(0.099, 1.0), delay=0.0001)
+    >>> print(motor)
+    (23.7) / (0.099 s + 1) · e^(-0.0001 s)
+    >>> motor.poles.round(1)
+    array([-10.1+0.j])
     """
 
     numerator: tuple[float, ...]
@@ -50,13 +56,13 @@ class TransferFunction:
 
     @property
     def poles(self) -> NDArray[np.complex128]:
-        """The roots of the denominator [1/s], slowest first."""
+        """The roots of the denominator [1/s], (P,), slowest first."""
         roots = np.asarray(np.roots(self.denominator), dtype=np.complex128)
         return roots[np.argsort(np.abs(roots))]
 
     @property
     def zeros(self) -> NDArray[np.complex128]:
-        """The roots of the numerator [1/s]."""
+        """The roots of the numerator [1/s], (Z,)."""
         return np.asarray(np.roots(self.numerator), dtype=np.complex128)
 
     def __str__(self) -> str:

@@ -125,6 +125,7 @@ class Unit:
     symbol: str
     factor: float
     dimension: Dimension
+    """Exponents of the base quantities."""
     radians: bool = True
     """Whether no other unit of angle than the radian is in it."""
 
@@ -168,6 +169,9 @@ def convert(value: float, from_unit: str, to_unit: str) -> float:
 
     Between decimal multiples the point is shifted, so that 9 ms are 0.009 s to the last digit.
     Raises `UnitError` where the two measure different things.
+
+    >>> convert(9, "ms", "s")
+    0.009
     """
     source, target = unit(from_unit), unit(to_unit)
     if not _compatible(source, target):
@@ -184,6 +188,9 @@ def quantity(given: object, si: str) -> float:
     """Return a quantity in the unit `si`; a text has its own unit (`"1.16 mH"`), a bare number is in `si` already.
 
     Raises `UnitError` where it is no number with a unit, a quantity of another kind, or too large.
+
+    >>> quantity("1.16 mH", "H")
+    0.00116
     """
     expected = f'expected something in {si} (for example "1 {si}")'
     if isinstance(given, int | float) and not isinstance(given, bool):

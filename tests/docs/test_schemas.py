@@ -12,7 +12,9 @@ import pytest
 from tests.docs.pages import DOCS
 from tests.test_house import tool
 
-SCHEMAS = sorted(each.name for each in files("servobench").joinpath("schemas").iterdir() if each.name.endswith(".json"))
+SCHEMAS = sorted(
+    each.name for each in files("servobench").joinpath("schemas").iterdir() if each.name.endswith(".json")
+)
 
 
 def objects(schema: Any, where: str = "") -> Iterator[tuple[str, Any]]:

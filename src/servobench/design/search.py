@@ -88,7 +88,8 @@ def design(
     `duration` and `sample_time` in seconds. `wish` is what the interval is to be small of; for "both" it is the product of the
     relative intervals of gain and time constant. An experiment is only chosen if the encoder's rounding averages out in it, and
     if its rehearsals, simulated and identified, come out within 5 predicted standard deviations.
-    Raises `MissingInformation` for a limit that nothing is known for, `NotIdentifiable` where no experiment keeps the limits.
+    Raises `UsageError` for a duration that is no experiment or too long to compare any, `MissingInformation` for a limit that
+    nothing is known for, `NotIdentifiable` where no experiment keeps the limits.
     """
     limits.check(motor)
     if not (math.isfinite(duration) and duration >= 10 * sample_time > 0):

@@ -112,7 +112,7 @@ class Twin:
     """A simulated motor that behaves as a device: what is written acts from the tick of the sample before it.
 
     In virtual time the same settings and seed give the same samples, bit for bit. Beside the wall clock the motor moves on with
-    it, whether or not somebody reads in time.
+    it, whether or not somebody reads in time. Raises `UsageError` for settings that no motor has.
     """
 
     Settings: ClassVar[type[TwinSettings]] = TwinSettings
@@ -207,7 +207,7 @@ class Twin:
         self._open = False
 
     def start(self, sample_time: float, seed: int | None) -> None:
-        """Prepare a run with that sample time [s]; the shaft is at rest at its start angle."""
+        """Prepare a run with that sample time [s]; the shaft is at rest at its start angle. Raises `UsageError` for none."""
         self._needs_open()
         if not (math.isfinite(sample_time) and sample_time > 0):
             raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")

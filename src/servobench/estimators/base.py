@@ -39,6 +39,7 @@ class Estimate:
 
     value: float
     sd: float
+    """Standard deviation, in the unit of the value."""
     interval: tuple[float, float]
     level: float
     unit: str
@@ -58,13 +59,16 @@ class Fit:
     covariance: Array
     estimator: str
     structure: str
+    """Name of the model structure."""
     converged: bool
     status: str
     residual_sd: float
     records: tuple[FittedRecord, ...]
+    """What each record left over."""
     disturbance: Disturbance | None = None
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
+    """What there is to know about the search and what came out."""
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter, with its 95 % interval."""
@@ -117,14 +121,23 @@ class Abilities:
     noise: str
     interval: str
     position: bool
+    """The output may be a position."""
     speed: bool
+    """The output may be a speed."""
     chain: bool
+    """A chain between shaft and data is part of the prediction."""
     irregular_times: bool
+    """Samples need not be equally far apart."""
     several_records: bool
+    """Several records are fitted jointly."""
     closed_loop: bool
+    """The data may come from a feedback loop."""
     delay: bool
+    """A delay is found."""
     friction: bool
+    """Coulomb friction is found."""
     disturbance: bool
+    """A random torque is allowed for."""
 
 
 @runtime_checkable

@@ -39,6 +39,7 @@ class Disturbance:
     """The noise model of one data set: time constant τ [s], ratio q/r, measurement noise variance r of a sample."""
 
     tau: float
+    """The motor's time constant [s], with which the torque's effect dies away."""
     ratio: float
     variance: float
 

@@ -70,7 +70,10 @@ class Answer:
 
     @classmethod
     def from_document(cls, document: Any, name: str) -> Answer:
-        """Return what plain data of the schema `servobench.result/1` say; `name` is what messages call them."""
+        """Return what plain data of the schema `servobench.result/1` say; `name` is what messages call them.
+
+        Raises `FormatError` for what is no such result, `NotIdentifiable` for one that was refused.
+        """
         if not isinstance(document, dict) or document.get("schema") != SCHEMA:
             found = document.get("schema") if isinstance(document, dict) else type(document).__name__
             raise FormatError(f"{name} is no result: expected the schema {SCHEMA!r}, found {found!r}")

@@ -42,7 +42,10 @@ def pyarrow(module: str, name: str) -> Any:
 
 @contextmanager
 def told_as_format_error(name: str, kind: str) -> Iterator[None]:
-    """Around calls of pyarrow and nothing else: it tells of damage by errors of a dozen types, `MemoryError` among them."""
+    """Around calls of pyarrow and nothing else: it tells of damage by errors of a dozen types, `MemoryError` among them.
+
+    Raises `FormatError` in their place.
+    """
     try:
         yield
     except FormatError:

@@ -45,7 +45,10 @@ class Chosen:
 
 
 def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> Chosen | str:
-    """Return the series for a role; or the sentence that asks for it, or for its unit. `taken` are names that it can't be."""
+    """Return the series for a role; or the sentence that asks for it, or for its unit. `taken` are names that it can't be.
+
+    Raises `UsageError` for a column that holds the times.
+    """
     known = getattr(recording, role, None)
     findings: list[Finding] = []
     symbol = None

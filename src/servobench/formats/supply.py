@@ -19,7 +19,10 @@ _BEGINS_AS_NUMBER = re.compile(r"\s*[-+]?(?:\d|\.\d)")
 
 
 def constant(supply: str | ColumnSpec | None, recording: Recording) -> float | None:
-    """Return a supply that is a constant, such as `7.4 V` [V]; None for a channel, be it one that is named by its number."""
+    """Return a supply that is a constant, such as `7.4 V` [V]; None for a channel, be it one that is named by its number.
+
+    Raises `UsageError` for a constant that is no supply.
+    """
     if not isinstance(supply, str) or supply in recording or supply.strip().isdecimal():
         return None
     if not _BEGINS_AS_NUMBER.match(supply):

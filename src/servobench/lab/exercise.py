@@ -138,15 +138,20 @@ class Exercise:
     """
 
     name: str
+    """Name of the file, without its ending."""
     title: str
+    """What stands above it."""
     sentence: str
+    """What it is about, for a list."""
     order: int
+    """Its place in the list."""
     text: str
     experiment: Experiment
     blanks: tuple[Blank, ...]
     studies: Mapping[str, Study]
     corrections: tuple[Correction, ...]
     source: str
+    """The file, for messages."""
     lines: tuple[int, ...]
     study_lines: Mapping[str, int]
     correction_lines: tuple[int, ...]

@@ -43,6 +43,7 @@ class CommandTaker:
         self._waiting: list[Order] = []
 
     def __call__(self, place: Place) -> Stopped | None:
+        """Take the next command, if there is one; returns why the run ends, where it does."""
         while self._waiting and self._waiting[0].number <= place.command:
             self._answer(place, self._waiting.pop(0))
         if not self._texts and self._commands.waiting:
@@ -86,6 +87,7 @@ class GuardTeller:
         self._place: Place | None = None
 
     def __call__(self, place: Place) -> Stopped | None:
+        """Tell of a fault of the guard, once; never ends the run."""
         self._place = place
         fault = self._device.fault
         if fault is not self._told:
@@ -118,6 +120,7 @@ class RecorderWatch:
     now: Callable[[], int] = time.monotonic_ns
 
     def __call__(self, place: Place) -> Stopped | None:
+        """Return why the run ends where the recorder no longer works, None where it does."""
         if self.rows.get(RECORDER_STATE) == FAILED:
             return Stopped(reason="error", sentence="nothing more could be recorded; the motor was stopped")
         if self.now() - self.rows.get(RECORDER_HEARTBEAT) > RECORDER_SILENT * 1e9:
@@ -137,6 +140,7 @@ class OperatorWatch:
     now: Callable[[], int] = time.monotonic_ns
 
     def __call__(self, place: Place) -> Stopped | None:
+        """Return why the run ends where nobody is there any more, None where somebody is."""
         if self.now() - self.rows.get(OPERATOR_HEARTBEAT) <= self.timeout * 1e9:
             return None
         return Stopped(
@@ -152,6 +156,7 @@ class ProgramWatch:
     gone: Callable[[], bool]
 
     def __call__(self, place: Place) -> Stopped | None:
+        """Return why the run ends where the program is gone, None where it is there."""
         if not self.gone():
             return None
         return Stopped(

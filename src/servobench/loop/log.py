@@ -49,7 +49,7 @@ class Log:
         self._account.complete(ticks)
 
     def so_far(self) -> Recording:
-        """Hand on what is left, and return the recording so far; only where the log keeps it."""
+        """Hand on what is left, and return the recording so far; raises `UsageError` where the log doesn't keep it."""
         if self._kept is None:
             raise UsageError("this run keeps no recording to look at: give `look`")
         if self._rows:

@@ -92,6 +92,7 @@ class RowMaker:
         self._command = "command" in channels
 
     def __call__(self, place: Place) -> tuple[float, ...]:
+        """Return the row of a tick, in the order of the channels."""
         tick = place.tick
         sample = tick.sample
         row: tuple[float, ...] = (tick.actual, place.commanded, place.applied, sample.counts)

@@ -50,6 +50,7 @@ class LoopProcess:
 
     Entering starts the recorder (where `record` names a file) and the loop, which opens the device, and waits until the run
     begins. What can't begin raises the error that it would raise here. Leaving ends the run, if it goes on.
+    Raises `UsageError` for what is no experiment.
 
     `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
     `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where

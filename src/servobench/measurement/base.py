@@ -78,6 +78,7 @@ class StartState:
 
     stage: Stage
     kind: Kind
+    """Whether the state is a position or a speed."""
 
 
 @dataclass(frozen=True)
@@ -101,6 +102,12 @@ class Chain:
         The name of a known device (`talon-srx`) stands for its stages. `none` says that there is nothing in between, and an
         empty text that nobody says: both give a chain without stages.
         Raises `UsageError` (an `UnknownName` for a stage that isn't known).
+
+        >>> chain = Chain.parse("derivative | lowpass 50 rad/s")
+        >>> [type(stage).__name__ for stage in chain.stages]
+        ['Derivative', 'Lowpass']
+        >>> str(chain)
+        'derivative | lowpass 50 rad/s'
         """
         if not text.strip() or text.strip() == NONE:
             return cls()

@@ -36,6 +36,7 @@ class Dataset:
     """
 
     name: str
+    """What the record is called."""
     t_input: Array
     u: Array
     input_unit: str
@@ -45,6 +46,7 @@ class Dataset:
     output_unit: str
     kind: Kind
     source: Source
+    """The file or the device that it comes from."""
     quantum: float | None = None
     declared: Chain = field(default_factory=Chain)
     applied: Chain = field(default_factory=Chain)
@@ -55,6 +57,7 @@ class Dataset:
     current: Array | None = None
     chain_known: bool = False
     findings: tuple[Finding, ...] = ()
+    """What there is to know about the data."""
 
     def __post_init__(self) -> None:
         if not len(self.t_input) or not len(self.t_output):

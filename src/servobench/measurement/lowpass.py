@@ -33,6 +33,7 @@ class Lowpass:
     continuous filter and like forward Euler it delays slow signals by 1/ω (`zoh` by half a sample more, which an identified delay
     would have to make up for), it is right to second order in h, and it is stable with any step, such as that of a log
     sampled more slowly than its filter ran.
+    Raises `UsageError` for a cut-off that isn't above 0, and a discretisation that isn't known.
     """
 
     linear: ClassVar[bool] = True

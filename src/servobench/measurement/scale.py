@@ -21,6 +21,7 @@ class Scale:
     A factor without a unit is part of the measurement, such as a gear, and a prediction goes through it.
     With a unit, such as `scale 0.17578125 deg/count`, it says what a value means: counts go in and a position in rad comes
     out, and `measure` takes it for a conversion of units, which a prediction in rad does not go through.
+    Raises `UsageError` for a factor that is 0 or not finite, and a unit that isn't one of position by another.
     """
 
     linear: ClassVar[bool] = True

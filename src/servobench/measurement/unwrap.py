@@ -65,6 +65,7 @@ class Unwrap:
 
     `modulus` is in `unit`, a unit of position (`16 bit` is 65536 counts); the samples are in SI units or in counts.
     Not linear: it belongs before all else, and a prediction doesn't go through it.
+    Raises `UsageError` for a modulus that isn't above 0, or a unit that is none of position.
     """
 
     linear: ClassVar[bool] = False

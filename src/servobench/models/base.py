@@ -25,9 +25,12 @@ class Parameter:
 
     name: str
     meaning: str
+    """What it is, in a few words."""
     unit: str
     lower: float = -np.inf
+    """Smallest value, in the unit."""
     upper: float = np.inf
+    """Largest value, in the unit."""
 
     def unit_in(self, data: Dataset) -> str:
         """Return the unit, spelled out for that data."""

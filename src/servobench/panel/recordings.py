@@ -62,7 +62,7 @@ async def undeleted(request: Request, panel: Panel) -> Response:
 
 
 async def download(request: Request, panel: Panel) -> Response:
-    """One as a file: as it is, or as text."""
+    """One as a file: as it is, or as text. Raises `UsageError` for another format."""
     name = _name(request)
     native = panel.library.file(name, RECORDING)
     wanted = request.query_params.get("as", "mcap")
@@ -94,7 +94,7 @@ async def rows(request: Request, panel: Panel) -> Response:
 
 
 async def identified(request: Request, panel: Panel) -> Response:
-    """What one says about the motor."""
+    """What one says about the motor. Raises `UsageError` for a structure that is no name."""
     given = await json_object(request)
     structure = given.get("structure", "auto")
     if not isinstance(structure, str):

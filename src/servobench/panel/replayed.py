@@ -23,7 +23,10 @@ def frame_of(path: Path) -> bytes:
 
 
 def shown(recording: Recording) -> Array:
-    """Return what scopes show of a recording, (N, 13) in the order of `COLUMNS`; what it hasn't got is NaN."""
+    """Return what scopes show of a recording, (N, 13) in the order of `COLUMNS`; what it hasn't got is NaN.
+
+    Raises `UsageError` for channels without times, or with different ones.
+    """
     t = recording.series[0].t
     if t is None or any(each.t is None or len(each.t) != len(t) for each in recording.series):
         raise UsageError(

@@ -49,6 +49,8 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
     `asked` is JSON, whose `do` says which: see `PIECES`. `said` is told what is done now. Cancelled, it ends the process.
+    `asked` is JSON, whose `do` says which: see `PIECES`.
+    Raises `UsageError` also for a piece that took too long, or ended without an answer.
     """
     async with _AT_ONCE:
         said(STARTING)
@@ -135,7 +137,10 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the file `file` of any format, and write its recording to the native file `to`; return what is to be known of it."""
+    """Read the file `file` of any format, and write its recording to the native file `to`; return what is to be known of it.
+
+    Raises `UsageError` for a file that doesn't hold one recording.
+    """
     from dataclasses import replace
 
     from servobench.formats.base import load, save

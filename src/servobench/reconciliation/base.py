@@ -123,6 +123,7 @@ class Decision:
     """An experiment that decides whether a cause is one: what to do and to look at, and the run if a signal is all it takes."""
 
     sentence: str
+    """What to do, and what would come out for which cause."""
     experiment: Experiment | None = None
 
 

@@ -20,11 +20,15 @@ class Difference:
     """A figure of the data and the other one, a claim's or a data sheet's, each with half of its 95 % interval."""
 
     name: Name
+    """Which figure it is."""
     unit: str
+    """The unit of all four."""
     data: float
     data_half: float
+    """Half of the 95 % interval of the data."""
     other: float
     other_half: float
+    """Half of the 95 % interval of the other one."""
 
     @property
     def ratio(self) -> float:
@@ -44,15 +48,20 @@ class Explanation:
 
     verdict: Verdict
     findings: tuple[Finding, ...]
+    """What there is to know about the data."""
     origin: Origin
+    """Whose figures are held against the data: a claim's, or a data sheet's."""
     differences: tuple[Difference, ...] = ()
     agrees: bool = False
     readings: tuple[Reading, ...] = ()
+    """What methods read off the same data."""
     nearest: Reading | None = None
+    """The reading that comes nearest to the claim."""
     causes: tuple[Judged, ...] = ()
     hypotheses: tuple[Hypothesis, ...] = ()
     alike: tuple[str, ...] = ()
     decision: Decision | None = None
+    """The experiment that decides about the first cause."""
     sentences: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Judged:

@@ -22,7 +22,9 @@ class Size:
     """A size of a cause in words; `low` and `high` are the ends of its 95 % interval, empty where it can't vary."""
 
     value: float
+    """As the cause counts it."""
     text: str
+    """In words, with its unit."""
     low: str = ""
     high: str = ""
 
@@ -35,7 +37,9 @@ class Share:
     """
 
     name: Name
+    """Which figure it is."""
     value: float
+    """The part."""
     interval: tuple[float, float]
 
 
@@ -49,15 +53,21 @@ class Judged:
     """
 
     name: str
+    """A name that stays the same."""
     label: str
+    """The same for people."""
     law: str
+    """What it does to gain and time constant."""
     probability: float
+    """That it takes part, alone or with another."""
     possible: bool
+    """Whether it can be a cause of this at all."""
     against: str
     needed: Size | None
     likely: Size | None
     explains: tuple[Share, ...]
     decision: Decision
+    """The experiment that would decide about it."""
 
 
 def judge(name: str, question: Question, probability: float) -> Judged:

@@ -20,6 +20,7 @@ class Stopped:
     """Why a run ended: `finished` as asked, or cut short; the sentence says it in words."""
 
     reason: StopReason
+    """Which kind of end it was."""
     sentence: str
 
 
@@ -42,7 +43,7 @@ class Series:
     """The samples of one channel.
 
     `values` has shape (N,) and is in the channel's unit, as recorded. `t` [s] has the same shape, or is None where the
-    file that it comes from has no times.
+    file that it comes from has no times. Raises `UsageError` where the shapes differ.
     """
 
     channel: Channel
@@ -75,6 +76,7 @@ class Source:
 
     name: str
     sha256: str = ""
+    """Checksum of the file, empty where there is none."""
     format: str = "run"
 
 
@@ -90,21 +92,28 @@ class Recording:
     A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
     has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
     text, empty where there was none. `events` are in the order in which they happened.
+    Raises `UsageError` for a name that stands twice, and for a role that no channel has.
     """
 
     name: str
     series: tuple[Series, ...]
+    """The channels with their samples."""
     source: Source
+    """The file or the device that it comes from."""
     input: str | None = None
     output: str | None = None
     input_before: float | None = None
     chain: str = ""
     reference: str | None = None
     info: DeviceInfo | None = None
+    """What the device said of itself, None where no device is known."""
     experiment: str = ""
     findings: tuple[Finding, ...] = ()
+    """What there is to know about it."""
     stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
+    """Why it ended, None where nobody knows."""
     versions: Mapping[str, str] = field(default_factory=dict)
+    """Programs and their versions that made it."""
     events: tuple[Event, ...] = ()
 
     def __post_init__(self) -> None:

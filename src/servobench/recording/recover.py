@@ -31,7 +31,8 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> tuple[R
 def make_whole(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     """Write what can be read of the part that became of the native file `path` to `path` itself, and return it.
 
-    The part is removed once the whole file is there and was read back. Raises what `recover` does, and `UsageError` where there
+    The part is removed once the whole file is there and was read back. Raises what `recover` does, `StorageError` where
+    the whole file doesn't hold what was written to it, and `UsageError` where there
     is no part, or one that is still being written, or a file called `path` as well, which may hold more than the part.
     """
     whole = Path(path)

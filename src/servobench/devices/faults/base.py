@@ -69,7 +69,7 @@ def straight_through(latch: Latch) -> Sample:
 
 
 def as_asked(voltage: float, put: Put) -> float:
-    """Write, and change nothing."""
+    """Write a voltage [V], and change nothing."""
     return put(voltage)
 
 

@@ -32,6 +32,7 @@ class Setting:
     `quantum` is the encoder's step [rad], None where nobody knows it; `sample_time` the time between samples [s], `delay` the
     device's own [s], `input_before` what held before the first sample [V]. With a `structure` its parameters are found, from
     the vector `start` where one is given; without, those that Coulomb friction has.
+    Raises `UsageError` for a sample time or an encoder's step that isn't above 0.
     """
 
     quantum: float | None

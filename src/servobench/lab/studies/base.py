@@ -35,7 +35,9 @@ class Column:
 
     name: str
     heading: str
+    """What stands above it."""
     values: tuple[Cell, ...]
+    """Numbers or words, a cell for each row."""
     unit: str = ""
     digits: int = 4
     paper: tuple[Cell, ...] = ()
@@ -43,9 +45,13 @@ class Column:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """Numbers side by side: all columns are equally long. `note` is a sentence or two below it."""
+    """Numbers side by side: all columns are equally long. `note` is a sentence or two below it.
+
+    Raises `UsageError` where the columns aren't.
+    """
 
     title: str
+    """What stands above it."""
     columns: tuple[Column, ...]
     note: str = ""
 

@@ -82,6 +82,7 @@ def in_steps(
     """Return the state after a duration [s] in equal steps of a method; friction keeps its direction during a step.
 
     A shaft that would turn back within a step stops at its end: this is what a solver with fixed steps can know.
+    Raises `SimulationDiverged` where a step is too long for the method.
     """
     count = max(1, math.ceil(duration / step - 1e-9))
     h = duration / count

@@ -1,0 +1,122 @@
+"""Every public name says what it is; and where one doesn't, the check finds it."""
+
+from __future__ import annotations
+
+import doctest
+import importlib
+from pathlib import Path
+
+import pytest
+
+import servobench
+from tests.docs.pages import ROOT
+from tests.test_house import tool
+
+SOURCE = ROOT / "src" / "servobench"
+WITH_EXAMPLES = sorted(
+    ".".join(file.relative_to(SOURCE.parent).with_suffix("").parts).removesuffix(".__init__")
+    for file in SOURCE.rglob("*.py")
+    if ">>>" in file.read_text(encoding="utf-8")
+)
+
+GOOD = '''"""A module."""
+
+from servobench.channels import Array
+from servobench.errors import UsageError
+
+
+class Thing:
+    """A thing of some `size` [m]. Raises `UsageError` for a negative one."""
+
+    size: float
+    colour: str
+    """What it looks like."""
+
+    def __post_init__(self) -> None:
+        if self.size < 0:
+            raise UsageError("negative")
+
+    def __call__(self, t: Array) -> Array:
+        """Return the size at the times t [s], (N,)."""
+
+    @property
+    def half(self) -> float:
+        """Half of its size [m]."""
+
+
+def slowed(voltage: float) -> float:
+    """Return a smaller voltage [V]; raises `UsageError` for none."""
+    if not voltage:
+        raise UsageError("none")
+
+
+def _hidden(voltage):
+    pass
+'''
+
+
+def faults(text: str, folder: Path, shown: set[str] | None = None) -> list[str]:
+    package = folder / "package"
+    package.mkdir()
+    (package / "module.py").write_text(text, encoding="utf-8")
+    return list(tool("check_docstrings").of_file(package / "module.py", package, shown))
+
+
+def test_every_public_name_says_what_it_is() -> None:
+    assert tool("check_docstrings").problems() == []
+
+
+def test_a_module_that_says_everything_has_no_fault(tmp_path: Path) -> None:
+    assert faults(GOOD, tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    ("said", "unsaid", "fault"),
+    [
+        ('"""A module."""\n', "", "the module has no docstring"),
+        ('        """Half of its size [m]."""', "        pass", "Thing.half has no docstring"),
+        ('        """Return the size at the times t [s], (N,)."""', "        pass", "Thing.__call__ has no docstring"),
+        ('    """What it looks like."""\n', "", "Thing.colour: nothing says what this field is"),
+        (" Raises `UsageError` for a negative one.", "", "Thing raises UsageError"),
+        ("; raises `UsageError` for none", "", "slowed raises UsageError"),
+        (" t [s], (N,)", " t [s]", "Thing.__call__: no shape is told of t, the result"),
+        ("a smaller voltage [V]", "a smaller voltage", "slowed: no unit is told of voltage"),
+    ],
+)  # fmt: skip
+def test_what_is_left_unsaid_is_found(said: str, unsaid: str, fault: str, tmp_path: Path) -> None:
+    assert said in GOOD
+
+    found = faults(GOOD.replace(said, unsaid), tmp_path)
+
+    assert len(found) == 1
+    assert fault in found[0]
+
+
+def test_outside_of_the_reference_fields_shapes_and_units_are_not_asked_for(tmp_path: Path) -> None:
+    silent = GOOD.replace('    """What it looks like."""\n', "").replace("voltage [V]", "voltage")
+
+    assert faults(silent, tmp_path, set()) == []
+
+
+def test_the_reference_shows_all_names_of_the_package() -> None:
+    check = tool("check_docstrings")
+    shown = check.in_reference(check.REFERENCE, SOURCE)
+
+    missing = [name for name in servobench.__all__ if f"servobench.{name}" not in shown]
+
+    assert missing == ["__version__"]
+    assert "servobench.recording.recording.Recording" in shown
+
+
+@pytest.mark.parametrize("name", WITH_EXAMPLES)
+def test_the_examples_in_docstrings_run(name: str) -> None:
+    result = doctest.testmod(importlib.import_module(name), optionflags=doctest.ELLIPSIS)
+
+    assert result.failed == 0
+    assert result.attempted > 0
+
+
+def test_there_are_examples_in_docstrings() -> None:
+    assert {"servobench.units", "servobench.transfer_function", "servobench.measurement.base"} <= set(
+        WITH_EXAMPLES
+    )
