@@ -41,7 +41,7 @@ pygments_dark_style = "native"
 autodoc_member_order = "bysource"
 autodoc_typehints = "signature"
 autodoc_class_signature = "mixed"
-autodoc_default_options = {"members": True, "undoc-members": False, "show-inheritance": False}
+autodoc_default_options: dict[str, object] = {"members": True}
 python_use_unqualified_type_names = True
 default_role = "code"  # docstrings are read in the source: single backticks, as in the pages
 

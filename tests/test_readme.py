@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import os
 import re
 import shlex
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -118,3 +120,84 @@ def test_the_figures_of_the_readme_are_those_of_the_demo(folder: Path) -> None:
     printed = [line.split() for line in done.stdout.splitlines()]
     missing = [" ".join(row) for row in shown if row not in printed]
     assert not missing, done.stdout
+
+
+def test_the_file_that_the_readme_identifies_is_the_one_that_the_tool_makes() -> None:
+    spec = importlib.util.spec_from_file_location("write_example", ROOT / "tools" / "write_example.py")
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+    assert module.FILE.read_text(encoding="utf-8") == module.table(), "run python tools/write_example.py"
+
+
+def identified(words: list[str], folder: Path) -> list[list[str]]:
+    done = subprocess.run(
+        [sys.executable, "-m", "servobench", "identify", *words],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**os.environ, "COLUMNS": "90"},
+    )
+    return [line.split() for line in done.stdout.splitlines()]
+
+
+def test_the_figures_of_the_logger_are_those_that_it_prints(folder: Path) -> None:
+    (shown,) = [block for block in blocks("text") if "36.1331" in block]
+
+    printed = identified(["examples/logger.csv", "--output", "angle:deg"], folder)
+
+    assert all(line.split() in printed for line in shown.splitlines())
+
+
+def test_the_figures_of_the_motor_that_is_not_ours_are_those_that_it_prints(
+    folder: Path, real_data: Callable[[str], Path]
+) -> None:
+    (shown,) = [block for block in blocks("text") if "0.453" in block]
+    file = real_data("undcmotor/und_DCmotor_prbs_open_exp.csv")
+
+    printed = identified([str(file), "--output", "y:deg/s"], folder)
+
+    assert all(line.split() in printed for line in shown.splitlines())
+    assert sum(line[:1] == ["!"] for line in printed) == 5
+
+
+PEERS = {
+    "`servobench identify`": "servobench identify (auto)",
+    "best subspace method (nfoursid), means taken out": "nfoursid, order 1, detrended",
+    "63.2 % read off by hand, behind the usual filter": "bump test by hand, 63.2 %",
+    "curve fit to the filtered speed, means taken out": "scipy curve_fit on filtered speed, detrended",
+    "ARX (Octave), means taken out": "Octave control arx(1,2), detrended",
+}
+
+
+def test_the_comparison_is_that_of_the_peer_table() -> None:
+    """The first table of the page has, in columns 7 and 9, the RMSE of the time constant and the coverage of K and τ."""
+    page = (ROOT / "docs" / "benchmarks" / "peers.md").read_text(encoding="utf-8")
+    first = page.split("\n## ")[1]
+    measured = {
+        cells[1]: cells
+        for line in first.splitlines()
+        if len(cells := [c.strip() for c in line.split("|")]) > 9
+    }
+    rows = [
+        [c.strip() for c in line.split("|")] for line in README.splitlines() if line.lstrip().startswith("| ")
+    ]
+    shown = {cells[1]: cells for cells in rows if cells[1] in PEERS}
+
+    assert set(shown) == set(PEERS)
+    for ours, theirs in PEERS.items():
+        rmse, coverage = measured[theirs][7].split()[0], measured[theirs][9].rpartition(", ")[2]
+        digits = len(shown[ours][2].split()[0].replace(".", "").lstrip("0"))
+        assert f"{float(f'{float(rmse):.{digits}g}'):g} %" == shown[ours][2]
+        assert shown[ours][3] == (f"{coverage} of the time" if coverage else "none is given")
+
+
+def test_what_a_reference_needs_is_that_of_the_package() -> None:
+    from servobench._version import __version__
+
+    cited = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in cited
+    assert "\nlicense: BSD-3-Clause\n" in cited

@@ -13,13 +13,14 @@ HEAD = """# What the commands print as JSON
 <!-- Written by tools/write_schemas.py from src/servobench/schemas: change those, then run it again. -->
 
 With `--json` a command prints one object on standard output. Its key `schema` says which of these it is, and in which version.
-The schemas are JSON Schema 2020-12 and part of the package, in the folder `servobench/schemas`. `a.b` is the key `b` of the object
-`a`, and `a.*.b` that of each object in `a`.
+The schemas are JSON Schema 2020-12 and part of the package, in the folder `servobench/schemas`. `a.b` is the key `b` of the
+object `a`, and `a.*.b` that of each object in `a`.
 """
 
 FROM = {
     "design-1": "[`servobench design --json`](commands.md#design)",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",
+    "lab-1": "[`servobench lab --json`](commands.md#lab)",
     "result-1": "[`servobench run --json`](commands.md#run), [`identify --json`](commands.md#identify) and a run's `result.json`",
     "tuning-1": "[`servobench tune --json`](commands.md#tune)",
     "why-1": "[`servobench why --json`](commands.md#why)",

@@ -83,6 +83,8 @@ def signature(
     app: Sphinx, what: str, name: str, obj: object, options: object, given: str | None, back: str | None
 ) -> Any:
     """Return the signature of settings without its annotations, which stand in the list of the settings; None keeps another."""
+    if getattr(obj, "_is_protocol", False) and what == "class":
+        return "", None  # nobody makes one
     if not _is_settings(obj):
         return None
     return f"({', '.join(['*', *obj.model_fields]) if obj.model_fields else ''})", None
