@@ -20,7 +20,16 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("pages")
     words = ["--fail-on-warning", "--keep-going", "--nitpicky", "--quiet", "-b", "html"]
     done = subprocess.run(
-        [sys.executable, "-m", "sphinx", *words, "-d", str(folder / "trees"), str(DOCS), str(folder / "html")],
+        [
+            sys.executable,
+            "-m",
+            "sphinx",
+            *words,
+            "-d",
+            str(folder / "trees"),
+            str(DOCS),
+            str(folder / "html"),
+        ],
         cwd=ROOT,
         capture_output=True,
         text=True,
@@ -37,10 +46,14 @@ def test_every_page_is_built(built: Path) -> None:
 
 
 def test_nothing_is_loaded_from_elsewhere(built: Path) -> None:
-    loaded = {goal for page in built.rglob("*.html") for goal in LOADED.findall(page.read_text(encoding="utf-8"))}
+    loaded = {
+        goal for page in built.rglob("*.html") for goal in LOADED.findall(page.read_text(encoding="utf-8"))
+    }
 
     assert any(goal.endswith(".css?v=" + goal.rpartition("=")[2]) for goal in loaded)
-    assert sorted(goal for goal in loaded if re.match(r"\w+:|//", goal) and not goal.startswith("data:")) == []
+    assert (
+        sorted(goal for goal in loaded if re.match(r"\w+:|//", goal) and not goal.startswith("data:")) == []
+    )
 
 
 def test_formulas_are_drawn_by_the_browser_itself(built: Path) -> None:

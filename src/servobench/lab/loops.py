@@ -46,7 +46,7 @@ class OfAMotor(StudySettings):
         return self
 
     def motor(self, stand: Stand) -> tuple[float, float]:
-        """Return K and τ; raises `UnknownName` for a fact that isn't there."""
+        """Return K and τ [s]; raises `UnknownName` for a fact that isn't there, `UsageError` for a τ that isn't above 0."""
         gain, tau = (Expression(text).evaluate(stand.facts).value for text in (self.gain, self.time_constant))
         if not tau > 0:
             raise UsageError(f"the time constant `{self.time_constant}` is {tau:g} s; expected more than 0")
