@@ -49,7 +49,6 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
     `asked` is JSON, whose `do` says which: see `PIECES`. `said` is told what is done now. Cancelled, it ends the process.
-    `asked` is JSON, whose `do` says which: see `PIECES`.
     Raises `UsageError` also for a piece that took too long, or ended without an answer.
     """
     async with _AT_ONCE:
