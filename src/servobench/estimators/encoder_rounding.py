@@ -20,7 +20,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.measurement.dataset import Dataset
 
-_SINES = 8  # these have 93 % of Q²/12; the model doesn't know the path to a tenth of a step, as finer ones would need
+SINES = 8  # these have 93 % of Q²/12; the model doesn't know the path to a tenth of a step, as finer ones would need
 
 
 def is_rounded(data: Dataset) -> bool:
@@ -37,7 +37,7 @@ def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) ->
     """
     once = np.exp(2j * np.pi * path / quantum)
     turning, sines, white = np.ones_like(once), [], 1 / 12 + noise
-    for m in range(1, _SINES + 1):
+    for m in range(1, SINES + 1):
         turning = turning * once
         share = float(np.exp(-((2 * np.pi * m) ** 2) * noise)) / (2 * np.pi**2 * m**2)
         sines.append(np.sqrt(share) * np.column_stack([turning.real, turning.imag]).T @ columns)

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
+from servobench.estimators.encoder_rounding import SINES
 from servobench.estimators.recursion import kernels
 
 LEVELS_APART = 0.7  # in ln(q/r): a level in between makes less than a tenth of a standard deviation
@@ -24,6 +25,7 @@ _LEAST = 0.35  # of a block: the shortest memory of its filters
 _MOST = 16.0  # of a block: the longest memory of the filters of all but the longest blocks
 _FINER = 2.0  # times a block: a likelier memory below that asks for shorter blocks
 _LONGEST = 1000.0  # τ: a memory that is as good as endless
+_SHOWN = 2.71  # the likelihood ratio that 5 % of the runs without a torque exceed
 _KNOWN = 1e-14  # of the largest eigenvalue: a direction about which nothing is known
 
 
@@ -31,7 +33,8 @@ _KNOWN = 1e-14  # of the largest eigenvalue: a direction about which nothing is 
 class Bank:
     """Filters and their sums, changed in place by `kernels.stream`: B lengths of blocks, F filters, 8 columns [J r].
 
-    `freedom` (F,) counts the start states that were swept out of the sums; the rest is described at the kernel.
+    `freedom` (F,) counts the start states that were swept out of the sums, `sines` (16, 7) has what an encoder's rounding makes
+    of the scores where no torque acts; the rest is described at the kernel.
     """
 
     sample_time: float
@@ -46,6 +49,7 @@ class Bank:
     products: Array
     logarithms: Array
     freedom: Array
+    sines: Array
 
     @classmethod
     def beginning(cls, tau: float, sample_time: float) -> Self:
@@ -75,6 +79,7 @@ class Bank:
             products=np.zeros((count, width, width)),
             logarithms=np.zeros(count),
             freedom=np.zeros(count),
+            sines=np.zeros((2 * SINES, width - 1)),
         )
 
     def likeliest(self, free: NDArray[np.bool_]) -> Likeliest | None:
@@ -107,6 +112,7 @@ class Bank:
         weight /= weight.sum()
         apart = change - change[best]
         covariance = np.einsum("f,fij->ij", weight * variance, inverse) + (apart * weight[:, None]).T @ apart
+        calm = n == 0 and deviance[0] - deviance[best] < _SHOWN
         return Likeliest(
             filter=here.start + best,
             **self._watched(here.start + best, n, _in_place(change[best], informed)),
@@ -117,7 +123,19 @@ class Bank:
             covariance=_in_place(covariance, informed),
             inverse=_in_place(inverse[best], informed),
             deviance=float(deviance[best]),
+            calm=bool(calm),
         )
+
+    def by_rounding(self, quantum: float, informed: NDArray[np.int64]) -> Array:
+        """Return the covariance (7, 7) that rounding to steps of `quantum` [rad] leaves where no torque acts.
+
+        That is H⁻¹ (S'S + white) H⁻¹ of output error; see `encoder_rounding`.
+        """
+        inverse, _ = _inverses(full(self.products[0])[np.ix_(informed, informed)][None])
+        sizes = np.repeat(1 / (np.sqrt(2) * np.pi * np.arange(1, SINES + 1)), 2)[:, None]
+        moved_by = quantum * sizes * self.sines[:, informed] @ inverse[0]
+        white = quantum**2 * (1 / 12 - 0.5 * float(np.sum(sizes**2)))
+        return _in_place(moved_by.T @ moved_by + white * inverse[0], informed)
 
     def _watched(self, best: int, n: int, change: Array) -> dict[str, Any]:
         """The filter of the same noise level over twice as long blocks, over which rounding is whiter, and r there."""
@@ -150,6 +168,9 @@ class Bank:
         products = full(self.products)
         own = np.array([5, 6])
         rest = np.setdiff1d(np.arange(kernels.WIDTH), own)
+        inverse, _ = _inverses(products[0][np.ix_(own, own)][None])
+        self.sines[:, :5] -= self.sines[:, own] @ inverse[0] @ products[0][np.ix_(own, np.arange(5))]
+        self.sines[:, own] = 0.0
         for f, m in enumerate(products):
             inverse, information = _inverses(m[np.ix_(own, own)][None])
             swept = m[np.ix_(rest, rest)] - m[np.ix_(rest, own)] @ inverse[0] @ m[np.ix_(own, rest)]
@@ -170,7 +191,8 @@ class Likeliest:
     `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. The
     `covariance` (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ
     their changes from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom
-    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r.
+    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r. `calm`
+    says that nothing shows a torque.
     """
 
     filter: int
@@ -183,6 +205,7 @@ class Likeliest:
     covariance: Array
     inverse: Array
     deviance: float
+    calm: bool
 
 
 def full(products: Array) -> Array:

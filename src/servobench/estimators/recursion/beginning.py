@@ -117,7 +117,9 @@ def gone_through(
     known = earlier
     for _ in range(_ROUNDS):
         rest, shown = (known.rest, known.shown) if known else (1.0, 0)
-        motion = Motion.beginning(reference, friction, setting.sample_time, rest, shown)
+        motion = Motion.beginning(
+            reference, friction, setting.sample_time, rest, shown, setting.quantum or 0.0
+        )
         motion.take(samples, setting.input_before, np.zeros(COLUMNS))
         free, is_brake = setting.unknowns(motion)
         found = motion.answer(free)

@@ -27,8 +27,8 @@ from servobench.models.kernels import (
 
 Whole = NDArray[np.int64]
 
-# What stands where in the state of the motor.
-NOW, HELD = 0, 1
+# What stands where in the state of the motor: the beginning of the piece under way, the input that acts, and whether it rests.
+NOW, HELD, RESTS = 0, 1, 2
 # What stands where in the state of a block: samples so far, the sum of their times, whether the shaft slides, the time of the
 # mean before (NaN where there is none), the number of means so far, and whether the shaft rested in the block before.
 SAMPLES, TIMES, SLIDES, BEFORE, MEANS, RESTED = 0, 1, 2, 3, 4, 5
@@ -41,7 +41,7 @@ def advance(
 ) -> tuple[int, float]:
     """Move the motor to a sample at t and fill row (8,) with the derivatives and the position there.
 
-    Inputs u (N,) that hold from t_in (N,) act in turn from `first` on; x (4, 8) is the piece under way, `motor` (2,) its
+    Inputs u (N,) that hold from t_in (N,) act in turn from `first` on; x (4, 8) is the piece under way, `motor` (3,) its
     beginning and the input that acts. Returns the first input that hasn't acted yet, and the speed. A sample is latched before
     an input of the same instant acts.
     """
@@ -147,6 +147,21 @@ def close_block(
 
 
 @compiled
+def add_rounding(row: Array, place: float, weight: float, sines: Array) -> None:
+    """Add what the sines of an encoder's rounding make of the score of a sample with derivatives row (8,), before their sizes.
+
+    `sines` (2 M, 7) has cosine and sine of m = 1 ... M periods in a step in turns; `place` is the shaft's, in steps.
+    """
+    once_c, once_s = math.cos(2 * math.pi * place), math.sin(2 * math.pi * place)
+    turned_c, turned_s = 1.0, 0.0
+    for m in range(len(sines) // 2):
+        turned_c, turned_s = turned_c * once_c - turned_s * once_s, turned_c * once_s + turned_s * once_c
+        for c in range(COLUMNS):
+            sines[2 * m, c] += weight * turned_c * row[c]
+            sines[2 * m + 1, c] += weight * turned_s * row[c]
+
+
+@compiled
 def stream(
     t: Array,
     y: Array,
@@ -168,6 +183,8 @@ def stream(
     speed: Array,
     products: Array,
     logarithms: Array,
+    quantum: float,
+    sines: Array,
     senses: Array,
     shown: int,
     change: Array,
@@ -178,7 +195,8 @@ def stream(
 
     Blocks of `sizes` (B,) samples have the filters from filters[b] to filters[b + 1] - 1 each. `residual` (M,) gets
     y - prediction, and `innovations` (M, 8) those of the filter `shown`, both after a `change` (7,) of the reference for the
-    former. Returns how many inputs have acted, and how many innovations there are.
+    former. `sines` (16, 7) gets what the rounding to steps of `quantum` (0: there is none) makes of the scores; a rest counts
+    once. Returns how many inputs have acted, and how many innovations there are.
     """
     row, one = np.empty(WIDTH), np.empty(WIDTH)
     k, found = 0, 0
@@ -191,6 +209,9 @@ def stream(
             left -= row[c] * change[c]
         residual[m] = left
         slides = 1.0 if w != 0.0 or friction == 0.0 else 0.0
+        if quantum > 0.0 and (slides == 1.0 or motor[RESTS] != 1.0):
+            add_rounding(row, (y[m] - left) / quantum, 1.0 if slides == 1.0 else 1.0 / rest, sines)
+        motor[RESTS] = 1.0 - slides
         senses[0 if w > 0.0 else (1 if w < 0.0 else 2)] += 1.0
         for b in range(len(sizes)):
             first, last = filters[b], filters[b + 1]

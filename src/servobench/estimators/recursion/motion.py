@@ -67,7 +67,7 @@ class Motion:
 
     Bounded however long the run is. `friction` is 1 or 0: whether u_c acts. `stretches` are the sums of all filters at the
     ends of equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`. `rest` is the variance of the
-    rounding's error at rest beside that of a sample on the way.
+    rounding's error at rest beside that of a sample on the way. `quantum` is a step of the encoder (0: it isn't known).
     """
 
     reference: Array
@@ -75,6 +75,7 @@ class Motion:
     bank: Bank
     piece: Array
     motor: Array
+    quantum: float = 0.0
     rest: float = 1.0
     senses: Array = field(default_factory=lambda: np.zeros(3))
     pending: Samples = NOTHING
@@ -87,14 +88,20 @@ class Motion:
 
     @classmethod
     def beginning(
-        cls, reference: Array, friction: float, sample_time: float, rest: float = 1.0, shown: int = 0
+        cls,
+        reference: Array,
+        friction: float,
+        sample_time: float,
+        rest: float = 1.0,
+        shown: int = 0,
+        quantum: float = 0.0,
     ) -> Motion:
-        """Return a motor that hasn't begun to move, at a reference (7,); for `rest` and `shown` see the class."""
+        """Return a motor that hasn't begun to move, at a reference (7,); for the others see the class."""
         bank = Bank.beginning(float(reference[1]), sample_time)
         stretch = max(int(reference[1] / sample_time), 1)
         return cls(
-            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(2, np.nan),
-            rest=rest, shown=shown, stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
+            reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(3, np.nan),
+            quantum=quantum, rest=rest, shown=shown, stretches=[np.zeros_like(bank.products)], stretch=stretch, left=stretch,
         )  # fmt: skip
 
     def take(self, samples: Samples, input_before: float, change: Array) -> Array:
@@ -110,7 +117,7 @@ class Motion:
             return np.empty(0)
         if not self.piece.size:
             self.piece = at_start(self.reference)
-            self.motor[:] = samples.t[0], input_before
+            self.motor[:] = samples.t[0], input_before, 0.0
         known = samples.t_in[-1] if len(samples.t_in) else -np.inf
         ready = len(samples.t)
         if self.reference[DELAY] < 0:
@@ -134,7 +141,7 @@ class Motion:
         acted, count = kernels.stream(
             samples.t[here], samples.y[here], samples.t_in, samples.u, self.piece, self.motor, self.reference,
             self.friction, 1.5 * b.sample_time, self.rest, b.sizes, b.filters, b.blocks, b.totals, b.ratio, b.p, b.angle, b.speed,
-            b.products, b.logarithms, self.senses, self.shown, change, residual[here], found,
+            b.products, b.logarithms, self.quantum, b.sines, self.senses, self.shown, change, residual[here], found,
         )  # fmt: skip
         self.recent = np.concatenate([self.recent, found[:count]])[-_RECENT:]
         self.residuals = np.concatenate([self.residuals, residual[here]])[-_RECENT:]
@@ -178,6 +185,9 @@ class Motion:
             self.shown = found.watched
         found = replace(found, watched_variance=self.bank.left(self.shown, found.change))
         at = found.informed
+        if found.calm and self.quantum:
+            exact = self.bank.by_rounding(self.quantum, at)
+            found = replace(found, covariance=_wider(found.covariance, exact, at))
         sums = full(np.diff(np.array([one[found.filter] for one in self.stretches]), axis=0))
         count = len(sums)
         if count < _ENOUGH * len(at):
@@ -185,10 +195,7 @@ class Motion:
         scores = sums[:, :-1, -1] - sums[:, :-1, :-1] @ found.change
         meat = scores.T @ scores * (count / (count - len(at)))
         robust = found.inverse @ meat @ found.inverse
-        covariance = found.covariance.copy()
-        here = np.ix_(at, at)
-        covariance[here] = conservative(found.covariance[here], robust[here])
-        return replace(found, covariance=covariance)
+        return replace(found, covariance=_wider(found.covariance, robust, at))
 
     def watch(self, found: Likeliest) -> None:
         """Watch the innovations at the noise level that is likeliest now, if it is another one than before."""
@@ -210,6 +217,13 @@ class Motion:
         self.pending, self.piece = NOTHING, np.empty(0)
         self.recent, self.residuals = self.recent[:0], self.residuals[:0]
         self.stretches, self.left = [self.bank.products.copy()], self.stretch
+
+
+def _wider(first: Array, second: Array, at: NDArray[np.int64]) -> Array:
+    """The second covariance (7, 7) over the columns `at`, made no narrower than the first."""
+    out, here = first.copy(), np.ix_(at, at)
+    out[here] = conservative(first[here], second[here])
+    return out
 
 
 def possible(change: Array, found: Likeliest, reference: Array, sample_time: float, is_brake: bool) -> Array:
