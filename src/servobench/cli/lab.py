@@ -37,7 +37,13 @@ def lab(
         ),
     ] = None,
     solution: Annotated[
-        bool, typer.Option("--solution", help="Show the right answers beside the blanks.")
+        bool, typer.Option("--solution", help="Show the right answers beside the blanks, and what comes out.")
+    ] = False,
+    studies: Annotated[
+        bool,
+        typer.Option(
+            "--studies", help="Show what comes out, which gives most answers away; a page has it open then."
+        ),
     ] = False,
     device: Annotated[
         str | None,
@@ -61,7 +67,7 @@ def lab(
         typer.Option("--json", help="Print what comes out as JSON, and nothing else, on standard output."),
     ] = False,
 ) -> None:
-    """Do an exercise: its text, what comes out, what to fill in, and where the paper errs.
+    """Do an exercise: its text and what to fill in; --studies for what comes out, and where the paper errs.
 
     Without a name the exercises are listed. With one it is done on the simulated motor, in virtual time, or on a device.
     An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
@@ -77,7 +83,7 @@ def lab(
         raise UsageError(f"--folder {folder}: is no folder; expected one with exercises, NAME.md")
     console = messages() if as_json else output()
     if everything:
-        _write_all(console, where, device, out, solution=solution, as_json=as_json)
+        _write_all(console, where, device, out, solution=solution, studies=studies, as_json=as_json)
     elif name is None:
         _list(console, where)
     else:
@@ -85,7 +91,9 @@ def lab(
         given = dict(_answer(text) for text in answers or ())
         for blank in given:
             found.blank(blank)  # a misspelt one is told before anything is run
-        worked = _one(console, found, device, recording, given, out, solution=solution, as_json=as_json)
+        worked = _one(
+            console, found, device, recording, given, out, solution=solution, studies=studies, as_json=as_json
+        )
         if recording is None:
             raise typer.Exit(CUT_SHORT.get(worked.stand.recording.stopped.reason, DONE))
     raise typer.Exit(DONE)
@@ -194,6 +202,7 @@ def _one(
     out: Path | None,
     *,
     solution: bool,
+    studies: bool,
     as_json: bool,
 ) -> Worked:
     from servobench.cli.lab_shown import show_checked, show_worked
@@ -209,9 +218,9 @@ def _one(
         worked = Worked(exercise=exercise, stand=_stand(exercise, device, recording), given=given)
         answered = to_dict([worked], solution=solution)
         if out is not None:
-            write_exercise(worked, out, solution=solution)
+            write_exercise(worked, out, solution=solution, studies=studies)
     if not given:
-        show_worked(console, worked, solution=solution)
+        show_worked(console, worked, solution=solution, studies=studies)
     else:
         show_checked(console, worked)
     if as_json:
@@ -222,7 +231,14 @@ def _one(
 
 
 def _write_all(
-    console: Console, folder: Path, device: str | None, out: Path | None, *, solution: bool, as_json: bool
+    console: Console,
+    folder: Path,
+    device: str | None,
+    out: Path | None,
+    *,
+    solution: bool,
+    studies: bool,
+    as_json: bool,
 ) -> None:
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
@@ -244,7 +260,7 @@ def _write_all(
         def begun(number: int, worked: Worked) -> None:
             progress.reached(number / len(lab))
 
-        write_lab(target, lab, solution=solution, begun=begun)
+        write_lab(target, lab, solution=solution, studies=studies, begun=begun)
     say(console, f"{len(lab)} exercises: {target / INDEX}")
     if as_json:
         print_json(to_dict(lab, solution=solution))

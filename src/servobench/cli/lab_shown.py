@@ -18,19 +18,25 @@ if TYPE_CHECKING:
     from servobench.lab.worked import Worked
 
 
-def show_worked(console: Console, worked: Worked, *, solution: bool) -> None:
-    """Print an exercise: its text, what its studies found where they stand, its blanks, and what it corrects.
+def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bool) -> None:
+    """Print an exercise: its text and its blanks; with `studies` what its studies found, where they stand, and what it corrects.
 
-    With `solution` the right answers stand beside the blanks.
+    With `solution` the right answers stand beside the blanks, and the studies are shown, too.
     """
+    opened = solution or studies
     exercise = worked.exercise
     show_wrapped(console, Text(), exercise.title, hanging=0)
     if exercise.sentence:
         show_wrapped(console, Text(), exercise.sentence, hanging=0)
     for piece in exercise.pieces:
         console.print()
-        if piece.study:
+        if piece.study and opened:
             _show_study(console, worked.shown(piece.study))
+        elif piece.study:
+            console.print(
+                Text(f"({piece.study}: what is found here is shown by --studies)", style="dim"),
+                soft_wrap=True,
+            )
         else:
             show_markdown(console, piece.text)
     console.print()
@@ -39,7 +45,7 @@ def show_worked(console: Console, worked: Worked, *, solution: bool) -> None:
         show_wrapped(console, head, worked.cut_short, hanging=2)
         console.print()
     _show_blanks(console, worked, solution=solution)
-    if worked.corrections:
+    if opened and worked.corrections:
         console.print()
         _show_corrections(console, worked)
 
@@ -119,7 +125,10 @@ def _show_blanks(console: Console, worked: Worked, *, solution: bool) -> None:
     if not solution and not worked.given:
         first = exercise.blanks[0]
         console.print()
-        text = f'check what you find out with --answers "{first.id}=..."; --solution tells the right answers'
+        text = (
+            f'check what you find out with --answers "{first.id}=..."; --studies shows what comes out, --solution the right '
+            "answers, too"
+        )
         show_wrapped(console, Text(), text, hanging=0)
 
 

@@ -1,15 +1,17 @@
-"""The graphs of studies over something else than time: points and curves over a frequency, a voltage, a sample time."""
+"""The figures of studies: graphs over a frequency, a voltage, a sample time, and courses over time as a report draws them."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal, TypeAlias
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
 from servobench.channels import Array
+from servobench.report import figures
+from servobench.report.figures import Course, Curve, Look, Panel
 from servobench.report.illustrations import Illustration
 from servobench.report.palette import (
     BOTTOM,
@@ -29,12 +31,13 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-Mark: TypeAlias = Literal["points", "curve", "dashed"]
+Mark: TypeAlias = Literal["points", "wide", "strong", "thin", "dashed", "dotted", "reference"]
+"""Measured points; lines told apart by stroke as well as by shade; and a dashed one in ink, to compare with."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """What is drawn through y (N,) at x (N,): measured points, a computed curve, or a dashed one to compare with."""
+    """What is drawn through y (N,) at x (N,); `label` is what the legend calls it, nothing for a line without a name."""
 
     x: Array
     y: Array
@@ -44,16 +47,20 @@ class Line:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Graph:
-    """Lines over a common quantity `over`; the title says what is drawn, units included. `log` are the logarithmic axes."""
+    """Lines over a common quantity `over`; the title says what is drawn, units included. `log` are the logarithmic axes.
+
+    `ends` are the ends of the vertical axis, which finds its own without.
+    """
 
     title: str
     over: str
     lines: tuple[Line, ...]
     log: Literal["", "x", "xy"] = ""
     height: float = 170.0
+    ends: tuple[float, float] | None = None
 
 
-def drawn(name: str, title: str, caption: str, description: str, graphs: Sequence[Graph]) -> Illustration:
+def figure_of(name: str, title: str, caption: str, description: str, graphs: Sequence[Graph]) -> Illustration:
     """Return a figure of graphs above each other; `description` says in words what is seen."""
     return Illustration(
         name=name,
@@ -82,14 +89,44 @@ def _figure(graphs: Sequence[Graph], style: Style) -> Figure:
     return figure
 
 
+def over_time(
+    name: str, title: str, caption: str, description: str, courses: Sequence[Course]
+) -> Illustration:
+    """Return a figure of one course or several beside each other; `description` says in words what is seen."""
+    return Illustration(
+        name=name,
+        title=title,
+        caption=caption,
+        description=description,
+        draw=partial(figures.time_courses, tuple(courses)),
+    )
+
+
+def curve(t: Array, y: Array, look: Look, label: str = "") -> Curve:
+    """Return a curve through y (N,) at t (N,) [s], with its name in the legend."""
+    return Curve(t=t, y=y, look=look, label=label)
+
+
+def panel(title: str, unit: str, *curves: Curve, height: float = 130.0) -> Panel:
+    """Return curves of one quantity over time, with its unit; the height is in pixels."""
+    return Panel(title=title, unit=unit, curves=curves, height=height)
+
+
 def _draw(ax: Axes, line: Line, palette: Palette) -> None:
     label = line.label or "_"
     if line.mark == "points":
         ax.plot(line.x, line.y, "o", markersize=5, color=palette.measured, label=label, zorder=3)
-    elif line.mark == "curve":
-        ax.plot(line.x, line.y, color=palette.model, linewidth=1.5, label=label)
-    else:
-        ax.plot(line.x, line.y, color=palette.ink, linewidth=1.0, linestyle=(0, (4, 3)), label=label)
+        return
+    strokes: dict[Mark, tuple[str, float, Any]] = {
+        "wide": (palette.measured, 2.8, "-"),
+        "strong": (palette.model, 1.7, "-"),
+        "thin": (palette.ink, 1.2, "-"),
+        "dashed": (palette.model, 1.4, "--"),
+        "dotted": (palette.ink, 1.4, ":"),
+        "reference": (palette.ink, 1.0, (0, (4, 3))),
+    }
+    colour, width, dashes = strokes[line.mark]
+    ax.plot(line.x, line.y, label=label, color=colour, linewidth=width, linestyle=dashes)
 
 
 def _scales(ax: Axes, graph: Graph) -> None:
@@ -107,3 +144,5 @@ def _scales(ax: Axes, graph: Graph) -> None:
         axis.set_major_locator(LogLocator(base=10.0, subs=(1.0,) if wide else (1.0, 2.0, 5.0), numticks=12))
         axis.set_minor_locator(NullLocator())
         axis.set_major_formatter(FuncFormatter(lambda value, _: plain(value)))
+    if graph.ends:
+        ax.set_ylim(*graph.ends)

@@ -1,34 +1,23 @@
-"""What the studies of loops share: the motor that theory is computed with, and what is read off a step response."""
+"""The loop that theory is computed with: the motor as K/(τs + 1), and a feedback law in front of it as it is written."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import model_validator
 
-from servobench.channels import Array
 from servobench.control.base import Controller
 from servobench.control.lead import Lead
 from servobench.control.pid import Pid
 from servobench.control.state_feedback import StateFeedback
 from servobench.errors import UsageError
-from servobench.experiment import Experiment
 from servobench.lab.expression import Expression
 from servobench.lab.studies.base import Stand, StudySettings
-from servobench.measurement.base import Chain
 from servobench.models.base import Output
-from servobench.recording.recording import Recording
 from servobench.rounding import plain
-from servobench.signals.ramp import Ramp
-from servobench.signals.step import Step
 from servobench.transfer_function import TransferFunction
 from servobench.tuning.base import Tunable
-
-_STUCK = 0.1  # of the time to the peak; a second-order loop is within a count of it for less
 
 
 class OfAMotor(StudySettings):
@@ -89,127 +78,11 @@ def tunable(controller: Controller) -> Tunable:
     )
 
 
-@dataclass(frozen=True, kw_only=True)
-class Change:
-    """What a reference does at `start` [s]: a step of the position or the speed from `initial` to `final`, in `unit`.
-
-    A ramp of the position is a step of the speed, and a loop around the position answers it with the same transfer function.
-    """
-
-    of: Output
-    start: float
-    initial: float
-    final: float
-    unit: str
-
-    @property
-    def size(self) -> float:
-        """The height of the step."""
-        return self.final - self.initial
-
-    def __str__(self) -> str:
-        return f"a step of the {self.of} of {plain(self.size)} {self.unit}"
-
-
-def change_of(experiment: Experiment) -> Change:
-    """Return the step that an experiment's reference makes; raises `UsageError` for a signal that makes none."""
-    signal, unit = experiment.signal, experiment.controller.reference_unit
-    if isinstance(signal, Step) and signal.final != signal.initial and unit != "V":
-        of: Output = "position" if unit == "rad" else "speed"
-        return Change(of=of, start=signal.start, initial=signal.initial, final=signal.final, unit=unit)
-    if isinstance(signal, Ramp) and signal.final != signal.initial and unit == "rad":
-        slope = (signal.final - signal.initial) / signal.duration
-        return Change(of="speed", start=signal.start, initial=0.0, final=slope, unit="rad/s")
-    raise UsageError(
-        "the study reads a step response of a closed loop; give [signal] the type step, or ramp for a step of the speed of a "
-        "position loop, and [controller] a feedback law"
-    )
-
-
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Course:
-    """What followed a step: times (N,) [s] from the step on, and output and voltage (N,) at them."""
-
-    t: Array
-    output: Array
-    voltage: Array
-
-
-@dataclass(frozen=True, kw_only=True)
-class StepFigures:
-    """Figures of a step response.
-
-    `overshoot` [1] is how far it goes beyond the step, as a part of it; `peak_time` [s] when it is farthest, NaN where it doesn't
-    go beyond; `rise_time` [s] how long it takes from 10 to 90 % of the step, NaN where it doesn't get
-    there; `error` what is missing at the end, in the output's unit; `voltage` [V] the largest voltage, either way.
-    """
-
-    peak_time: float
-    overshoot: float
-    rise_time: float
-    error: float
-    voltage: float
-
-
-def course_after(recording: Recording, start: float, of: Output, chain: str) -> Course:
-    """Return what happened from a time on, the speed through a chain."""
-    from servobench.measurement.measure import measure
-
-    data = measure(recording, chain if of == "speed" else None)
-    after = data.t_output >= start - 1e-9
-    t = data.t_output[after]
-    commanded = np.interp(t, np.asarray(recording["commanded"].t), recording["commanded"].values)
-    return Course(t=t - start, output=data.y[after], voltage=commanded)
-
-
-def figures_of(course: Course, initial: float, final: float) -> StepFigures:
-    """Return the figures of a step response from `initial` to `final`, of which the last tenth is taken as its end."""
-    rise = (course.output - initial) / (final - initial)
-    most = float(rise.max())
-    peak = _peak_time(course.t, rise >= most - 1e-9) if most > 1 else math.nan
-    last = max(len(rise) // 10, 1)
-    return StepFigures(
-        peak_time=peak,
-        overshoot=max(most - 1.0, 0.0),
-        rise_time=_reaches(course.t, rise, 0.9) - _reaches(course.t, rise, 0.1),
-        error=float(final - course.output[-last:].mean()),
-        voltage=float(np.abs(course.voltage).max()),
-    )
-
-
-def _reaches(t: Array, rise: Array, part: float) -> float:
-    """When a course first reaches a part of the step, on a straight line between two samples; NaN where it doesn't."""
-    at = int(np.argmax(rise >= part))
-    if rise[at] < part or at == 0:
-        return math.nan
-    return float(np.interp(part, rise[at - 1 : at + 1], t[at - 1 : at + 1]))
-
-
-def _peak_time(t: Array, at_most: NDArray[np.bool_]) -> float:
-    """When a course is at its largest value: an encoder shows it for several samples, of which the middle is nearest to the peak.
-
-    A shaft that sticks there shows it for longer; then it is when it got there.
-    """
-    first = int(np.argmax(at_most))
-    length = int(np.argmin(np.append(at_most[first:], False)))
-    last = first + length - 1
-    return float(t[first] if t[last] - t[first] > _STUCK * t[first] else 0.5 * (t[first] + t[last]))
-
-
-def without_friction(
-    controller: Tunable, gain: float, tau: float, experiment: Experiment, chain: str
-) -> Course:
-    """Return the answer of the loop as it runs, tick by tick, to the experiment's reference, without friction and limits.
-
-    A speed is looked at through the same chain as that of the run.
-    """
-    from servobench.tuning.response import unit_step
-
-    change, h = change_of(experiment), experiment.sample_time
-    ticks = max(math.ceil(((experiment.duration or 0.0) - change.start) / h), 2)
-    found = unit_step(controller, gain, tau, 0.0, h, ticks)
-    output = change.size * found.output
-    if change.of == "speed":
-        travelled = np.concatenate([[0.0], np.cumsum(0.5 * h * (output[1:] + output[:-1]))])
-        output = Chain.parse(chain)(travelled, found.t)
-    return Course(t=found.t, output=change.initial + output, voltage=change.size * found.voltage)
+def named(controller: Controller) -> str:
+    """Return what a law is called in a table: its gains."""
+    if isinstance(controller, Pid):
+        parts = (("kp", controller.kp), ("ki", controller.ki), ("kd", controller.kd))
+        return ", ".join(f"{name} {plain(value)}" for name, value in parts if value)
+    if isinstance(controller, Lead):
+        return f"lead, gain {plain(controller.gain)}, zero {plain(controller.zero)}, pole {plain(controller.pole)}"
+    return type(controller).__name__

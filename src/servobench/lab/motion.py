@@ -1,4 +1,7 @@
-"""What a recording says of the shaft: voltage and angle over time, where the voltage changes, and how fast the shaft turned."""
+"""What a recording says of the shaft: voltage and angle over time, where the voltage changes, and how fast the shaft turned.
+
+At the levels of a staircase the current is looked at, too.
+"""
 
 from __future__ import annotations
 
@@ -7,12 +10,15 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import MissingInformation
 
 if TYPE_CHECKING:
     from servobench.recording.recording import Recording
+
+_LEAST = 2  # samples of a half level
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -35,7 +41,10 @@ class Motion:
     def between(self, start: float, end: float) -> Motion:
         """Return the part from one time to another [s], both included; times and angles stay as they are."""
         slack = 1e-6 * float(self.t[1] - self.t[0])
-        part = (self.t >= start - slack) & (self.t <= end + slack)
+        return self.of((self.t >= start - slack) & (self.t <= end + slack))
+
+    def of(self, part: NDArray[np.bool_]) -> Motion:
+        """Return the samples for which `part` (N,) is true; times and angles stay as they are."""
         return Motion(t=self.t[part], voltage=self.voltage[part], angle=self.angle[part], count=self.count)
 
     @property
@@ -73,3 +82,42 @@ def speed_of(recording: Recording, chain: str) -> tuple[Array, Array]:
 
     data = measure(recording, chain)
     return data.t_output, data.y
+
+
+@dataclass(frozen=True, kw_only=True)
+class Level:
+    """A voltage [V], and the mean current [A] and speed [rad/s] over the second half of the time that it was held."""
+
+    voltage: float
+    current: float
+    speed: float
+
+
+def at_levels(recording: Recording, dwell: float) -> tuple[Level, ...]:
+    """Return what happened in the second half of each level, each held for `dwell` [s] from the first sample on.
+
+    Raises `MissingInformation` for a recording without a current.
+    """
+    from servobench.measurement.measure import measure
+
+    current = measure(recording).current
+    if current is None:
+        raise MissingInformation(recording.name, ["a channel with the armature's current"])
+    motion = motion_of(recording)
+    since = motion.t - motion.t[0]
+    step = float(motion.t[1] - motion.t[0])
+    found = []
+    for number in range(round((since[-1] + step) / dwell)):
+        # A sample on the edge is latched before the next voltage acts, so it belongs to this level.
+        late = (since > (number + 0.5) * dwell) & (since <= (number + 1) * dwell + 1e-6 * step)
+        if np.count_nonzero(late) < _LEAST:
+            continue
+        part = motion.of(late)
+        found.append(
+            Level(
+                voltage=float(part.voltage[0]),
+                current=float(np.nanmean(current[late])),
+                speed=part.mean_speed,
+            )
+        )
+    return tuple(found)

@@ -48,6 +48,14 @@ class Block:
     drawings: tuple[Drawn, ...] = ()
 
     @property
+    def heading(self) -> str:
+        """What a study shows, in words that give nothing of it away: the titles of its tables, or else of its figures."""
+        titles = [title for title, _, _ in self.tables] or [drawn.title for drawn in self.drawings]
+        return "What is found" + (
+            f": {'; '.join(dict.fromkeys(filter(None, titles)))}" if any(titles) else ""
+        )
+
+    @property
     def is_broad(self) -> bool:
         """Whether a table in it has so many columns that it may be wider than the text."""
         return any(
@@ -67,8 +75,14 @@ class Beside:
     off: str
 
 
-def exercise_page(worked: Worked, *, solution: bool, neighbours: Neighbours | None = None) -> str:
-    """Return the page of an exercise; with `solution` the right answers stand in the blanks."""
+def exercise_page(
+    worked: Worked, *, solution: bool, studies: bool = False, neighbours: Neighbours | None = None
+) -> str:
+    """Return the page of an exercise; with `solution` the right answers stand in the blanks.
+
+    What its studies found and where the paper errs is folded up, as it tells most answers; with `studies` or `solution` it is
+    open.
+    """
     exercise = worked.exercise
     answers = worked.answers if solution else ()
     return _page(
@@ -76,6 +90,7 @@ def exercise_page(worked: Worked, *, solution: bool, neighbours: Neighbours | No
         title=exercise.title,
         exercise=exercise,
         blocks=_blocks(worked),
+        opened=studies or solution,
         course=single(worked.course),
         cut_short=worked.cut_short,
         told=_in_short(worked),
@@ -88,13 +103,18 @@ def exercise_page(worked: Worked, *, solution: bool, neighbours: Neighbours | No
     )
 
 
-def write_exercise(worked: Worked, path: Path, *, solution: bool) -> None:
+def write_exercise(worked: Worked, path: Path, *, solution: bool, studies: bool = False) -> None:
     """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
-    write_page(exercise_page(worked, solution=solution), path)
+    write_page(exercise_page(worked, solution=solution, studies=studies), path)
 
 
 def write_lab(
-    folder: Path, lab: Sequence[Worked], *, solution: bool, begun: Callable[[int, Worked], object]
+    folder: Path,
+    lab: Sequence[Worked],
+    *,
+    solution: bool,
+    studies: bool = False,
+    begun: Callable[[int, Worked], object],
 ) -> None:
     """Write the pages of all exercises, of what they correct, and the way in; `begun` is told of each exercise before its page.
 
@@ -106,7 +126,7 @@ def write_lab(
         raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
     for number, worked in enumerate(lab):
         begun(number, worked)
-        text = exercise_page(worked, solution=solution, neighbours=_neighbours(lab, number))
+        text = exercise_page(worked, solution=solution, studies=studies, neighbours=_neighbours(lab, number))
         write_page(text, folder / page_of(worked.exercise))
     write_page(papers_page(lab), folder / PAPERS)
     write_page(index_page(lab), folder / INDEX)

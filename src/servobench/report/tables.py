@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -15,6 +16,7 @@ from servobench.report.mathml import symbol
 from servobench.result import Comparison, OperatingRange, Result
 from servobench.rounding import Rounded, plain, rounded, rounded_interval, with_unit
 
+_SYMBOL = re.compile(r"\w\s*=")  # one letter that stands for a number
 _RPM = 30 / np.pi  # in 1 rad/s
 
 _OF_THE_MOTOR = {
@@ -66,8 +68,8 @@ class ComparisonRow:
 
 
 def capital(text: str) -> str:
-    """Return a text with a capital at its beginning, the rest as it is."""
-    return text[:1].upper() + text[1:]
+    """Return a text with a capital at its beginning, the rest as it is; a symbol, such as the τ of `τ = 1 s`, keeps its size."""
+    return text if _SYMBOL.match(text) else text[:1].upper() + text[1:]
 
 
 def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Annotated, get_args
 
 import numpy as np
@@ -12,8 +11,8 @@ from pydantic import Field
 from servobench.channels import Array
 from servobench.filters.attenuation import attenuation
 from servobench.filters.response import frequency_response
+from servobench.lab.graphs import Graph, Line, figure_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.drawing import Axis, Line, lines
 from servobench.measurement.base import Chain
 from servobench.measurement.lowpass import Discretisation, Lowpass
 from servobench.report.illustrations import Illustration
@@ -86,11 +85,11 @@ class AttenuationTable(StudySettings):
         omega = np.geomspace(0.1 * self.cutoff, math.pi / sample_time, _POINTS)
         exact = np.array([attenuation(self.cutoff, w).amplitude for w in omega])
         drawn = (
-            Line(x=omega, y=exact, label="the filter", stroke="wide"),
-            Line(x=omega, y=self._computed("euler", omega, sample_time), label="Euler", stroke="dashed"),
-            Line(x=omega, y=self._computed("tustin", omega, sample_time), label="Tustin", stroke="plain"),
+            Line(x=omega, y=exact, label="the filter", mark="wide"),
+            Line(x=omega, y=self._computed("euler", omega, sample_time), label="Euler", mark="dashed"),
+            Line(x=omega, y=self._computed("tustin", omega, sample_time), label="Tustin", mark="thin"),
         )
-        return Illustration(
+        return figure_of(
             name="attenuation",
             title="What is left of a sine",
             caption=(
@@ -100,10 +99,4 @@ class AttenuationTable(StudySettings):
                 f"Amplitude over frequency behind a filter of {plain(self.cutoff)} rad/s: 70.7 % at the cut-off, then falling "
                 "to a tenth for each tenfold of the frequency."
             ),
-            draw=partial(
-                lines,
-                drawn,
-                Axis(title="frequency (rad/s)", logarithmic=True),
-                Axis(title="Amplitude", logarithmic=True, ends=(0.01, 1.3)),
-            ),
-        )  # fmt: skip
+            graphs=(Graph(title="Amplitude", over="frequency (rad/s)", lines=drawn, log="xy", ends=(0.01, 1.3)),),)  # fmt: skip

@@ -9,10 +9,10 @@ import numpy as np
 from pydantic import Field
 
 from servobench.experiment import Experiment
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.pictures import line, over_time, panel
-from servobench.lab.simulated import simulated
+from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course, Curve, Look
@@ -155,7 +155,7 @@ def _beginning(motion: Motion, look: Look, label: str) -> Curve:
     """The angle until the shaft has turned so far that the beginning can't be seen any more."""
     far = np.abs(motion.angle) > _SHOWN
     end = int(np.argmax(far)) if far.any() else len(far)
-    return line(motion.t[:end], motion.angle[:end], look, label)
+    return curve(motion.t[:end], motion.angle[:end], look, label)
 
 
 def _figure(own: Motion, other: Motion, case: Case) -> Illustration:
@@ -169,7 +169,7 @@ def _figure(own: Motion, other: Motion, case: Case) -> Illustration:
         (
             Course(
                 panels=(
-                    panel("Voltage", "V", line(own.t, own.voltage, "input"), height=90.0),
+                    panel("Voltage", "V", curve(own.t, own.voltage, "input"), height=90.0),
                     panel(
                         "Angle",
                         "rad",

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -17,9 +16,9 @@ from servobench.filters.quantisation import noise
 from servobench.filters.reading import BestCutoff, Rise, best_cutoff, filtered_derivative
 from servobench.filters.response import lag
 from servobench.lab.expression import Fact
+from servobench.lab.graphs import Graph, Line, Mark, figure_of
+from servobench.lab.runs import quantum_of, steady_run, top_level
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
-from servobench.lab.studies.steady import quantum_of, steady_run, top_level
 from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.lowpass import Discretisation
@@ -29,7 +28,7 @@ from servobench.rounding import plain, with_unit
 from servobench.settings import Speed, Voltage
 
 _BAND = 0.02  # of a step: what counts as settled
-_STROKES: tuple[Stroke, ...] = ("wide", "strong", "plain")
+_MARKS: tuple[Mark, ...] = ("wide", "strong", "thin")
 
 
 @STUDIES.member("cutoff_sweep")
@@ -161,16 +160,16 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
     step = next((s for s in readings.steps if s.after > s.before), readings.steps[0])
     shown = sorted({0, len(cutoffs) // 2, len(cutoffs) - 1}, reverse=True)
     drawn = []
-    for stroke, n in zip(_STROKES, shown, strict=False):
+    for mark, n in zip(_MARKS, shown, strict=False):
         here = step.samples(speeds[n].t_output)
         since = speeds[n].t_output[here] - step.start
         near = since <= 6 * float(readings.mean[1])
         drawn.append(
             Line(
-                x=since[near], y=speeds[n].y[here][near], label=f"{plain(cutoffs[n])} rad/s", stroke=stroke
+                x=since[near], y=speeds[n].y[here][near], label=f"{plain(cutoffs[n])} rad/s", mark=mark
             )
         )  # fmt: skip
-    return Illustration(
+    return figure_of(
         name="sweep",
         title="One step behind filters of several cut-offs",
         caption="A high cut-off lets the encoder's steps through; a low one makes the motor look slow.",
@@ -178,7 +177,7 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
             f"The speed after a step behind filters of {', '.join(plain(cutoffs[n]) for n in shown)} rad/s: the lower the "
             "cut-off, the smoother and the later."
         ),
-        draw=partial(lines, drawn, Axis(title="time since the step (s)"), Axis(title="Speed (rad/s)")),
+        graphs=(Graph(title="Speed (rad/s)", over="time since the step (s)", lines=tuple(drawn)),),
     )
 
 

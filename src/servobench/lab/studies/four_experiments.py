@@ -3,16 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
 from servobench.control.open_loop import OpenLoop
 from servobench.experiment import Experiment
+from servobench.lab.graphs import over_time
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure
-from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, with_unit
@@ -120,12 +119,12 @@ class FourExperiments(StudySettings):
             f"{with_unit(float(run.position.y[-1]), 'rad', 3)}"
             for run in runs
         )
-        return Illustration(
+        return over_time(
             name="four-experiments",
             title="Four bounded inputs: voltage, speed and position",
             caption="The speed is behind the filter 50/(s + 50). Note the scales of the position.",
             description=f"{told}. The frequency of the sinusoids is {plain(self.frequency)} Hz.",
-            draw=partial(figures.time_courses, courses),
+            courses=courses,
         )
 
 

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from servobench.errors import UsageError
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -65,8 +65,8 @@ def _figure(motion: Motion, levels: list[Motion]) -> Illustration:
         (
             Course(
                 panels=(
-                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
-                    panel("Angle", "rad", line(motion.t, motion.angle, "measured")),
+                    panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Angle", "rad", curve(motion.t, motion.angle, "measured")),
                 )
             ),
         ),

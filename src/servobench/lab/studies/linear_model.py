@@ -9,8 +9,8 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.lab.expression import Fact
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -140,8 +140,8 @@ def _figure(without: TransferFunction, with_it: TransferFunction) -> Illustratio
                 panel(
                     "Speed",
                     "rad/s",
-                    line(t, _step(without, t), "measured", "L = 0"),
-                    line(t, _step(with_it, t), "model", "with L"),
+                    curve(t, _step(without, t), "measured", "L = 0"),
+                    curve(t, _step(with_it, t), "model", "with L"),
                 ),
             ),
             title=title,

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.experiment.experiment import AnyController
 from servobench.lab.expression import Fact
-from servobench.lab.loops import OfAMotor, on_paper, tunable
+from servobench.lab.loops import OfAMotor, named, on_paper, tunable
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
 from servobench.margins import margins
 from servobench.report import stability_figures
@@ -61,7 +61,7 @@ class LoopMargins(OfAMotor):
             "derivative."
         )
         return Shown(
-            tables=(Table(title="Margins", columns=columns, note=note),),
+            tables=(Table(title=f"Margins with {named(law)}", columns=columns, note=note),),
             figures=(_bode(loops, found["as it runs"].gain_crossover), _nyquist(loops["as it runs"])),
             sentences=(closed["as it runs"].sentence,),
             facts={"right": Fact(value=float(closed["as it runs"].right or 0))},

@@ -64,27 +64,10 @@ class MarginalGain(OfAMotor):
             growths.append(growth)
             frequencies.append(omega)
         rightmost = [
-            max(r.real for r in np.roots(np.polyadd(loop.denominator, [k * gain])) if r.imag > 0)
+            float(max(r.real for r in np.roots(np.polyadd(loop.denominator, [k * gain])) if r.imag > 0))
             for k in self.gains
         ]
         tried = _crossing(np.array(self.gains), np.array(growths))
-        columns = (
-            Column(name="gain", heading="gain k", values=self.gains),
-            Column(
-                name="theory",
-                heading="growth by theory",
-                unit="1/s",
-                values=tuple(map(float, rightmost)),
-                digits=3,
-            ),
-            Column(name="growth", heading="growth in the run", unit="1/s", values=tuple(growths), digits=3),
-            Column(name="frequency", heading="frequency in the run", unit="rad/s", values=tuple(frequencies)),
-            Column(
-                name="verdict",
-                heading="the swings",
-                values=tuple("grow" if g > 0 else "die out" for g in growths),
-            ),
-        )
         limits = (
             Column(
                 name="how",
@@ -94,14 +77,34 @@ class MarginalGain(OfAMotor):
             Column(name="limit", heading="k", values=(paper, late, tried)),
         )
         return Shown(
-            tables=(Table(title="Gains tried", columns=columns), Table(title="Where it begins to swing", columns=limits)),
+            tables=(
+                self._table(rightmost, growths, frequencies),
+                Table(title="Where it begins to swing", columns=limits),
+            ),
             figures=(self._figure(courses),),
             facts={
                 "routh": Fact(value=paper),
                 "tried": Fact(value=tried),
                 "period": Fact(value=2 * np.pi / float(np.sqrt(a / tau))),
             },
-        )  # fmt: skip
+        )
+
+    def _table(self, theory: list[float], growths: list[float], frequencies: list[float]) -> Table:
+        said = tuple("grow" if g > 0 else "die out" for g in growths)
+        return Table(
+            title="Gains tried",
+            columns=(
+                Column(name="gain", heading="gain k", values=self.gains),
+                Column(name="theory", heading="growth by theory", unit="1/s", values=tuple(theory), digits=3),
+                Column(
+                    name="growth", heading="growth in the run", unit="1/s", values=tuple(growths), digits=3
+                ),
+                Column(
+                    name="frequency", heading="frequency in the run", unit="rad/s", values=tuple(frequencies)
+                ),
+                Column(name="verdict", heading="the swings", values=said),
+            ),
+        )
 
     def _law(self, k: float) -> Pid:
         return Pid(output="speed", kp=0.0, ki=k / self.pole, cutoff=self.pole)

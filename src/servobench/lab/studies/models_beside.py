@@ -12,8 +12,8 @@ from pydantic import Field
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.lab.expression import Expression
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -142,8 +142,8 @@ def _figure(motion: Motion, t: Array, measured: Array, held: list[_Held]) -> Ill
                 panel(
                     "Speed",
                     "rad/s",
-                    line(t[part] - at, measured[part], "measured", "measured"),
-                    line(t[part] - at, model.speed[part], "model", "model"),
+                    curve(t[part] - at, measured[part], "measured", "measured"),
+                    curve(t[part] - at, model.speed[part], "model", "model"),
                 ),
             ),
         )

@@ -79,7 +79,9 @@ def _table(alone: Mapping[str, Estimate], both: Mapping[str, Estimate], truth: T
             Column(name="alone_sd", heading="sd", unit="%", digits=2, values=sds(alone)),
             Column(name="both", heading="and stalled", values=values(both)),
             Column(name="both_sd", heading="sd", unit="%", digits=2, values=sds(both)),
-            Column(name="true", heading="true", values=tuple(getattr(truth, name) for name in _NAMES)),
+            Column(
+                name="true", heading="the motor's own", values=tuple(getattr(truth, name) for name in _NAMES)
+            ),
         ),
         note="By the recording of the free shaft with its current, and together with that of the stalled one.",
     )

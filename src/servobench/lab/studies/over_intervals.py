@@ -11,6 +11,7 @@ from servobench.experiment.experiment import PAPER
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.propagation import LEVEL, TWO_SIDED, propagate
+from servobench.rounding import rounded_interval
 from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
 from servobench.transfer_function import TransferFunction
 
@@ -41,11 +42,10 @@ class OverIntervals(StudySettings):
         columns = (
             Column(name="parameter", heading="", values=tuple(name.replace("_", " ") for name in known)),
             Column(
-                name="value", heading="identified", values=tuple(e.value for e in known.values()), digits=5
+                name="interval",
+                heading="identified",
+                values=tuple(str(rounded_interval(e.value, e.interval, e.unit)) for e in known.values()),
             ),
-            Column(name="low", heading="from", values=tuple(e.interval[0] for e in known.values()), digits=5),
-            Column(name="high", heading="to", values=tuple(e.interval[1] for e in known.values()), digits=5),
-            Column(name="unit", heading="unit", values=tuple(e.unit for e in known.values())),
         )
         table = Table(
             title="What a square wave of 1 to 3 V tells of the motor, 95 % intervals", columns=columns

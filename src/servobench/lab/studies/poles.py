@@ -29,7 +29,7 @@ class Poles(OfAMotor):
             Column(name="verdict", heading="by the poles", values=tuple(j.verdict for j in judged)),
             Column(
                 name="bibo",
-                heading="bounded input, bounded output",
+                heading="BIBO",
                 values=tuple("stable" if j.bibo else "unstable" for j in judged),
             ),
         )

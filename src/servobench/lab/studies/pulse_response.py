@@ -9,9 +9,9 @@ from pydantic import Field
 
 from servobench.errors import NotIdentifiable
 from servobench.experiment import Experiment
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course
@@ -134,9 +134,9 @@ def _figure(first: Recording, last: Recording, pulses: tuple[Push, ...]) -> Illu
             Course(
                 title=f"{plain(pulse.voltage)} V for {plain(pulse.width)} s",
                 panels=(
-                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
-                    panel("Speed", "rad/s", line(t, speed, "measured")),
-                    panel("Angle", "rad", line(motion.t, motion.angle, "model")),
+                    panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Speed", "rad/s", curve(t, speed, "measured")),
+                    panel("Angle", "rad", curve(motion.t, motion.angle, "model")),
                 ),
             )
         )

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -12,15 +11,15 @@ from pydantic import Field
 
 from servobench.filters.quantisation import count_fraction, derivative_noise
 from servobench.lab.expression import Fact
+from servobench.lab.graphs import Graph, Line, Mark, figure_of
+from servobench.lab.runs import SteadyRun, steady_run
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
-from servobench.lab.studies.steady import SteadyRun, steady_run
 from servobench.measurement.base import Chain
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Speed, Voltage
 
-_STROKES: tuple[Stroke, ...] = ("strong", "plain")
+_MARKS: tuple[Mark, ...] = ("strong", "thin")
 _ARCHES, _POINTS = 4, 256
 
 
@@ -96,12 +95,12 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
             x=speeds,
             y=np.array([derivative_noise(w, T, quantum) for w in speeds]),
             label=f"{plain(1e3 * T)} ms",
-            stroke=stroke,
+            mark=mark,
         )
-        for T, stroke in zip(sample_times, _STROKES, strict=False)
+        for T, mark in zip(sample_times, _MARKS, strict=False)
     ]
     largest = quantum / min(sample_times) / 2
-    return Illustration(
+    return figure_of(
         name="quantisation",
         title="The noise depends on which speed",
         caption=(
@@ -112,5 +111,5 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
             f"Noise of the difference over the speed: arches from zero to {plain(largest, 3)} rad/s, one for each count a "
             f"sample, {plain(2 * largest, 3)} rad/s wide."
         ),
-        draw=partial(lines, drawn, Axis(title="speed (rad/s)"), Axis(title="Noise, rms (rad/s)")),
+        graphs=(Graph(title="Noise, rms (rad/s)", over="speed (rad/s)", lines=tuple(drawn)),),
     )

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 from typing import Annotated
 
 import numpy as np
@@ -12,14 +11,14 @@ from pydantic import Field
 from servobench.channels import Array
 from servobench.filters.quantisation import mean_noise
 from servobench.filters.reading import ReadingError, Rise, filtered_derivative, nearby, pooled, reading_error
+from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Speed
 
 _PLACES = 16
-_STROKES: tuple[Stroke, ...] = ("strong", "plain", "dashed", "dotted")
+_MARKS: tuple[Mark, ...] = ("strong", "thin", "dashed", "dotted")
 _POINTS = 16
 
 
@@ -71,11 +70,11 @@ class ReadingErrors(StudySettings):
                 x=cutoffs,
                 y=_errors(speed, motor, sample_time, quantum, cutoffs),
                 label=f"{plain(speed)} rad/s",
-                stroke=stroke,
+                mark=mark,
             )
-            for speed, stroke in zip(self.speeds, _STROKES, strict=False)
+            for speed, mark in zip(self.speeds, _MARKS, strict=False)
         ]
-        return Illustration(
+        return figure_of(
             name="reading",
             title="Error of the reading over the cut-off",
             caption=(
@@ -83,13 +82,7 @@ class ReadingErrors(StudySettings):
                 f"Sampled every {plain(1e3 * sample_time)} ms."
             ),
             description="The rms error of a reading at 63.2 %: it falls with the cut-off, has a flat bottom, and rises again.",
-            draw=partial(
-                lines,
-                drawn,
-                Axis(title="cut-off (rad/s)", logarithmic=True),
-                Axis(title="Error, rms (ms)", logarithmic=True),
-            ),
-        )  # fmt: skip
+            graphs=(Graph(title="Error, rms (ms)", over="cut-off (rad/s)", lines=tuple(drawn), log="xy"),),)  # fmt: skip
 
 
 def _errors(speed: float, motor: float, sample_time: float, quantum: float, cutoffs: Array) -> Array:

@@ -145,11 +145,9 @@ class SineSweep(StudySettings):
                 _column("frequency", "frequency", "Hz", [p.frequency for p in points]),
                 _column("gain", "gain", "rad/(s·V)", [p.gain for p in points]),
                 _column("decibels", "gain", "dB", [_db(p.gain) for p in points]),
-                _column("phase", "phase", "deg", [math.degrees(p.phase) for p in points]),
+                _column("phase", "phase", "°", [math.degrees(p.phase) for p in points]),
                 _column("expected_gain", f"gain {law}", "rad/(s·V)", [abs(e) for e in expected]),
-                _column(
-                    "expected_phase", "its phase", "deg", [math.degrees(cmath.phase(e)) for e in expected]
-                ),
+                _column("expected_phase", "its phase", "°", [math.degrees(cmath.phase(e)) for e in expected]),
             ),
             note="The row at 0 Hz is the constant voltage. Decibels are 20 log₁₀ of the gain in rad/(s·V).",
         )
@@ -162,7 +160,7 @@ class SineSweep(StudySettings):
         return complex(truth.gain * (1 - lost / self.amplitude))
 
     def _figure(self, points: Sequence[_Point], truth: Truth) -> Illustration:
-        from servobench.lab.graphs import Graph, Line, drawn
+        from servobench.lab.graphs import Graph, Line, figure_of
 
         seen = points[1:]
         f = np.array([p.frequency for p in seen])
@@ -171,8 +169,8 @@ class SineSweep(StudySettings):
         friction = np.array([self._expected(float(each), truth) for each in fine])
 
         def lines(measured: Array, law: Array, plain_law: Array) -> tuple[Line, ...]:
-            linear_line = Line(x=fine, y=plain_law, mark="dashed", label="K/(τs + 1)")
-            friction_line = Line(x=fine, y=law, mark="curve", label="with friction")
+            linear_line = Line(x=fine, y=plain_law, mark="reference", label="K/(τs + 1)")
+            friction_line = Line(x=fine, y=law, mark="strong", label="with friction")
             points_line = Line(x=f, y=measured, mark="points", label="measured")
             return (
                 (linear_line, friction_line, points_line)
@@ -188,7 +186,7 @@ class SineSweep(StudySettings):
         angle = lines(
             np.degrees([p.phase for p in seen]), np.degrees(np.angle(friction)), np.degrees(np.angle(linear))
         )
-        return drawn(
+        return figure_of(
             "sweep",
             f"Bode diagram by sines of {plain(self.amplitude)} V around {plain(self.offset)} V",
             "Dashed: the linear motor. Points: measured."

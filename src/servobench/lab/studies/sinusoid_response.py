@@ -11,9 +11,9 @@ from pydantic import Field
 
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course
@@ -107,14 +107,14 @@ def _speeds(names: tuple[str, ...], answers: list[_Answer], linear: list[tuple[f
             Column(
                 name="phase",
                 heading="phase",
-                unit="deg",
+                unit="°",
                 digits=3,
                 values=tuple(a.phase for a in answers),
             ),
             Column(
                 name="lag",
                 heading="without friction",
-                unit="deg",
+                unit="°",
                 digits=3,
                 values=tuple(b for _, b in linear),
             ),
@@ -177,9 +177,9 @@ def _figure(first: Recording, last: Recording, waves: tuple[Wave, ...]) -> Illus
             Course(
                 title=f"{plain(wave.amplitude)} V about {plain(wave.offset)} V",
                 panels=(
-                    panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
-                    panel("Speed", "rad/s", line(t, speed, "measured")),
-                    panel("Angle", "rad", line(motion.t, motion.angle, "model")),
+                    panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
+                    panel("Speed", "rad/s", curve(t, speed, "measured")),
+                    panel("Angle", "rad", curve(motion.t, motion.angle, "model")),
                 ),
             )
         )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -14,8 +13,8 @@ from pydantic import Field
 from servobench.channels import Array
 from servobench.errors import SimulationDiverged
 from servobench.lab.expression import Fact
+from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.drawing import Axis, Line, Stroke, lines
 from servobench.motor.parameters import data_sheet
 from servobench.motor.physics import MotorState, Physics
 from servobench.motor.solvers.base import SOLVERS
@@ -118,20 +117,20 @@ class Solvers(StudySettings):
     def _figure(self, whole: Physics) -> Illustration:
         """The exact speed, and Euler's with steps that a first-order motor just bears."""
         simple = replace(whole, inductance=0.0)
-        shown: Sequence[tuple[float, Stroke]] = ((0.002, "strong"), (0.02, "plain"), (0.08, "dashed"))
+        shown: Sequence[tuple[float, Mark]] = ((0.002, "strong"), (0.02, "thin"), (0.08, "dashed"))
         drawn = []
         fine = np.linspace(0, _SPAN, 400)
-        drawn.append(Line(x=fine, y=_exact(whole, self.voltage, fine), label="exact", stroke="wide"))
-        for step, stroke in shown:
+        drawn.append(Line(x=fine, y=_exact(whole, self.voltage, fine), label="exact", mark="wide"))
+        for step, mark in shown:
             t = _times(step)
             speed = _speeds("euler", simple, self.voltage, step, len(t))
-            drawn.append(Line(x=t, y=speed, label=f"{plain(1e3 * step)} ms", stroke=stroke))
-        return Illustration(
+            drawn.append(Line(x=t, y=speed, label=f"{plain(1e3 * step)} ms", mark=mark))
+        return figure_of(
             name="solvers",
             title="Forward Euler on the motor without inductance",
             caption="A long step sees the motor faster than it is: it goes on for the whole step at the slope of its beginning.",
             description="The speed by forward Euler with steps of 2, 20 and 80 ms, and the exact one, which is the slowest.",
-            draw=partial(lines, drawn, Axis(title="time (s)"), Axis(title="Speed (rad/s)")),
+            graphs=(Graph(title="Speed (rad/s)", over="time (s)", lines=tuple(drawn)),),
         )
 
 

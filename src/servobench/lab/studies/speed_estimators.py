@@ -20,8 +20,8 @@ from servobench.filters.quantisation import noise
 from servobench.filters.reading import ReadingError, Rise, edge_reading_error, nearby, pooled, reading_error
 from servobench.filters.response import lag
 from servobench.filters.tracking import AlphaBeta, MotorKalman
+from servobench.lab.runs import SteadyRun, quantum_of, steady_run, top_level
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.steady import SteadyRun, quantum_of, steady_run, top_level
 from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.lab.expression import Expression, Fact
-from servobench.lab.levels_held import Level, at_levels
+from servobench.lab.motion import Level, at_levels
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.studies.stall_table import TEN
 from servobench.lab.truth import Truth, truth_of
@@ -156,18 +156,18 @@ def _all(found: dict[str, float], truth: Truth, sheet: MotorParameters) -> Table
 
 
 def _figure(levels: Sequence[Level], found: dict[str, float]) -> Illustration:
-    from servobench.lab.graphs import Graph, Line, drawn
+    from servobench.lab.graphs import Graph, Line, figure_of
 
     w = np.array([level.speed for level in levels])
     torque = 1e3 * found["motor_constant"] * np.array([level.current for level in levels])
     b, coulomb = 1e3 * found["viscous_friction"], 1e3 * found["coulomb_torque"]
     most = float(np.abs(w).max())
     sides = [
-        Line(x=x, y=b * x + coulomb * np.sign(x), mark="curve", label=label)
+        Line(x=x, y=b * x + coulomb * np.sign(x), mark="strong", label=label)
         for x, label in ((np.array([-most, -1e-9]), "b ω + T_c sgn(ω)"), (np.array([1e-9, most]), ""))
     ]
     points = Line(x=w, y=torque, mark="points", label="k i")
-    return drawn(
+    return figure_of(
         "friction",
         "Torque against friction",
         "At a steady speed the motor's torque is all friction's: a step at rest, and a slope.",

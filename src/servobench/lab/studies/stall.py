@@ -10,9 +10,9 @@ from pydantic import Field
 
 from servobench.devices.faults.blocked_shaft import BlockedShaft
 from servobench.experiment.limits import StallLimits
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import speed_of
-from servobench.lab.pictures import line, over_time, panel
-from servobench.lab.simulated import simulated
+from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course
@@ -134,12 +134,12 @@ def _figure(run: Recording) -> Illustration:
         (
             Course(
                 panels=(
-                    panel("Voltage", "V", line(at, applied.values, "input"), height=90.0),
-                    panel("Speed", "rad/s", line(t, speed, "measured")),
+                    panel("Voltage", "V", curve(at, applied.values, "input"), height=90.0),
+                    panel("Speed", "rad/s", curve(t, speed, "measured")),
                     panel(
                         "Current",
                         "A",
-                        line(current.t if current.t is not None else t, current.values, "model"),
+                        curve(current.t if current.t is not None else t, current.values, "model"),
                     ),
                 )
             ),

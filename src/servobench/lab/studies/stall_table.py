@@ -12,7 +12,7 @@ from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.expression import Fact
-from servobench.lab.levels_held import at_levels
+from servobench.lab.motion import at_levels
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import truth_of
 from servobench.rounding import plain
@@ -99,14 +99,14 @@ def _table(v: Array, i: Array, each: Array, slope: float, sd: float) -> Table:
 
 
 def _figure(v: Array, i: Array, slope: float) -> Illustration:
-    from servobench.lab.graphs import Graph, Line, drawn
+    from servobench.lab.graphs import Graph, Line, figure_of
 
     offset = float(np.mean(i - v / slope))
     lines = (
-        Line(x=v, y=v / slope + offset, mark="curve", label="line"),
+        Line(x=v, y=v / slope + offset, mark="strong", label="line"),
         Line(x=v, y=i, mark="points", label="measured"),
     )
-    return drawn(
+    return figure_of(
         "stall",
         "The current of the stalled motor",
         "One over the slope is the resistance.",

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import partial
 from typing import Annotated
 
 from pydantic import Field
@@ -12,10 +11,11 @@ from servobench.control.pid import Pid
 from servobench.errors import UsageError
 from servobench.experiment.experiment import AnyController
 from servobench.lab.expression import Expression, Fact
-from servobench.lab.loops import Course, OfAMotor, course_after
+from servobench.lab.graphs import over_time
+from servobench.lab.loops import OfAMotor, named
+from servobench.lab.step_response import Response, response_after
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.report import figures
-from servobench.report.figures import Curve, Panel
+from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import Angle, PositiveTime, Speed
@@ -34,7 +34,7 @@ class _Tried:
     theory: float
     friction: float
     error: float
-    course: Course
+    course: Response
     wanted: tuple[float, ...]
 
 
@@ -66,7 +66,7 @@ class SteadyStateErrors(OfAMotor):
         ]
         columns = (
             Column(name="reference", heading="reference", values=tuple(x.reference for x in tried)),
-            Column(name="controller", heading="controller", values=tuple(_named(x.law) for x in tried)),
+            Column(name="controller", heading="controller", values=tuple(named(x.law) for x in tried)),
             Column(name="type", heading="system type", values=tuple(2.0 if x.law.ki else 1.0 for x in tried)),
             Column(
                 name="theory",
@@ -107,7 +107,7 @@ class SteadyStateErrors(OfAMotor):
         asked = stand.experiment.model_copy(
             update={"controller": law, "signal": signal, "duration": self.duration}
         )
-        course = course_after(stand.run(asked), 0.0, "position", "")
+        course = response_after(stand.run(asked), 0.0, "position", "")
         wanted = signal(course.t)
         last = course.t > self.duration - _LAST
         lag = self.slope * (1 + gain * law.kd) / (gain * law.kp) if ramp and not law.ki else 0.0
@@ -122,17 +122,12 @@ class SteadyStateErrors(OfAMotor):
         )
 
 
-def _named(law: Pid) -> str:
-    parts = (("kp", law.kp), ("ki", law.ki), ("kd", law.kd))
-    return ", ".join(f"{name} {plain(value)}" for name, value in parts if value)
-
-
 def _figure(tried: list[_Tried]) -> Illustration:
     import numpy as np
 
     drawn = tuple(
-        figures.Course(
-            title=f"{x.reference.capitalize()}: {_named(x.law)}",
+        Course(
+            title=f"{x.reference.capitalize()}: {named(x.law)}",
             panels=(
                 Panel(
                     title="Error",
@@ -144,10 +139,9 @@ def _figure(tried: list[_Tried]) -> Illustration:
         )
         for x in tried
     )
-    return Illustration(
+    return over_time(
         name="errors",
         title="The error over time",
         caption="Reference minus position, above for the step and below for the ramp.",
-        description="; ".join(f"{x.reference} with {_named(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
-        draw=partial(figures.time_courses, drawn),
-    )  # fmt: skip
+        description="; ".join(f"{x.reference} with {named(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
+        courses=drawn)  # fmt: skip

@@ -9,9 +9,9 @@ import numpy as np
 from pydantic import Field
 
 from servobench.errors import NotIdentifiable
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
-from servobench.lab.pictures import line, over_time, panel
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course
@@ -89,12 +89,12 @@ class StepReading(StudySettings):
             (
                 Course(
                     panels=(
-                        panel("Voltage", "V", line(motion.t, motion.voltage, "input"), height=90.0),
+                        panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
                         panel(
                             "Speed",
                             "rad/s",
-                            line(t, rough, "measured", "differences"),
-                            line(t, smooth, "model", f"behind {self.cutoff:g}/(s + {self.cutoff:g})"),
+                            curve(t, rough, "measured", "differences"),
+                            curve(t, smooth, "model", f"behind {self.cutoff:g}/(s + {self.cutoff:g})"),
                             height=190.0,
                         ),
                     )

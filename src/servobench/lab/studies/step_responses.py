@@ -3,36 +3,38 @@
 from __future__ import annotations
 
 import math
-from functools import partial
+from collections.abc import Sequence
 from typing import Annotated
 
 import numpy as np
 from pydantic import Field
 
 from servobench.control.base import Controller
-from servobench.control.lead import Lead
 from servobench.control.pid import Pid
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
 from servobench.experiment.experiment import AnyController
-from servobench.lab.loops import (
+from servobench.lab.graphs import over_time
+from servobench.lab.loops import OfAMotor, named, tunable
+from servobench.lab.step_response import (
     Change,
-    Course,
-    OfAMotor,
+    Response,
     StepFigures,
     change_of,
-    course_after,
     figures_of,
-    tunable,
+    response_after,
     without_friction,
 )
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, Table
-from servobench.report import figures
-from servobench.report.figures import Curve, Panel
+from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 
 _SHOWN = 4  # courses in the figure
+_NOTE = (
+    "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without a limit of "
+    "the voltage; the difference to the run is what these two do. Without an overshoot there is no peak."
+)
 _CHAIN = (
     "derivative | lowpass 50 rad/s"  # through which a speed is looked at, where the experiment has no chain
 )
@@ -59,12 +61,12 @@ class StepResponses(OfAMotor):
             if controller.reference_unit != stand.experiment.controller.reference_unit:
                 raise UsageError("step_responses: all controllers have to follow what the experiment's does")
             asked = stand.experiment.model_copy(update={"controller": controller})
-            found = course_after(stand.run(asked), change.start, change.of, chain)
+            found = response_after(stand.run(asked), change.start, change.of, chain)
             ideal = without_friction(law, gain, tau, asked, chain)
             measured.append(figures_of(found, change.initial, change.final))
             linear.append(figures_of(ideal, change.initial, change.final))
             formulas.append(_formulas(controller, gain, tau))
-            courses.append((controller, found, ideal))
+            courses.append((found, ideal))
         return Shown(
             tables=self._tables(formulas, linear, measured, change),
             figures=(self._figure(courses[:_SHOWN], change),),
@@ -72,6 +74,12 @@ class StepResponses(OfAMotor):
         )
 
     def _tables(
+            tables=tuple(table(formulas, linear, measured, change) for table in (self._peaks, self._rest)),
+            figures=(_figure(list(zip(_names(self.controllers), courses, strict=True))[:_SHOWN], change),),
+            sentences=_sentences(stand.experiment, measured),
+        )
+
+    def _peaks(
         self,
         formulas: list[tuple[float, float, float, float]],
         linear: list[StepFigures],
@@ -79,9 +87,30 @@ class StepResponses(OfAMotor):
         change: Change,
     ) -> tuple[Table, ...]:
         unit = change.unit
+    ) -> Table:
+        """Peak time and overshoot, by each way to them."""
         numbers = np.array(formulas)
-        columns = [
-            Column(name="controller", heading="controller", values=tuple(map(_named, self.controllers)))
+        by_formula = bool(np.isfinite(numbers).any())
+        columns = [_controllers(self.controllers)]
+        if by_formula:
+            columns.append(
+                Column(name="peak_theory", heading="t_p, formula", unit="s", values=_cells(numbers[:, 2]))
+            )
+        columns += [
+            Column(
+                name="peak_linear",
+                heading="t_p, no friction",
+                unit="s",
+                values=tuple(x.peak_time for x in linear),
+                digits=3,
+            ),
+            Column(
+                name="peak",
+                heading="t_p, run",
+                unit="s",
+                values=tuple(x.peak_time for x in measured),
+                digits=3,
+            ),
         ]
         theory = [
             *columns,
@@ -121,16 +150,62 @@ class StepResponses(OfAMotor):
         if not np.isfinite(numbers).any():
             return tables
         return (Table(title="By the formulas of second order", columns=tuple(theory)), *tables)
+        if by_formula:
+            columns.append(
+                Column(
+                    name="overshoot_theory",
+                    heading="overshoot, formula",
+                    unit="%",
+                    values=_cells(100 * numbers[:, 3]),
+                )
+            )
+        columns += [
+            Column(
+                name=name, heading=heading, unit="%", values=tuple(100 * x.overshoot for x in found), digits=3
+            )
+            for name, heading, found in (
+                ("overshoot_linear", "overshoot, no friction", linear),
+                ("overshoot", "overshoot, run", measured),
+            )
+        ]
+        return Table(title=str(change).capitalize(), columns=tuple(columns), note=_NOTE)
 
-    def _figure(self, courses: list[tuple[Controller, Course, Course]], change: Change) -> Illustration:
-        names = "; ".join(_named(controller) for controller, _, _ in courses)
-        return Illustration(
-            name="step-responses",
-            title="Step responses, measured and without friction",
-            caption="Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
-            description=f"Answers to {change} with {names}.",
-            draw=partial(figures.time_courses, tuple(_course(*each, change) for each in courses)),
-        )
+    def _rest(
+        self,
+        formulas: list[tuple[float, float, float, float]],
+        linear: list[StepFigures],
+        measured: list[StepFigures],
+        change: Change,
+    ) -> Table:
+        """The poles, where there are two, and what else the responses show."""
+        ideal_rises, rises = (tuple(x.rise_time for x in found) for found in (linear, measured))
+        errors, voltages = tuple(x.error for x in measured), tuple(x.voltage for x in measured)
+        numbers = np.array(formulas)
+        columns = [_controllers(self.controllers)]
+        if np.isfinite(numbers).any():
+            columns += [
+                Column(name="frequency", heading="ω_n", unit="rad/s", values=_cells(numbers[:, 0])),
+                Column(name="damping", heading="ζ", values=_cells(numbers[:, 1])),
+            ]
+        columns += [
+            Column(
+                name="rise_linear", heading="rise time, no friction", unit="s", values=ideal_rises, digits=3
+            ),
+            Column(name="rise", heading="rise time, run", unit="s", values=rises, digits=3),
+            Column(name="error", heading="missing at the end", unit=change.unit, values=errors, digits=3),
+            Column(name="voltage", heading="largest voltage asked for", unit="V", values=voltages),
+        ]
+        return Table(title="How fast, how exact, and at what voltage", columns=tuple(columns))
+
+
+def _figure(courses: Sequence[tuple[str, tuple[Response, Response]]], change: Change) -> Illustration:
+    return over_time(
+        "step-responses",
+        "Step responses, measured and without friction",
+        "Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
+        f"Answers to {change} with {'; '.join(name for name, _ in courses)}.",
+        tuple(_course(name, *each, change) for name, each in courses),
+    )
 
 
 def _read(name: str, found: list[StepFigures]) -> list[Column]:
@@ -158,26 +233,32 @@ def _formulas(controller: Controller, gain: float, tau: float) -> tuple[float, f
     return (omega, zeta, math.pi / (omega * root), math.exp(-math.pi * zeta / root))
 
 
-def _named(controller: Controller) -> str:
-    if isinstance(controller, Pid):
-        parts = (("kp", controller.kp), ("ki", controller.ki), ("kd", controller.kd))
-        return ", ".join(f"{name} {plain(value)}" for name, value in parts if value)
-    if isinstance(controller, Lead):
-        return f"lead, gain {plain(controller.gain)}, zero {plain(controller.zero)}, pole {plain(controller.pole)}"
-    return type(controller).__name__
+def _controllers(controllers: Sequence[Controller]) -> Column:
+    return Column(name="controller", heading="controller", values=_names(controllers))
+
+
+def _names(controllers: Sequence[Controller]) -> tuple[str, ...]:
+    """What the controllers are called; those that differ by their filter alone are told apart by it."""
+    names = [named(each) for each in controllers]
+    return tuple(
+        f"{name}, filter {plain(each.cutoff)} rad/s"
+        if names.count(name) > 1 and isinstance(each, Pid)
+        else name
+        for name, each in zip(names, controllers, strict=True)
+    )
 
 
 def _cells(values: np.ndarray) -> tuple[Cell, ...]:
     return tuple(float(value) for value in values)
 
 
-def _course(controller: Controller, found: Course, ideal: Course, change: Change) -> figures.Course:
+def _course(name: str, found: Response, ideal: Response, change: Change) -> Course:
     curves = (
         Curve(t=found.t, y=found.output, look="measured", label="run"),
         Curve(t=ideal.t, y=ideal.output, look="model", label="no friction"),
     )
-    return figures.Course(
-        title=_named(controller),
+    return Course(
+        title=name,
         panels=(
             Panel(title=change.of.capitalize(), unit=change.unit, curves=curves),
             Panel(

@@ -88,4 +88,5 @@ def _causes(found: Explanation) -> Table:
                 name="against", heading="against it", values=tuple(each.against or "—" for each in causes)
             ),
         ),
+        note="Causes may act together, so that their probabilities add up to more than 100 %.",
     )

@@ -10,10 +10,10 @@ from pydantic import Field
 
 from servobench.errors import UsageError
 from servobench.experiment.limits import Limits
+from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import motion_of
-from servobench.lab.pictures import line, over_time, panel
-from servobench.lab.simulated import simulated
+from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
 from servobench.report.figures import Course
@@ -99,8 +99,8 @@ def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
         (
             Course(
                 panels=(
-                    panel("Counter", "1000 counts", line(motion.t, 1e-3 * shown, "measured")),
-                    panel("Unwrapped", "1000 counts", line(motion.t, 1e-3 * travel, "model")),
+                    panel("Counter", "1000 counts", curve(motion.t, 1e-3 * shown, "measured")),
+                    panel("Unwrapped", "1000 counts", curve(motion.t, 1e-3 * travel, "model")),
                 )
             ),
         ),

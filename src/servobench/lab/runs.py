@@ -1,21 +1,47 @@
-"""A motor at a constant speed: what several studies run to see the noise alone."""
+"""Runs beside the exercise's own: of a simulated motor with other hidden truths, and of the motor at a constant speed."""
 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.experiment.experiment import DeviceChoice
 from servobench.filters.base import SpeedEstimate
 from servobench.lab.studies.base import Stand
 from servobench.measurement.dataset import Dataset
 from servobench.measurement.measure import measure
 
+if TYPE_CHECKING:
+    from servobench.devices.faults.base import Fault
+    from servobench.recording.recording import Recording
+
 SETTLING = 2.0  # s; twenty time constants of a motor of 0.1 s
 STEADY = 4.0  # s that are looked at
+
+
+def simulated(experiment: Experiment, faults: Sequence[Fault] = (), **settings: object) -> Recording:
+    """Carry out an experiment on a twin in virtual time, and return what happened.
+
+    `settings` are the twin's, and go before those that the experiment gives a twin; `faults` are injected. Raises `UsageError`
+    for settings that the twin hasn't.
+    """
+    from servobench.devices.base import connect
+    from servobench.devices.faulty import Faulty
+    from servobench.loop.run import run
+
+    own = experiment.device.settings if experiment.device.name == "twin" else {}
+    chosen = {**own, **settings, "timing": "virtual"}
+    made = experiment.model_copy(update={"device": DeviceChoice(name="twin", settings=chosen)})
+    twin = connect("twin", **chosen)
+    with Faulty(twin, faults) if faults else twin as motor:
+        return run(made, motor)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

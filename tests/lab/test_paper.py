@@ -1,0 +1,194 @@
+"""The paper from end to end: each place where it errs is corrected here, and what it contains stands in an exercise.
+
+Only what stands in the exercises' files and follows by algebra is looked at; the figures of runs are held by the tests of the
+exercises.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+
+import pytest
+
+from servobench.lab.exercise import Correction, Exercise, exercises
+from servobench.lab.expression import Expression
+from servobench.lab.stand import stand_on_the_twin
+from servobench.lab.worked import Corrected, Worked
+
+# Table 1 of the paper.
+R, K, L, ROTOR = 8.4, 0.042, 1.16e-3, 4.0e-6
+HUB, DISC = 0.5 * 0.0106 * 0.0111**2, 0.5 * 0.053 * 0.0248**2
+J = ROTOR + HUB + DISC
+COUNT = 2 * math.pi / 2048
+FRICTION = 8e-4 * R / K  # V, the simulated motor's
+
+
+def _slow_and_fast() -> tuple[float, float]:
+    """The time constants of L J s² + R J s + k² [s]."""
+    root = math.sqrt((R * J) ** 2 - 4 * L * J * K * K)
+    return 2 * L * J / (R * J - root), 2 * L * J / (R * J + root)
+
+
+def _noise(speed: float, sample_time: float) -> float:
+    """The rms of the differenced counts at a constant speed [rad/s]: (Δ/T) √(f (1 - f))."""
+    fraction = speed * sample_time / COUNT % 1
+    return COUNT / sample_time * math.sqrt(fraction * (1 - fraction))
+
+
+def _behind_the_filter(tau: float, cutoff: float) -> float:
+    """When a first-order motor behind a first-order filter has gone 63.2 % of its way [s]."""
+    low, high = 0.0, 1.0
+    for _ in range(60):
+        t = 0.5 * (low + high)
+        left = (tau * math.exp(-t / tau) - math.exp(-t * cutoff) / cutoff) / (tau - 1 / cutoff)
+        low, high = (t, high) if left > math.exp(-1) else (low, t)
+    return low
+
+
+@dataclass(frozen=True)
+class Place:
+    """A place where the paper errs: the exercise, how the place is called, what the paper has there, and what is right."""
+
+    exercise: str
+    where: str
+    paper: str
+    right: float | None = None
+    within: float = 5e-3  # relative; half of the last of the paper's three digits, where nothing is derived
+
+
+_, FAST = _slow_and_fast()
+PLACES = {
+    "1 eq. 7": Place("modelling", "eq. 7", "V = R I + k I", K / ((R + K) * J)),
+    "2 J_eq": Place("modelling", "J_eq", "hub and disc", R * J / K**2),
+    "2 0.13 s is never derived": Place("modelling", "II.E, τ", "never derived", R * J / K**2, 0.01),  # b makes it 0.5 % less
+    "2 K is never reported": Place("modelling", "eq. 10, K", "never given a number", 1 / K),
+    # The difference of two counts is late by 1 ms, and so is the filter's own discretisation: 2 ms of 0.12 s.
+    "3 63.2 % behind the filter": Place("step", "0.13 s", "0.13 s", _behind_the_filter(R * J / K**2, 50.0), 0.02),
+    "3 the same, measured": Place("identification", "II.E, τ = 0.13 s", "0.13 s", _behind_the_filter(R * J / K**2, 50.0), 0.02),
+    "4 the sign of the pole": Place("stability", "poles", "-7.69", -(K**2) / (R * J), 0.01),  # b, as above
+    "5 -3 dB": Place("filter", "II.D", "50 %", 100 / math.sqrt(2)),
+    "6 table 1-4": Place("filter", "Table 1-4", "0.006 s", 1 / 150),
+    "6 the encoder's gain": Place("encoder", "gain of the encoder", "0.175778125", 360 / 2048, 1e-9),
+    "7 a sinusoid without a mean": Place("stability", "sinusoid", "unstable"),
+    "7 a pulse that settles": Place("stability", "pulse", "stable"),
+    "8 Euler with L": Place("sampling", "II.A", "0.002 s", 1 - 0.002 / FAST),
+    "9 the noise depends on the speed": Place("speed", "Figure 1-16", "random", _noise(47.6, 0.001) / _noise(47.6, 0.002)),
+    # The ramp goes on for about 10 mV while the shaft turns its first counts.
+    "10 the dead band": Place("driving", "0.5 V", "0.5 V", 0.65 + FRICTION, 0.02),
+    "11 resistance for 0.13 s": Place("identification", "the motor's own", "8.4", 0.13 * K**2 / J),
+    "11 inertia for 0.13 s": Place("identification", "inertia", "0.13 s", 0.13 * K**2 / R),
+}  # fmt: skip
+
+
+@cache
+def lab() -> dict[str, Exercise]:
+    return {each.name: each for each in exercises()}
+
+
+def corrections(place: Place) -> list[Correction]:
+    found = lab()[place.exercise].corrections
+    return [each for each in found if place.where in each.where and place.paper in each.paper]
+
+
+@pytest.mark.parametrize("name", PLACES)
+def test_each_place_where_the_paper_errs_is_corrected(name: str) -> None:
+    found = corrections(PLACES[name])
+
+    assert found, f"{name}: no correction left in {PLACES[name].exercise}.md"
+    assert all(each.why and each.ours for each in found)
+
+
+@pytest.mark.parametrize("name", [name for name, place in PLACES.items() if place.right is not None])
+def test_the_figure_beside_the_papers_is_right(name: str) -> None:
+    place = PLACES[name]
+    exercise = lab()[place.exercise]
+    worked = Worked(exercise=exercise, stand=stand_on_the_twin(exercise), given={})
+    told = [_worked_out(worked, each) for each in corrections(place)]
+
+    assert place.right is not None
+    assert any(each.value == pytest.approx(place.right, rel=place.within) for each in told), told
+
+
+def _worked_out(worked: Worked, correction: Correction) -> Corrected:
+    """One correction with its figure; the studies of the others aren't carried out."""
+    return worked._corrected(correction)
+
+
+def test_no_place_is_claimed_twice_by_the_same_correction() -> None:
+    """Two places that the same correction answers would hide that one of the two is lost."""
+    first = [(name, corrections(place)[0].where, place.exercise) for name, place in PLACES.items()]
+    seen = {(exercise, where) for _, where, exercise in first}
+
+    assert len(seen) == len(first), first
+
+
+# What the paper contains, and the number of the paper that stands beside ours: exercise, study, column, row from 0.
+NUMBERS = {
+    "Table 1, R": ("modelling", 8.4),
+    "Table 1, k": ("modelling", 0.042),
+    "Table 1, rotor": ("modelling", 4.0e-6),
+    "Table 1, L [mH]": ("modelling", 1.16),
+    "Table 1, hub, mass": ("modelling", 0.0106),
+    "Table 1, hub, radius": ("modelling", 0.0111),
+    "Table 1, disc, mass": ("modelling", 0.053),
+    "Table 1, disc, radius": ("modelling", 0.0248),
+    "encoder, counts": ("encoder", 2048),
+    "encoder, degrees": ("encoder", 0.175778125),
+    "encoder, radians": ("encoder", 0.003068),
+    "II.D, cut-off in Hz": ("filter", 7.96),
+    "Table 1-4, 10 rad/s": ("filter", 0.1),
+    "Table 1-4, 20 rad/s": ("filter", 0.05),
+    "Table 1-4, 50 rad/s": ("filter", 0.02),
+    "Table 1-4, 100 rad/s": ("filter", 0.01),
+    "Table 1-4, 150 rad/s": ("filter", 0.006),
+    "Table 1-4, 200 rad/s": ("filter", 0.005),
+    "II.D, -3 dB [%]": ("filter", 50),
+    "II.E, time constant": ("step", 0.13),
+    "II.E, pole": ("stability", -7.6923),
+}
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_each_number_of_the_paper_stands_beside_ours(name: str) -> None:
+    exercise, number = NUMBERS[name]
+
+    assert number in _papers(lab()[exercise])
+
+
+@pytest.mark.parametrize("verdict", ["stable", "marginally stable", "unstable"])
+def test_the_papers_verdicts_stand_beside_ours(verdict: str) -> None:
+    assert verdict in _papers(lab()["stability"])
+
+
+def _papers(exercise: Exercise) -> list[float | str]:
+    """All numbers and words of the paper in the tables of an exercise."""
+    given: list[float | str] = []
+    for study in exercise.studies.values():
+        for values in study.paper.values():
+            given += values
+        given += [row.paper for row in getattr(study, "rows", ()) if row.paper is not None]
+    return given
+
+
+# The table of contents of the paper: what an exercise's experiment has to be like.
+def test_the_papers_experiments_are_those_of_the_exercises() -> None:
+    square, step = lab()["speed"].experiment, lab()["stability"].experiment
+
+    assert (square.signal.low, square.signal.high, square.signal.frequency) == (1.0, 3.0, 0.4)  # type: ignore[attr-defined]
+    assert "lowpass 50 rad/s" in lab()["filter"].experiment.chain
+    assert (step.signal.final, step.duration) == (1.0, 2.5)  # type: ignore[attr-defined]
+    assert {square.sample_time, step.sample_time} == {0.002}
+
+
+def test_all_of_the_papers_parts_have_an_exercise() -> None:
+    parts = ("encoder", "driving", "speed", "filter", "step", "pulse", "sinusoid", "stability", "modelling")
+    promised = ("identification", "validation", "sampling", "noise")
+
+    assert set(parts + promised) <= set(lab())
+
+
+def test_each_correction_with_a_figure_says_how_it_is_worked_out() -> None:
+    figures = [each for exercise in lab().values() for each in exercise.corrections if "{}" in each.ours]
+
+    assert figures
+    assert all(Expression(each.answer).names or each.answer for each in figures)
