@@ -10,8 +10,8 @@ from scipy.signal import lsim
 
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
-from servobench.stability.poles import poles_of
-from servobench.stability.verdict import stability
+from servobench.stability_analysis.poles import poles_of
+from servobench.stability_analysis.verdict import stability
 from servobench.transfer_function import TransferFunction
 
 

@@ -11,8 +11,8 @@ from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Source
-from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
-from servobench.stability.record import bibo
+from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
+from servobench.stability_analysis.record import bibo
 from servobench.transfer_function import TransferFunction
 from tests.report.makers import fit_of
 

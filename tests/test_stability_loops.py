@@ -13,10 +13,10 @@ from scipy.optimize import brentq
 from servobench.errors import UsageError
 from servobench.interop import without_delay
 from servobench.margins import margins
-from servobench.stability.locus import root_locus, stable_gains
-from servobench.stability.nyquist import closed_loop, nyquist_curve
-from servobench.stability.poles import poles_of
-from servobench.stability.routh import routh
+from servobench.stability_analysis.locus import root_locus, stable_gains
+from servobench.stability_analysis.nyquist import closed_loop, nyquist_curve
+from servobench.stability_analysis.poles import poles_of
+from servobench.stability_analysis.routh import routh
 from servobench.transfer_function import TransferFunction
 
 K, TAU = 1 / 0.042, 0.0998

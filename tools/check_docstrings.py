@@ -31,14 +31,6 @@ SOURCE = ROOT / "src" / "servobench"
 REFERENCE = ROOT / "docs" / "reference" / "python"
 COMMANDS = "cli"  # the folder
 OPERATORS = {"__call__", "__getitem__"}
-ERRORS = {
-    "ServobenchError", "UsageError", "UnknownName", "UnitError", "ExperimentError", "FormatError", "MissingInformation",
-    "NotIdentifiable", "SimulationDiverged", "DeviceError", "DeviceLost", "StorageError", "RunEnded",
-}  # fmt: skip
-IS_A = {
-    "UnknownName": "UsageError", "UnitError": "UsageError", "ExperimentError": "UsageError", "FormatError": "UsageError",
-    "MissingInformation": "UsageError", "DeviceLost": "DeviceError",
-}  # fmt: skip
 SHAPE = re.compile(r"\([A-Z][^()]*,[^()]*\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)")
 UNIT = re.compile(
     r"\[[^\]]+\]|\bseconds?\b|\bvolts?\b|\bradians?\b|\bHz\b|\brad/s\b|\bSI\b|\bunits?\b|\bfraction\b|\bfactor\b|\brelative\b|"
@@ -183,27 +175,45 @@ def _function(node: ast.FunctionDef | ast.AsyncFunctionDef, told: Told) -> Itera
 def _errors(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:
     if f"/{COMMANDS}/" in where.partition(":")[0]:
         return
-    for name in sorted({*_raised(node.body)}):
-        known = {name, IS_A.get(name, name)}
+    ours = errors_of(SOURCE)
+    for name in sorted({*_raised(node.body)} & {*ours}):
+        known = {name, *ours[name]}
         if not any(re.search(rf"\b{each}", said) for each in known):
             yield f"{where} raises {name}, and its docstring doesn't say so"
 
 
 def _raised(body: list[ast.stmt]) -> Iterator[str]:
-    """The errors of ours that are raised in these statements, functions within them left out."""
+    """The names of the errors that are raised in these statements, functions within them left out."""
     for statement in body:
         if isinstance(statement, ast.FunctionDef | ast.ClassDef):
             continue
         if isinstance(statement, ast.Raise) and isinstance(statement.exc, ast.Call):
-            name = ast.unparse(statement.exc.func).rpartition(".")[2]
-            if name in ERRORS:
-                yield name
+            yield ast.unparse(statement.exc.func).rpartition(".")[2]
         for inner in ("body", "orelse", "finalbody"):
             yield from _raised(getattr(statement, inner, []))
         for handler in getattr(statement, "handlers", []):
             yield from _raised(handler.body)
         for case in getattr(statement, "cases", []):
             yield from _raised(case.body)
+
+
+@cache
+def errors_of(source: Path) -> dict[str, set[str]]:
+    """Return the public exceptions that a package defines, with those of them, but for the root of all, that each is one of."""
+    bases = {
+        node.name: {ast.unparse(base) for base in node.bases}
+        for file in source.rglob("*.py")
+        for node in ast.parse(file.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    }
+    above = {name: _ancestors(name, bases) for name in bases}
+    ours = {name for name in bases if "Exception" in above[name] and not name.startswith("_")}
+    return {name: above[name] & ours - {"ServobenchError"} for name in ours}
+
+
+def _ancestors(name: str, bases: dict[str, set[str]]) -> set[str]:
+    own = bases.get(name, set())
+    return own.union(*(_ancestors(base, bases) for base in own))
 
 
 def _shapes(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:

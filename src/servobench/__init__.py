@@ -30,7 +30,10 @@ if TYPE_CHECKING:
     from servobench.signals.square import Square
     from servobench.signals.step import Step
     from servobench.simulation import predict, residuals, simulate
+    from servobench.stability_analysis.record import bibo
+    from servobench.stability_analysis.verdict import stability
     from servobench.transfer_function import TransferFunction
+    from servobench.validation import validate
 
 __all__ = [
     "PRBS",
@@ -46,6 +49,7 @@ __all__ = [
     "Step",
     "TransferFunction",
     "__version__",
+    "bibo",
     "connect",
     "from_control",
     "from_scipy",
@@ -58,8 +62,10 @@ __all__ = [
     "run",
     "save",
     "simulate",
+    "stability",
     "to_control",
     "to_scipy",
+    "validate",
     "why",
 ]
 
@@ -76,6 +82,7 @@ _HOMES = {
     "Square": "servobench.signals.square",
     "Step": "servobench.signals.step",
     "TransferFunction": "servobench.transfer_function",
+    "bibo": "servobench.stability_analysis.record",
     "connect": "servobench.devices.base",
     "from_control": "servobench.interop",
     "from_scipy": "servobench.interop",
@@ -88,8 +95,10 @@ _HOMES = {
     "run": "servobench.loop.run",
     "save": "servobench.formats.base",
     "simulate": "servobench.simulation",
+    "stability": "servobench.stability_analysis.verdict",
     "to_control": "servobench.interop",
     "to_scipy": "servobench.interop",
+    "validate": "servobench.validation",
     "why": "servobench.reconciliation.asking",
 }
 

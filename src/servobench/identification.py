@@ -33,7 +33,7 @@ from servobench.reconciliation.asking import reconcile
 from servobench.records_apart import with_what_records_tell
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.structure_choice import chosen
-from servobench.validate import validate
+from servobench.validation import validate
 from servobench.winding import about_winding
 
 

@@ -16,7 +16,7 @@ from servobench.estimators.prediction_error import (
 from servobench.estimators.repetition import period, repeats
 from servobench.estimators.second_weighing import weighed_twice
 from servobench.finding import info
-from servobench.validate import explains_the_colour
+from servobench.validation import explains_the_colour
 
 
 def as_it_is(fit: Fit) -> Fit:

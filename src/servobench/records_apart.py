@@ -19,7 +19,7 @@ from servobench.estimators.base import Estimate, Estimator, Fit
 from servobench.finding import Finding, warning
 from servobench.models.search import turns_both_ways
 from servobench.rounding import rounded_interval
-from servobench.validate import explains_the_colour
+from servobench.validation import explains_the_colour
 
 _MOST = 8  # fits, spread evenly over the records
 # It belongs to the times of each file more than to the motor, and takes up what is wrong with them.

@@ -32,7 +32,7 @@ from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nonlinear.grammar import with_term
 from servobench.models.search import smoothed_speed, turns_both_ways
 from servobench.score_test import ASKED, Shown
-from servobench.validate import explains_the_colour
+from servobench.validation import explains_the_colour
 from servobench.winding import about_winding
 
 _RUNGS = 5  # as many as there are

@@ -57,7 +57,7 @@ def _hidden(voltage):
 
 def faults(text: str, folder: Path, shown: set[str] | None = None) -> list[str]:
     package = folder / "package"
-    package.mkdir()
+    package.mkdir(parents=True)
     (package / "module.py").write_text(text, encoding="utf-8")
     return list(tool("check_docstrings").of_file(package / "module.py", package, shown))
 
@@ -96,6 +96,25 @@ def test_outside_of_the_reference_fields_shapes_and_units_are_not_asked_for(tmp_
     silent = GOOD.replace('    """What it looks like."""\n', "").replace("voltage [V]", "voltage")
 
     assert faults(silent, tmp_path, set()) == []
+
+
+def test_the_errors_of_the_package_are_found_with_what_they_are() -> None:
+    ours = tool("check_docstrings").errors_of(SOURCE)
+
+    assert ours["UnknownName"] == {"UsageError"}
+    assert ours["OutputGone"] == {"StorageError"}
+    assert ours["NotIdentifiable"] == ours["RunEnded"] == set()
+    assert "Recording" not in ours
+
+
+def test_an_error_is_named_by_one_that_it_is_but_not_by_another(tmp_path: Path) -> None:
+    raising = GOOD.replace('raise UsageError("none")', 'raise UnknownName("size", "x", [])')
+
+    assert faults(raising, tmp_path) == []
+    assert (
+        len(faults(raising.replace("raises `UsageError` for none", "raises `FormatError`"), tmp_path / "b"))
+        == 1
+    )
 
 
 def test_the_reference_shows_all_names_of_the_package() -> None:

@@ -71,7 +71,7 @@ def _identified(out: Console, path: Path) -> Result:
     from servobench.formats.base import load
     from servobench.identification import identify
     from servobench.measurement.measure import measure
-    from servobench.stability.record import bibo
+    from servobench.stability_analysis.record import bibo
 
     records = [measure(each) for each in load(path)]
     for data in records:
@@ -87,8 +87,8 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float) -> None:
 
     from servobench.margins import margins
     from servobench.rounding import plain
-    from servobench.stability.nyquist import closed_loop
-    from servobench.stability.verdict import stability as judged
+    from servobench.stability_analysis.nyquist import closed_loop
+    from servobench.stability_analysis.verdict import stability as judged
 
     turned, _, driven_by = speed.unit.partition("/(s·")
     position = replace(
@@ -117,7 +117,7 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float) -> None:
 
 
 def _over_intervals(out: Console, result: Result, kp: float) -> None:
-    from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
+    from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
     from servobench.transfer_function import TransferFunction
 
     if result.fit is None:

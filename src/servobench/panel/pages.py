@@ -60,7 +60,7 @@ class Panel:
 
 
 async def front(request: Request, panel: Panel) -> Response:
-    """The page; with a key in the address, the way in."""
+    """The page; with a key in the address, the way in. Raises `Refused` for a key that is wrong or over."""
     key = request.query_params.get("token")
     if key is None:
         panel.door.admit(request.headers, Asks())
@@ -88,7 +88,7 @@ async def static(request: Request, panel: Panel) -> Response:
 
 
 async def uplot(request: Request, panel: Panel) -> Response:
-    """A file of uPlot, as its package has it."""
+    """A file of uPlot, as its package has it; raises `Refused` for one that isn't asked for by the page."""
     name = request.path_params["name"]
     if name not in UPLOT:
         raise Refused(404, f"no file of uPlot is called that here; there are {', '.join(UPLOT)}")
@@ -130,7 +130,7 @@ async def stop(request: Request, panel: Panel) -> Response:
 
 
 async def drawn(request: Request, panel: Panel) -> Response:
-    """The block diagram of what goes on at the moment."""
+    """The block diagram of what goes on at the moment; raises `Refused` where no device is open."""
     loop, experiment = panel.motor.loop, panel.motor.experiment
     if loop is None:
         raise Refused(409, "no device is open: open one first")

@@ -15,7 +15,7 @@ from servobench.report import model_figures, words
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain, rounded, with_unit
-from servobench.stability.verdict import stability
+from servobench.stability_analysis.verdict import stability
 from servobench.transfer_function import TransferFunction
 
 if TYPE_CHECKING:

@@ -20,7 +20,7 @@ from servobench.signals.base import Signal
 from servobench.signals.pulse import Pulse
 from servobench.signals.sine import Sine
 from servobench.signals.step import Step
-from servobench.stability.record import bibo
+from servobench.stability_analysis.record import bibo
 
 _NAMES = ("step", "pulse", "sinusoid", "sinusoid with an offset")
 

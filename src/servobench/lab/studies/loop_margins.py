@@ -16,7 +16,7 @@ from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.responses import bandwidth
 from servobench.rounding import plain
-from servobench.stability.nyquist import closed_loop, nyquist_curve
+from servobench.stability_analysis.nyquist import closed_loop, nyquist_curve
 from servobench.transfer_function import TransferFunction
 from servobench.tuning.loop import open_loop
 

@@ -13,6 +13,7 @@ from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySett
 from servobench.propagation import LEVEL, TWO_SIDED, propagate
 from servobench.rounding import rounded_interval
 from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
+from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
 from servobench.transfer_function import TransferFunction
 
 

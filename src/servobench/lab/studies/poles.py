@@ -11,7 +11,7 @@ from servobench.report.bands import PoleBand
 from servobench.report.illustrations import Illustration
 from servobench.report.model_figures import pole_map
 from servobench.rounding import plain
-from servobench.stability.verdict import StabilityReport, stability
+from servobench.stability_analysis.verdict import StabilityReport, stability
 
 
 @STUDIES.member("poles")

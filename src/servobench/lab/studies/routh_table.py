@@ -15,8 +15,8 @@ from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySett
 from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
-from servobench.stability.locus import RootLocus, root_locus
-from servobench.stability.routh import RouthTable, routh
+from servobench.stability_analysis.locus import RootLocus, root_locus
+from servobench.stability_analysis.routh import RouthTable, routh
 from servobench.transfer_function import TransferFunction
 
 Coefficient = Annotated[str, Field(min_length=1)]

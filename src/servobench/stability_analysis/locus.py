@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.responses import mirrored
-from servobench.stability.poles import poles_of
-from servobench.stability.verdict import verdict_of
+from servobench.stability_analysis.poles import poles_of
+from servobench.stability_analysis.verdict import verdict_of
 from servobench.transfer_function import TransferFunction
 
 _GAINS = 400  # of a locus, where none are given

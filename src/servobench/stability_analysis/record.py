@@ -47,9 +47,10 @@ class Slope:
 
 @dataclass(frozen=True, kw_only=True)
 class Stretch:
-    """A time [s] of constant input: its `level`, the slopes of the output in the third and fourth quarter, and what they mean.
+    """Constant input from `start` to `end` [s], its `level`, and the output's `slopes` in the third and fourth quarter.
 
-    `exponent` is the 95 % interval of λ [1/s]; None where one of the slopes can't be told from zero, or the sign changes.
+    `exponent` is the 95 % interval of λ [1/s]; None where one of the slopes can't be told from zero, or the sign changes. A
+    `sentence` says what all of that means.
     """
 
     start: float
@@ -62,7 +63,11 @@ class Stretch:
 
 @dataclass(frozen=True, kw_only=True)
 class RecordReport:
-    """The largest input, either way, the range of the output, each in its unit; stretches of constant input; and sentences."""
+    """What a record says of stability.
+
+    `input_bound` is the largest input, either way, `output_range` the smallest and the largest output, each in its unit;
+    `stretches` are the longest times of constant input in their order, and `sentences` say all of it, with what it doesn't prove.
+    """
 
     input_bound: float
     output_range: tuple[float, float]

@@ -18,8 +18,8 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.stability.poles import poles_of
-from servobench.stability.verdict import StabilityVerdict, verdict_of
+from servobench.stability_analysis.poles import poles_of
+from servobench.stability_analysis.verdict import StabilityVerdict, verdict_of
 from servobench.transfer_function import TransferFunction
 
 _STEP = 0.4  # rad; a phase that moves less between two frequencies, and half as much to the middle, hasn't gone round unseen

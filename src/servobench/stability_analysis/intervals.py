@@ -22,8 +22,8 @@ from servobench.margins import series
 from servobench.models.base import Model, Output
 from servobench.propagation import draws
 from servobench.rounding import percent, plain
-from servobench.stability.nyquist import closed_loop
-from servobench.stability.verdict import StabilityVerdict, stability
+from servobench.stability_analysis.nyquist import closed_loop
+from servobench.stability_analysis.verdict import StabilityVerdict, stability
 from servobench.transfer_function import TransferFunction
 
 _DRAWS = 600

@@ -20,7 +20,7 @@ from servobench.responses import step_response
 from servobench.signals.base import Signal
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
-from servobench.stability.poles import Pole, multiplicity_at
+from servobench.stability_analysis.poles import Pole, multiplicity_at
 from servobench.transfer_function import TransferFunction
 
 

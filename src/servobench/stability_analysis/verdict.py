@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from servobench.stability.drive import Drive, drive_off
-from servobench.stability.poles import Pole, multiplicity_at, poles_of
+from servobench.stability_analysis.drive import Drive, drive_off
+from servobench.stability_analysis.poles import Pole, multiplicity_at, poles_of
 from servobench.transfer_function import TransferFunction
 
 StabilityVerdict: TypeAlias = Literal["stable", "marginally stable", "unstable"]
@@ -15,7 +15,7 @@ StabilityVerdict: TypeAlias = Literal["stable", "marginally stable", "unstable"]
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityReport:
-    """The poles [1/s] and how many times each stands there; the verdict and its reasons.
+    """The poles [1/s] and their `multiplicities`, how many times each stands there; the verdict and its reasons.
 
     `reasons` has a sentence for each pole, one for a complex pair. The verdict is that of the poles: what the system does by
     itself. `bibo` says whether every bounded input gives a bounded output; `drive` is a bounded input for which it doesn't, and
