@@ -19,9 +19,10 @@ from servobench.errors import NotIdentifiable, UsageError
 from servobench.experiment import Experiment, read_experiment
 from servobench.export.answer import Answer
 from servobench.export.first_order import FirstOrderMotor
+from servobench.margins import margins
 from servobench.signals.square import Square
 from servobench.tuning.base import METHODS, Wish
-from servobench.tuning.loop import nominal_margins
+from servobench.tuning.loop import nominal_margins, open_loop
 from servobench.tuning.response import unit_step
 from servobench.tuning.tune import LEAST_FACTOR, LEAST_PHASE, Tuned, tune
 from tests.export.conftest import COULOMB, DELAY, GAIN, TAU, document
@@ -167,11 +168,23 @@ def test_margins_are_those_of_the_sampled_loop(asked: dict[str, Any]) -> None:
     crossover = brentq(lambda w: abs(at(w)) - 1, 0.5 * omega, 2 * omega)
     phase = 180 + math.degrees(np.angle(at(crossover)))
 
-    # A lag for the filter and for the difference, a delay for the hold: of second order in ω h, and the integral as a sum is half
-    # a sample time early, ki h/2 of kp.
-    error = (omega * H) ** 2 + omega * H * getattr(made.controller, "ki", 0.0) * H
+    # A lag for the filter and for the difference, a delay for the hold, half a sample of the integral's sum: what is left is of
+    # second order in ω h.
+    error = (omega * H) ** 2
     assert omega == pytest.approx(crossover, rel=0.01 + error)
     assert made.margins["phase_margin"].value == pytest.approx(math.radians(phase), abs=0.01 + error)
+
+
+@pytest.mark.parametrize(("kp", "ki"), [(0.0, 4.0), (0.05, 4.0)])
+def test_an_integral_that_counts_the_newest_sample_is_half_a_sample_early(kp: float, ki: float) -> None:
+    controller = Pid(kp=kp, ki=ki, output="speed", cutoff=500.0)
+    loop = open_loop(controller, GAIN, TAU, DELAY, H)
+    omega = margins(loop).gain_crossover
+    sampled = complex(sampled_loop(controller)(np.exp(1j * omega * H)))
+
+    ratio = complex(loop(np.array([1j * omega]))[0]) / sampled
+    # What is left is of second order; half a sample would be ω h/2, eight times as much.
+    assert abs(ratio - 1) < (omega * H) ** 2
 
 
 def test_margins_have_intervals_that_grow_with_what_is_not_known_of_the_motor() -> None:

@@ -2,6 +2,7 @@
 
 L(s) = C(s) G(s) e^(-s (d + h/2)): half a sample time h for a voltage that holds. A speed from counts is a difference over h,
 which is half a sample time late, behind a filter; both together are taken as one lag F(s) = 1/(1 + s (1/ω_c + h/2)).
+An integral that counts the newest sample is the sum h/(1 - e^(-sh)) = 1/s + h/2 + O(s h²): k_i h/2 acts as a gain does.
 """
 
 from __future__ import annotations
@@ -36,7 +37,7 @@ def open_loop(
 ) -> TransferFunction:
     """Return the loop of a controller that runs every `sample_time` [s] around K/(τs + 1) with a delay [s]."""
     lag = (1 / controller.cutoff + 0.5 * sample_time, 1.0)
-    numerator, denominator = _feedback(controller, np.array(lag))
+    numerator, denominator = _feedback(controller, np.array(lag), sample_time)
     motor = (tau, 1.0) if controller.output == "speed" else (tau, 1.0, 0.0)
     return TransferFunction(
         numerator=tuple(map(float, gain * np.asarray(numerator))),
@@ -46,7 +47,7 @@ def open_loop(
     )
 
 
-def _feedback(controller: Tunable, lag: Array) -> tuple[Array, Array]:
+def _feedback(controller: Tunable, lag: Array, sample_time: float) -> tuple[Array, Array]:
     """What a controller makes of the motor's output, with the sign turned round: numerator and denominator."""
     s = np.array([1.0, 0.0])
     if isinstance(controller, Lead):
@@ -59,6 +60,7 @@ def _feedback(controller: Tunable, lag: Array) -> tuple[Array, Array]:
             at_rest, rate = rate, 0.0
     else:
         at_rest, rate, integral = controller.kp, controller.kd, controller.ki
+    at_rest += 0.5 * sample_time * integral
     # at_rest + rate s F + integral/s, over s (1 + lag s) where there is an integral part; all behind F for a speed.
     numerator: Array = np.asarray(np.polyadd(at_rest * lag, rate * s), dtype=np.float64)
     denominator = lag
