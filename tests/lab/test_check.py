@@ -29,7 +29,11 @@ def test_a_tolerance_is_the_sum_of_its_parts(text: str, allowed: float) -> None:
 
 
 def test_a_tolerance_without_a_unit_is_in_that_of_the_blank() -> None:
+    overshoot = Fact(value=20.0, half=0.1)
+
     assert Tolerance("5", "s").around(TAU["time_constant"]) == pytest.approx(5, rel=1e-9)
+    assert Tolerance("interval + 0.5", "%").around(overshoot) == pytest.approx(0.6)  # percentage points
+    assert Tolerance("0.5 %", "%").around(overshoot) == pytest.approx(0.1)  # of 20 %
 
 
 @pytest.mark.parametrize(

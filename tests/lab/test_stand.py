@@ -175,6 +175,20 @@ def test_a_recording_that_says_nothing_of_its_device_is_not_enough() -> None:
         stand_of(read(), recording)
 
 
+def test_where_the_recording_tells_nothing_a_misspelt_fact_is_still_told_as_one() -> None:
+    text = FILE.replace('value = "2 V"', 'value = "0.01 V"').replace(
+        'duration = "1 s"', 'duration = "1 s"\nchain = "derivative | lowpass 50 rad/s"'
+    )
+    facts = stand_on_the_twin(read(text)).facts
+
+    for name in ("gain", "chain_lag", "read_gain", "stribeck_voltage", "drag_asymmetry"):
+        with pytest.raises(NotIdentifiable, match=f"the recording tells no {name}: "):
+            value(name, facts)
+    for name in ("gian", "read_gian", "chain_lags"):
+        with pytest.raises(UnknownName, match=f"no fact called '{name}'"):
+            value(name, facts)
+
+
 def test_the_data_sheet_is_among_the_facts() -> None:
     """The paper's Table 1, and the algebra of a motor without friction: K = 1/k, τ ≈ R J/k²."""
     facts = stand_on_the_twin(read()).facts

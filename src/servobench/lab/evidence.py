@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from servobench.result import Result
 
 _READ, _SHEET = "read_", "sheet_"
+_READINGS = ("gain", "time_constant")
+_LAG = "chain_lag"
+# Between them these have all terms of the ladder, whose structures are made from their names.
+_LADDER = ("first_order_coulomb_stribeck_gravity_load", "first_order_asymmetric_gravity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -45,7 +49,7 @@ class Evidence(Mapping[str, Fact]):
         found, result = (
             (self._read, self._reading) if name.startswith(_READ) else (self._found, self._identified)
         )
-        if name not in found and result is not None and result.fit is None:
+        if result is not None and result.fit is None and name in _identifiable():
             why = "; ".join(f.sentence for f in result.findings if f.severity is Severity.REFUSAL)
             raise NotIdentifiable(f"the recording tells no {name}: {why}")
         return found[name]
@@ -95,7 +99,7 @@ class Evidence(Mapping[str, Fact]):
         if self._reading is None or self._reading.fit is None:
             return {}
         fit = self._reading.fit
-        return {f"{_READ}{name}": Fact(value=fit[name].value) for name in ("gain", "time_constant")}
+        return {f"{_READ}{name}": Fact(value=fit[name].value) for name in _READINGS}
 
     @cached_property
     def _found(self) -> dict[str, Fact]:
@@ -111,7 +115,7 @@ class Evidence(Mapping[str, Fact]):
         }
         tau = found.get("time_constant")
         if tau is not None:
-            found["chain_lag"] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)
+            found[_LAG] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)
         return found
 
     @property
@@ -137,3 +141,12 @@ class Evidence(Mapping[str, Fact]):
         from servobench.measurement.measure import measure
 
         return identify(measure(self._recording), nominal=self.experiment.nominal or None)
+
+
+def _identifiable() -> set[str]:
+    """The names of all facts that a recording may tell; one that tells none of them hasn't made a name wrong."""
+    from servobench.models.base import STRUCTURES
+
+    structures = (*STRUCTURES, *(STRUCTURES[name] for name in _LADDER))
+    named = {parameter.name for structure in structures for parameter in structure.parameters}
+    return named | {_LAG} | {f"{_READ}{name}" for name in _READINGS}

@@ -9,7 +9,10 @@ from servobench.errors import UnitError, UsageError
 from servobench.lab.expression import Fact
 from servobench.units import quantity
 
-_EXPECTED = 'expected "exact", or parts joined by +, each "interval", a percentage or a quantity: "interval + 2 %", "0.5 ms"'
+_EXPECTED = (
+    'expected "exact", or parts joined by +, each "interval", a percentage of the value, a quantity or a bare '
+    'number in the unit of the blank: "interval + 2 %", "0.5 ms"'
+)
 _ROUNDING = 1e-9  # relative; what a number loses on its way through decimal digits
 
 
@@ -18,7 +21,8 @@ class Tolerance:
     """How far an answer may be off, as text in the unit of its blank.
 
     `exact`, or a sum of parts: `interval` (half of the 95 % interval that the recording leaves), a percentage of the value, a
-    quantity such as `0.5 ms`. Raises `UsageError` for any other text.
+    quantity such as `0.5 ms`; a bare number is in the blank's unit, so that of a blank in % `0.5` is half a percentage point and
+    `0.5 %` a two hundredth of the value. Raises `UsageError` for any other text.
     """
 
     text: str
