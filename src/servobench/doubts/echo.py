@@ -6,12 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.finding import Finding, refusal, warning
 from servobench.measurement.dataset import Dataset
 from servobench.models.search import smoothed_speed
 
-_EQUAL = 0.02  # of the largest level: how near a speed comes to its reference
+_EQUAL = 0.02  # of the largest level, or error: how near an output comes to its reference
 _SETTLED = 10  # samples at the end of a level
 _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
 
@@ -27,7 +28,8 @@ def _of(data: Dataset) -> list[Finding]:
     u = np.interp(data.t_output, data.t_input, data.u)
     speed = smoothed_speed(data)
     for what, y in (("the output", data.y), ("the output's speed", speed)):
-        if np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE:
+        alike = np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE
+        if alike and not _is_the_controllers(data, u, y):
             sentence = (
                 f"{data.name}: the input is {what} once more, but for its scale: this column was measured at the shaft and "
                 "drives nothing. Name the column of the voltage with --input COL:UNIT; if the file has none, the input "
@@ -35,6 +37,20 @@ def _of(data: Dataset) -> list[Finding]:
             )
             return [refusal("input-is-output", sentence)]
     return []
+
+
+def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
+    """Whether the input is the error times a gain.
+
+    While the reference stays where it is a proportional controller makes the output once more, and is zero where the output is at
+    its reference. The two may count from places within one step of the encoder.
+    """
+    if not data.closed_loop or data.reference is None:
+        return False
+    slope, offset = np.polyfit(y, u, 1)
+    reference = np.interp(data.t_output, data.t_input, data.reference)
+    near = max(_EQUAL * float(np.abs(reference - y).max()), data.quantum or 0.0)
+    return bool(np.abs(-offset / slope - reference).max() <= near)
 
 
 def _settles_at_it(data: Dataset) -> list[Finding]:
