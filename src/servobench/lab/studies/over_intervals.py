@@ -12,7 +12,6 @@ from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.propagation import LEVEL, TWO_SIDED, propagate
 from servobench.rounding import rounded_interval
-from servobench.stability.intervals import loop_over_intervals, stability_over_intervals
 from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
 from servobench.transfer_function import TransferFunction
 

@@ -68,12 +68,6 @@ class StepResponses(OfAMotor):
             formulas.append(_formulas(controller, gain, tau))
             courses.append((found, ideal))
         return Shown(
-            tables=self._tables(formulas, linear, measured, change),
-            figures=(self._figure(courses[:_SHOWN], change),),
-            sentences=_sentences(stand.experiment, measured),
-        )
-
-    def _tables(
             tables=tuple(table(formulas, linear, measured, change) for table in (self._peaks, self._rest)),
             figures=(_figure(list(zip(_names(self.controllers), courses, strict=True))[:_SHOWN], change),),
             sentences=_sentences(stand.experiment, measured),
@@ -85,8 +79,6 @@ class StepResponses(OfAMotor):
         linear: list[StepFigures],
         measured: list[StepFigures],
         change: Change,
-    ) -> tuple[Table, ...]:
-        unit = change.unit
     ) -> Table:
         """Peak time and overshoot, by each way to them."""
         numbers = np.array(formulas)
@@ -112,44 +104,6 @@ class StepResponses(OfAMotor):
                 digits=3,
             ),
         ]
-        theory = [
-            *columns,
-            Column(name="frequency", heading="ω_n", unit="rad/s", values=_cells(numbers[:, 0])),
-            Column(name="damping", heading="ζ", values=_cells(numbers[:, 1])),
-            Column(name="peak_theory", heading="t_p", unit="s", values=_cells(numbers[:, 2])),
-            Column(
-                name="overshoot_theory", heading="overshoot", unit="%", values=_cells(100 * numbers[:, 3])
-            ),
-        ]
-        ideal = [*columns, *_read("_linear", linear)]
-        run = [
-            *columns,
-            *_read("", measured),
-            Column(
-                name="error",
-                heading="missing at the end",
-                unit=unit,
-                values=tuple(x.error for x in measured),
-                digits=3,
-            ),
-            Column(
-                name="voltage",
-                heading="voltage asked for",
-                unit="V",
-                values=tuple(x.voltage for x in measured),
-            ),
-        ]
-        note = (
-            "This is the loop as it runs, with sample time and filter, around a motor without friction and without a "
-            "limit of the voltage; the difference to the run is what these two do."
-        )
-        tables = (
-            Table(title=f"Without friction: {change}", columns=tuple(ideal), note=note),
-            Table(title=f"In the run: {change}", columns=tuple(run)),
-        )
-        if not np.isfinite(numbers).any():
-            return tables
-        return (Table(title="By the formulas of second order", columns=tuple(theory)), *tables)
         if by_formula:
             columns.append(
                 Column(
@@ -206,17 +160,6 @@ def _figure(courses: Sequence[tuple[str, tuple[Response, Response]]], change: Ch
         f"Answers to {change} with {'; '.join(name for name, _ in courses)}.",
         tuple(_course(name, *each, change) for name, each in courses),
     )
-
-
-def _read(name: str, found: list[StepFigures]) -> list[Column]:
-    """The columns of what is read off step responses."""
-    peaks, overshoots = tuple(x.peak_time for x in found), tuple(100 * x.overshoot for x in found)
-    rises = tuple(x.rise_time for x in found)
-    return [
-        Column(name=f"peak{name}", heading="t_p", unit="s", values=peaks, digits=3),
-        Column(name=f"overshoot{name}", heading="overshoot", unit="%", values=overshoots, digits=3),
-        Column(name=f"rise{name}", heading="rise time", unit="s", values=rises, digits=3),
-    ]
 
 
 def _formulas(controller: Controller, gain: float, tau: float) -> tuple[float, float, float, float]:
