@@ -33,7 +33,8 @@ def lab(
     answers: Annotated[
         list[str] | None,
         typer.Option(
-            metavar="BLANK=VALUE", help='An answer to check, such as "gain=23.4 rad/(s*V)"; may be repeated.'
+            metavar="BLANK=VALUE | DIR",
+            help='An answer to check, such as "gain=23.4 rad/(s*V)"; may be repeated. With --marks the folder of the forms.',
         ),
     ] = None,
     solution: Annotated[
@@ -59,8 +60,34 @@ def lab(
         Path | None,
         typer.Option(
             metavar="PAGE.html | DIR",
-            help="Where to write the page; with --all the folder of the pages, without one called after the time.",
+            help="Where to write the page; with --all or --assess the folder, without one called after the time.",
         ),
+    ] = None,
+    roster: Annotated[
+        Path | None,
+        typer.Option(
+            "--assess",
+            metavar="ROSTER.csv",
+            help="Make a motor, a recording and a form for each student in a table; with --marks mark the forms.",
+        ),
+    ] = None,
+    secret: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE",
+            help="The secret that the students' motors are drawn from; made where there is none.",
+        ),
+    ] = None,
+    with_motor: Annotated[
+        bool,
+        typer.Option(
+            "--with-motor",
+            help="The students have their motors in panels as well: ask what takes further runs, too.",
+        ),
+    ] = False,
+    marks: Annotated[
+        Path | None,
+        typer.Option(metavar="MARKS.csv", help="Where to write the marks of the forms in --answers DIR."),
     ] = None,
     as_json: Annotated[
         bool,
@@ -72,12 +99,29 @@ def lab(
     Without a name the exercises are listed. With one it is done on the simulated motor, in virtual time, or on a device.
     An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
     """
+    from servobench.cli.assess import assess, check_assessment, mark
     from servobench.cli.run import CUT_SHORT
     from servobench.cli.terminal import messages, output
     from servobench.errors import UsageError
     from servobench.lab.exercise import FOLDER
 
-    _check_together(name, everything, recording, device, answers, as_json, out)
+    check_assessment(
+        name=name,
+        roster=roster,
+        secret=secret,
+        marks=marks,
+        answers=answers,
+        with_motor=with_motor,
+        out=out,
+        others=(
+            ("--all", everything),
+            ("--recording", recording),
+            ("--device", device),
+            ("--solution", solution),
+        ),
+    )
+    if roster is None:
+        _check_together(name, everything, recording, device, answers, as_json, out)
     where = folder or FOLDER
     if folder is not None and not folder.is_dir():
         raise UsageError(f"--folder {folder}: is no folder; expected one with exercises, NAME.md")
@@ -86,6 +130,22 @@ def lab(
         _write_all(console, where, device, out, solution=solution, studies=studies, as_json=as_json)
     elif name is None:
         _list(console, where)
+    elif roster is not None and secret is not None:
+        found = _asked_for(name, where)
+        if marks is None:
+            assess(console, found, roster, secret, out=out, with_motor=with_motor, as_json=as_json)
+        else:
+            folder_of_forms = Path((answers or [""])[0])
+            mark(
+                console,
+                found,
+                roster,
+                secret,
+                answers=folder_of_forms,
+                marks=marks,
+                with_motor=with_motor,
+                as_json=as_json,
+            )
     else:
         found = _asked_for(name, where)
         given = dict(_answer(text) for text in answers or ())

@@ -82,6 +82,11 @@ def exercise_page(
 
     What its studies found and where the paper errs is folded up, as it tells most answers; with `studies` or `solution` it is
     open.
+    worked: Worked, *, solution: bool, neighbours: Neighbours | None = None, form: str = ""
+) -> str:
+    """Return the page of an exercise; with `solution` the right answers stand in the blanks.
+
+    `form` is the name of the file that answers are to be written into, where they are marked later.
     """
     exercise = worked.exercise
     answers = worked.answers if solution else ()
@@ -100,12 +105,16 @@ def exercise_page(
         checked=worked.checked,
         corrections=worked.corrections,
         neighbours=neighbours,
+        form=form,
     )
 
 
 def write_exercise(worked: Worked, path: Path, *, solution: bool, studies: bool = False) -> None:
     """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
     write_page(exercise_page(worked, solution=solution, studies=studies), path)
+def write_exercise(worked: Worked, path: Path, *, solution: bool, form: str = "") -> None:
+    """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
+    write_page(exercise_page(worked, solution=solution, form=form), path)
 
 
 def write_lab(

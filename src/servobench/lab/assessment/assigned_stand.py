@@ -1,0 +1,111 @@
+"""Where a student does an exercise: a motor of their own, and recordings that tell nothing of it but what was measured."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.experiment.experiment import DeviceChoice
+from servobench.lab.exercise import Exercise
+from servobench.lab.stand import TWIN, MotorStand, stand_of
+from servobench.motor.individual import same_name
+from servobench.motor.secret import keyed
+from servobench.recording.recording import Source
+
+if TYPE_CHECKING:
+    from servobench.recording.recording import Recording
+
+_FORM = "servobench.form/1"
+_OWN_TIME = "timing"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Assessment:
+    """An exercise that is assessed, the file with the secret, and whether students have their motor in a panel as well.
+
+    Raises `UsageError` for an exercise that isn't done on the twin.
+    """
+
+    exercise: Exercise
+    secret_file: Path
+    secret: bytes
+    with_motor: bool = False
+
+    def __post_init__(self) -> None:
+        name = self.exercise.experiment.device.name
+        if name != TWIN:
+            raise UsageError(
+                f"{self.exercise.source}: it is done on the device {name!r}; only one on the simulated motor (twin) can be "
+                "assessed, as others can't be made for each student"
+            )
+
+    def code(self, student: str) -> str:
+        """Return the code on a student's form, which says whose it is and by which secret; it tells nothing else."""
+        return keyed(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
+
+    def stand(self, student: str) -> MotorStand:
+        """Return the stand of a student: the recording that they get and, where they have the motor, further runs of it."""
+        own = assigned_to(student, self.exercise, self.secret_file)
+        recording = self._carried_out(own, self.exercise.experiment, student)
+        if not self.with_motor:
+            return stand_of(self.exercise, recording)
+        if recording.info is None:  # a run always says which device it is of
+            raise UsageError(f"{recording.name} doesn't say which device it is of")
+        return MotorStand(
+            exercise=self.exercise,
+            experiment=self.exercise.experiment,
+            info=recording.info,
+            made=recording,
+            carry_out=lambda asked: self._carried_out(own, asked, student),
+        )
+
+    def _carried_out(self, own: DeviceChoice, experiment: Experiment, student: str) -> Recording:
+        from servobench.devices.base import connect
+        from servobench.devices.faulty import with_faults
+        from servobench.loop.run import run
+
+        # What a study asks of the twin beside, such as another dead band, anybody may know.
+        settings = {**own.settings, "shared": {**own.settings["shared"], **_shared(experiment.device)}}
+        with with_faults(connect(own.name, **settings), experiment.device.faults) as motor:
+            recording = run(experiment.model_copy(update={"device": own}), motor)
+        if recording.stopped.reason == "interrupted":
+            raise KeyboardInterrupt(recording.stopped.sentence)
+        return measured_alone(recording, experiment, f"{self.exercise.name} of {student}")
+
+
+def assigned_to(student: str, exercise: Exercise, secret_file: Path) -> DeviceChoice:
+    """Return the device that is a student's motor in an exercise, in virtual time."""
+    from servobench.devices.assigned import NAME
+
+    return DeviceChoice(
+        name=NAME,
+        settings={
+            "secret": str(secret_file),
+            "exercise": exercise.name,
+            "student": student,
+            "shared": _shared(exercise.experiment.device),
+        },
+    )
+
+
+def measured_alone(recording: Recording, experiment: Experiment, name: str) -> Recording:
+    """Return a recording with what was measured and asked for, and nothing of how it was made: no settings, events or seed."""
+    public = experiment.model_copy(update={"device": DeviceChoice(), "seed": 0})
+    info = None if recording.info is None else replace(recording.info, settings=())
+    return replace(
+        recording,
+        name=name,
+        source=Source(name=name),
+        info=info,
+        experiment=public.to_toml(),
+        findings=(),
+        events=(),
+        versions={},
+    )
+
+
+def _shared(device: DeviceChoice) -> dict[str, Any]:
+    return {name: value for name, value in device.settings.items() if name != _OWN_TIME}

@@ -1,0 +1,80 @@
+"""What can be asked of a student: the blanks whose answers their recording tells, and how far neighbours' answers are apart."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+from servobench.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.lab.exercise import Blank, Exercise
+from servobench.lab.expression import Expression
+from servobench.lab.stand import MotorStand
+from servobench.lab.tolerance import Tolerance
+
+
+@dataclass(frozen=True, kw_only=True)
+class Question:
+    """A blank as one student is asked it: the right answer in its unit and by how much one may be off, or why there is none."""
+
+    blank: Blank
+    right: float = math.nan
+    allowed: float = math.nan
+    why_not: str = ""
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether there is a right answer."""
+        return not self.why_not
+
+
+def questions(exercise: Exercise, stand: MotorStand) -> tuple[Question, ...]:
+    """Return what a student is asked on that stand, in the exercise's order.
+
+    A blank that takes what the student can't have (further runs, the true parameters) is none to ask. Raises `UsageError`, with
+    file and line, for a rule that asks for a fact that there isn't.
+    """
+    return tuple(_question(exercise, blank, stand) for blank in exercise.blanks)
+
+
+def asked_of_anybody(asked: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
+    """Return the blanks that at least one of the students is asked, in the exercise's order."""
+    return tuple(column[0].blank for column in zip(*asked, strict=True) if any(q.is_asked for q in column))
+
+
+def passed_by_others(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
+    """Return, by blanks, which part of the right answers of others would pass for a student's own; NaN with one student alone."""
+    found = {}
+    for column in zip(*asked, strict=True):
+        known = [question for question in column if question.is_asked]
+        pairs = [(mine, other) for mine in known for other in known if mine is not other]
+        passed = sum(abs(other.right - mine.right) <= mine.allowed for mine, other in pairs)
+        found[column[0].blank.id] = passed / len(pairs) if pairs else math.nan
+    return found
+
+
+def all_passed_by_others(asked: Sequence[tuple[Question, ...]]) -> float:
+    """Return which part of the others' whole forms would pass for a student's own; NaN with one student alone."""
+    pairs = [(mine, other) for mine in asked for other in asked if mine is not other]
+    passed = sum(
+        all(
+            abs(b.right - a.right) <= a.allowed
+            for a, b in zip(mine, other, strict=True)
+            if a.is_asked and b.is_asked
+        )
+        for mine, other in pairs
+    )
+    return passed / len(pairs) if pairs else math.nan
+
+
+def _question(exercise: Exercise, blank: Blank, stand: MotorStand) -> Question:
+    try:
+        known = Expression(blank.answer).evaluate(stand.facts)
+    except UnknownName as error:
+        raise UsageError(f"{exercise.place(blank)}: blank {blank.id!r}: {error}") from error
+    except (NotIdentifiable, UsageError) as error:
+        return Question(blank=blank, why_not=str(error))
+    allowed = Tolerance(blank.tolerance, blank.unit).around(known)
+    if not math.isfinite(allowed):
+        return Question(blank=blank, why_not=f"the recording doesn't tell `{blank.answer}`")
+    return Question(blank=blank, right=known.value, allowed=allowed)
