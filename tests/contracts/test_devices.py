@@ -29,7 +29,16 @@ def _recorded(folder: Path) -> Path:
     return path
 
 
+def _secret(folder: Path) -> Path:
+    """A secret, for what draws motors from one."""
+    path = folder / "secret"
+    path.write_bytes(bytes(range(32)))
+    path.chmod(0o600)
+    return path
+
+
 EXAMPLES: dict[str, Callable[[Path], dict[str, Any]]] = {
+    "assigned": lambda folder: {"secret": _secret(folder), "exercise": "step", "student": "ada"},
     "replay": lambda folder: {"file": _recorded(folder)},
 }
 """Settings for the devices whose settings don't all have defaults."""

@@ -188,6 +188,10 @@ def _show_handed_out(
         sentence = (
             f"Of all pairs of students, {_percent(whole)} could hand in each other's whole form and pass."
         )
+        if whole == 1.0:
+            sentence += (
+                " Nothing that is asked hangs on whose motor it is: expect the same answers from everybody."
+            )
         show_wrapped(console, Text(), sentence, hanging=0)
     for column in zip(*asked, strict=True):
         question = next((question for question in column if not question.is_asked), None)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
+    from servobench.experiment import Experiment
     from servobench.panel.server import Tls
 
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -62,6 +63,22 @@ def panel(
             metavar="DIR", help="A folder with exercises of your own, in place of those that come along."
         ),
     ] = None,
+    student: Annotated[
+        str | None,
+        typer.Option(
+            "--assess",
+            metavar="STUDENT",
+            help="The motor that `lab --assess` assigns to a student, by --secret and --exercise; nothing tells its parameters.",
+        ),
+    ] = None,
+    secret: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="The secret that the students' motors are drawn from."),
+    ] = None,
+    exercise: Annotated[
+        str | None,
+        typer.Option(metavar="NAME", help="The exercise of --assess; in each, a student has another motor."),
+    ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
@@ -79,6 +96,7 @@ def panel(
     from servobench.cli.terminal import messages, say
     from servobench.errors import UsageError
 
+    _check_assessed(student, secret, exercise, device, experiment)
     tls = _tls(host, tls_cert, tls_key, without_tls)
     if exercises is not None and not exercises.is_dir():
         raise UsageError(f"--exercises {exercises}: is no folder; expected one with exercises, NAME.md")
@@ -93,7 +111,10 @@ def panel(
         raise UsageError(
             f'the panel needs {error.name}, which isn\'t installed: pip install "servobench[panel]"'
         ) from None
-    asked = experiment_asked_for(experiment, device, None, None)
+    if student is None:
+        asked = experiment_asked_for(experiment, device, None, None)
+    else:
+        asked = _assigned(student, secret, exercise, exercises or FOLDER)
     device_asked_for(
         asked, experiment
     )  # not entered: a mistake in its settings shows before anything is opened
@@ -128,6 +149,41 @@ def panel(
             )
         except KeyboardInterrupt:
             say(console, "\nthe motor is at rest")
+
+
+def _check_assessed(
+    student: str | None,
+    secret: Path | None,
+    exercise: str | None,
+    device: str | None,
+    experiment: Path | None,
+) -> None:
+    from servobench.errors import UsageError
+
+    if student is None:
+        for option, is_given in (("--secret", secret is not None), ("--exercise", exercise is not None)):
+            if is_given:
+                raise UsageError(f"{option} belongs to --assess STUDENT; give that as well")
+        return
+    if secret is None or exercise is None:
+        raise UsageError(
+            "--assess needs --secret FILE and --exercise NAME, as `servobench lab` had them: they say which motor it is"
+        )
+    for option, is_given in (("--device", device is not None), ("--experiment", experiment is not None)):
+        if is_given:
+            raise UsageError(f"--assess and {option} don't go together; the exercise has both")
+
+
+def _assigned(student: str, secret: Path | None, name: str | None, folder: Path) -> Experiment:
+    """The exercise's experiment on the student's own motor; raises `UsageError` for an exercise that can't be assessed."""
+    from servobench.lab.assessment.assigned_stand import Assessment, assigned_to
+    from servobench.lab.exercise import exercise
+    from servobench.motor.secret import read_secret
+
+    file = (secret or Path()).resolve()  # the loop is another process
+    assessed = Assessment(exercise=exercise(name or "", folder), secret_file=file, secret=read_secret(file))
+    device = assigned_to(student, assessed.exercise, file)
+    return assessed.exercise.experiment.model_copy(update={"device": device})
 
 
 def _tls(host: str, certificate: Path | None, key: Path | None, without: bool) -> Tls | None:

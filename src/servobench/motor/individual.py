@@ -29,8 +29,8 @@ RESISTANCE = (5.0, 13.0)
 """Range of the winding's resistance R [Ω]."""
 VISCOUS_FRICTION = (0.3e-6, 3e-6)
 """Range of the viscous friction b [N·m·s/rad]."""
-START_ANGLE = (-60.0, 60.0)
-"""Range of the angle of the shaft at the start [rad]."""
+START_ANGLE = (-0.003, 0.003)
+"""Range of the angle of the shaft at the start [rad]: a count or so; from farther away, position loops begin with a jump."""
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -29,7 +29,7 @@ from servobench.panel.exercises import check_exercise, list_exercises, show_exer
 from servobench.panel.gate import Asks, Door, Refused
 from servobench.panel.jobs import Jobs
 from servobench.panel.library import Library
-from servobench.panel.session import MotorSession
+from servobench.panel.session import ASSIGNED, MotorSession
 from servobench.panel.work import Work, done_elsewhere
 from servobench.signals.base import AnySignal
 
@@ -149,12 +149,20 @@ async def exercise(request: Request, panel: Panel) -> Response:
 
 async def exercise_results(request: Request, panel: Panel) -> Response:
     """What an exercise's studies find."""
+    _outside_of_assessments(panel)
     return await show_results(request, panel.work)
 
 
 async def exercise_checked(request: Request, panel: Panel) -> Response:
     """Whether what somebody found out is right."""
+    _outside_of_assessments(panel)
     return await check_exercise(request)
+
+
+def _outside_of_assessments(panel: Panel) -> None:
+    """Raise `Refused` where the motor is somebody's own: its answers are on nobody's page, and another motor's are of no use."""
+    if panel.motor.experiment.device.name == ASSIGNED:
+        raise Refused(409, "this motor is yours alone: your answers are marked from your form, not here")
 
 
 def packaged(name: str) -> Response:

@@ -32,6 +32,9 @@ OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through 
 SIGN_INTERVAL = 0.1  # s between two signs of life to the loop
 STATE_INTERVAL = 0.2  # s between two states where nothing but counts has changed
 _LIMITED_FOR = 0.5  # s for which a limit's light stays on
+ASSIGNED = "assigned"
+"""The device that is somebody's own in an assessment: a panel that has it keeps it."""
+_SIMULATED = ("twin", ASSIGNED)
 
 LoopOf = Callable[[Experiment], AbstractContextManager[Loop]]
 LiveOf = Callable[[Loop, float, Mapping[str, float]], LiveProcess | None]
@@ -491,6 +494,8 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
         asked = for_panel(Experiment(**changed))
     except ValidationError as error:
         raise UsageError(_told(error)) from None
+    if now.device.name == ASSIGNED and asked.device != for_panel(now).device:
+        raise Refusal("this panel has the motor that is assigned to you; it can't be changed for another")
     connect(asked.device.name, **asked.device.settings)  # not entered: its settings are checked by that
     return asked
 
@@ -498,9 +503,9 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
 def for_panel(experiment: Experiment) -> Experiment:
     """Return the experiment as the panel runs it: without an end, and a simulated motor in real time."""
     device = experiment.device
-    if device.name == "twin":
+    if device.name in _SIMULATED:
         device = DeviceChoice(
-            name="twin", settings={**device.settings, "timing": "host"}, faults=device.faults
+            name=device.name, settings={**device.settings, "timing": "host"}, faults=device.faults
         )
     chain = experiment.chain or "derivative | lowpass 50 rad/s"
     return experiment.model_copy(update={"device": device, "duration": None, "until": "", "chain": chain})

@@ -52,9 +52,14 @@ def hand_out(
     blanks = asked_of_anybody([asked for _, _, asked in made])
     if not blanks:
         why = "; ".join(f"{question.blank.id}: {question.why_not}" for question in made[0][2])
+        more = (
+            ""
+            if assessment.with_motor
+            else ", or --with-motor where the students have their motors in panels"
+        )
         raise UsageError(
-            f"{assessment.exercise.source}: no blank can be asked of who has a recording alone ({why}); take another exercise, "
-            "or --with-motor where the students have their motors in panels"
+            f"{assessment.exercise.source}: none of its blanks can be told from what students get ({why}); take another "
+            f"exercise{more}"
         )
     found = []
     for number, (student, recording, asked) in enumerate(made):

@@ -100,7 +100,7 @@ def _is_number(text: str) -> bool:
         float(text)
     except ValueError:
         return False
-    return text.isascii() and "_" not in text
+    return text.isascii() and "_" not in text and not text.startswith("+")
 
 
 def _decoded(path: Path) -> str:
