@@ -48,14 +48,6 @@ class Block:
     drawings: tuple[Drawn, ...] = ()
 
     @property
-    def heading(self) -> str:
-        """What a study shows, in words that give nothing of it away: the titles of its tables, or else of its figures."""
-        titles = [title for title, _, _ in self.tables] or [drawn.title for drawn in self.drawings]
-        return "What is found" + (
-            f": {'; '.join(dict.fromkeys(filter(None, titles)))}" if any(titles) else ""
-        )
-
-    @property
     def is_broad(self) -> bool:
         """Whether a table in it has so many columns that it may be wider than the text."""
         return any(
@@ -76,17 +68,17 @@ class Beside:
 
 
 def exercise_page(
-    worked: Worked, *, solution: bool, studies: bool = False, neighbours: Neighbours | None = None
+    worked: Worked,
+    *,
+    solution: bool,
+    studies: bool = False,
+    neighbours: Neighbours | None = None,
+    form: str = "",
 ) -> str:
     """Return the page of an exercise; with `solution` the right answers stand in the blanks.
 
     What its studies found and where the paper errs is folded up, as it tells most answers; with `studies` or `solution` it is
-    open.
-    worked: Worked, *, solution: bool, neighbours: Neighbours | None = None, form: str = ""
-) -> str:
-    """Return the page of an exercise; with `solution` the right answers stand in the blanks.
-
-    `form` is the name of the file that answers are to be written into, where they are marked later.
+    open. `form` is the name of the file that answers are to be written into, where they are marked later.
     """
     exercise = worked.exercise
     answers = worked.answers if solution else ()
@@ -109,12 +101,11 @@ def exercise_page(
     )
 
 
-def write_exercise(worked: Worked, path: Path, *, solution: bool, studies: bool = False) -> None:
+def write_exercise(
+    worked: Worked, path: Path, *, solution: bool, studies: bool = False, form: str = ""
+) -> None:
     """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
-    write_page(exercise_page(worked, solution=solution, studies=studies), path)
-def write_exercise(worked: Worked, path: Path, *, solution: bool, form: str = "") -> None:
-    """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
-    write_page(exercise_page(worked, solution=solution, form=form), path)
+    write_page(exercise_page(worked, solution=solution, studies=studies, form=form), path)
 
 
 def write_lab(
