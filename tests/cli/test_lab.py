@@ -96,10 +96,19 @@ def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
     assert f"{folder / 'bad.md'}:7: experiment.duration: '2 V' is a voltage" in ended.err
 
 
+def test_what_comes_out_is_not_told_before_it_is_asked_for(servobench: Command, folder: Path) -> None:
+    ended = servobench("lab", folder / "mine.md")
+
+    assert ended.status == 0
+    assert "(what comes out here is shown by --studies)" in ended.out.splitlines()
+    assert "4096" not in ended.out
+    assert "II.B" not in ended.out
+
+
 def test_an_exercise_shows_text_study_blanks_and_corrections_without_the_answers(
     servobench: Command, folder: Path
 ) -> None:
-    ended = servobench("lab", folder / "mine.md")
+    ended = servobench("lab", folder / "mine.md", "--studies")
 
     assert ended.status == 0
     lines = ended.out.splitlines()

@@ -14,6 +14,7 @@ from servobench.lab.page import INDEX, PAPERS, exercise_page, page_of, write_lab
 from servobench.lab.stand import stand_on_the_twin
 from servobench.lab.told import told
 from servobench.lab.worked import Worked
+from servobench.report.tables import capital
 from tests.report.test_page import Page
 
 ALL = exercises()
@@ -140,6 +141,30 @@ def test_the_papers_number_stands_beside_ours_and_the_correction_has_its_figure(
     assert f"τ with the rotor {tau:.4g} 0.13 +30 % s" in words
     assert f"The pole is at −{1 / tau:.3g} rad/s." in words
     assert "worked out as -1 / inertias_value_1" in words
+
+
+def test_what_comes_out_is_folded_up_until_it_is_asked_for() -> None:
+    def open_folds(html: str) -> list[bool]:
+        folds = [
+            attributes
+            for tag, attributes in Page(html).elements
+            if attributes.get("class", "").startswith("fold")
+        ]
+        return ["open" in attributes for attributes in folds]
+
+    found = worked(corrected())
+
+    # One study and the corrections.
+    assert open_folds(exercise_page(found, solution=False)) == [False, False]
+    assert open_folds(exercise_page(found, solution=False, studies=True)) == [True, True]
+    assert open_folds(exercise_page(found, solution=True)) == [True, True]
+
+
+def test_a_symbol_at_the_beginning_of_a_sentence_keeps_its_size() -> None:
+    """τ and Τ, s and S are different quantities."""
+    assert capital("τ = 0.006 s") == "τ = 0.006 s"
+    assert capital("s = -1/τ") == "s = -1/τ"
+    assert capital("a random noise") == "A random noise"
 
 
 def test_what_is_typed_is_text_and_no_markup() -> None:

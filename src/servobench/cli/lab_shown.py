@@ -34,7 +34,7 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
             _show_study(console, worked.shown(piece.study))
         elif piece.study:
             console.print(
-                Text(f"({piece.study}: what is found here is shown by --studies)", style="dim"),
+                Text("(what comes out here is shown by --studies)", style="dim"),
                 soft_wrap=True,
             )
         else:
