@@ -206,6 +206,28 @@ def test_the_offset_that_a_response_does_not_show_is_fitted_with_the_rest_held()
     assert correlation[names.index("gain"), names.index("offset_voltage")] > 0.9
 
 
+@pytest.mark.parametrize("digits", [16, 6])
+def test_lines_that_a_tachometer_does_not_show_tell_nothing(digits: int) -> None:
+    """A slope over 80 ms is silent at every odd multiple of 12.5 Hz, the 25th harmonic of the square; rounding stands there."""
+    angle = Motor().states(square(SAMPLES), RANDOM)[0] + 1e-3 * np.random.default_rng(8).standard_normal(
+        SAMPLES
+    )
+    plain = record(square(SAMPLES), angle, "position")
+    sloped = record(square(SAMPLES), angle, "position", "tachometer 80 ms")
+    sloped = replace(sloped, y=np.round(sloped.y, digits - 2))  # tens of rad/s
+    omega = frequency_response(sloped).omega
+
+    assert np.min(np.abs(omega - 2 * np.pi * 12.5)) > 2 * np.pi * 0.4
+    fits = [
+        ESTIMATORS["frequency_response"].fit(STRUCTURES["first_order"], [data]) for data in (plain, sloped)
+    ]
+    for name, truth in (("gain", 23.0), ("time_constant", 0.1)):
+        own, behind = (fit[name] for fit in fits)
+        assert abs(behind.value - truth) < 4 * behind.sd
+        # The noise is the same but for what 60 degrees of freedom leave open of its level, 4 · 13 %/2, and the lines left out.
+        assert behind.sd == pytest.approx(own.sd, rel=0.4)
+
+
 def test_a_rational_structure_is_fitted_too() -> None:
     u = binary(SAMPLES, 20, np.random.default_rng(9))
     fit = ESTIMATORS["frequency_response"].fit(STRUCTURES["rational_1_0_integrator"], [clean(u, "position")])

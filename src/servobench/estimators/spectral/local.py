@@ -86,12 +86,13 @@ def local_fits(stretch: Stretch, shape: TransferFunction) -> Local:
 
     Raises `NotIdentifiable` where there are fewer lines than a window needs.
     """
-    model = stretch.path.full(shape)
+    motion = stretch.path.motion(shape)
+    model = motion * stretch.path.measured
     free = stretch.path.transient(shape)
     windows = _windows(stretch, model, free / np.abs(free).max())
-    white = np.abs(stretch.path.measured) ** 2
+    white = stretch.path.audible
     first = _solved(stretch, windows, white)
-    noise = _noise_level(first, white, np.abs(model) ** 2)
+    noise = _noise_level(first, white, np.abs(motion) ** 2 * white)
     found = _solved(stretch, windows, noise)
     scales = _pooled(found)
     hidden = _hidden_rounding(stretch, noise, white)

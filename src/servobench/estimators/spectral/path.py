@@ -27,6 +27,7 @@ Complex: TypeAlias = NDArray[np.complex128]
 
 _DECAYED = 1e-13  # of an impulse response; what comes after it doesn't count
 _LONGEST = 2**20  # samples of an impulse response
+_DIGITS = 1e-6  # of the largest value, which numbers in files are rounded to, or finer
 _BLOCK = 2**20  # complex exponentials at a time, 16 MB
 
 
@@ -43,13 +44,30 @@ class Path:
 
     def full(self, system: TransferFunction) -> Complex:
         """Return the response (K,) from the input to the data, of a system from the input to the shaft."""
+        return self.motion(system) * self.measured
+
+    def motion(self, system: TransferFunction) -> Complex:
+        """Return the response (K,) from the input to samples of the shaft, of a system between them."""
         total = replace(system, delay=system.delay + self.data.delay)
-        return held_response(total, self.omega, self.sample_time) * self.measured
+        return held_response(total, self.omega, self.sample_time)
 
     @cached_property
     def measured(self) -> Complex:
         """The response (K,) of chain and difference."""
-        return chain_response(self.data.chain.linear, self.omega, self.sample_time) * self.difference
+        return self._chain * self.difference
+
+    @cached_property
+    def audible(self) -> Array:
+        """The power (K,) of `measured`, but where a chain is silent that of the digits which its numbers are written with.
+
+        A tachometer of 40 ms shows nothing of 25 and 50 Hz: what stands there is rounding, and tells neither motor nor noise.
+        """
+        power = np.abs(self._chain) ** 2
+        return np.asarray(np.maximum(power, _DIGITS**2 * power.max()) * np.abs(self.difference) ** 2)
+
+    @cached_property
+    def _chain(self) -> Complex:
+        return chain_response(self.data.chain.linear, self.omega, self.sample_time)
 
     @cached_property
     def difference(self) -> Complex:
