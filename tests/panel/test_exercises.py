@@ -16,7 +16,7 @@ from starlette.routing import Route
 from servobench.experiment.experiment import AnyController
 from servobench.lab.exercise import exercise, exercises
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
-from servobench.panel.work import exercise_results
+from servobench.panel.work import PIECES
 from servobench.signals.base import AnySignal
 
 WORKED: list[Any] = []
@@ -25,12 +25,15 @@ WORKED: list[Any] = []
 async def work(asked: Any) -> dict[str, Any]:
     """Do the work here, and note that it was asked for."""
     WORKED.append(asked)
-    assert asked["do"] == "exercise"
-    return exercise_results(json.loads(json.dumps(asked)))
+    return PIECES[asked["do"]](json.loads(json.dumps(asked)))
 
 
 async def results(request: Request) -> JSONResponse:
     return await show_results(request, work)
+
+
+async def check(request: Request) -> JSONResponse:
+    return await check_exercise(request, work)
 
 
 APP = Starlette(
@@ -38,7 +41,7 @@ APP = Starlette(
         Route("/api/exercises", list_exercises),
         Route("/api/exercises/{name}", show_exercise),
         Route("/api/exercises/{name}/results", results),
-        Route("/api/exercises/{name}/check", check_exercise, methods=["POST"]),
+        Route("/api/exercises/{name}/check", check, methods=["POST"]),
     ]
 )
 
@@ -246,3 +249,30 @@ def test_all_that_exercises_show_can_be_sent(found: Any) -> None:
     assert len(sent["corrections"]) == len(found.corrections)
     drawings = [figure["svg"] for study in sent["studies"].values() for figure in study["figures"]]
     assert all(svg.startswith("<svg ") and "<script" not in svg for svg in drawings)
+
+
+def test_what_answers_are_held_against_is_found_once_and_elsewhere(folder: Path) -> None:
+    (folder / "mine.md").write_text(
+        GOOD.replace('answer = "1"', 'answer = "counts_per_rev"'), encoding="utf-8"
+    )
+    WORKED.clear()
+
+    said = [
+        ask("POST", "/api/exercises/mine/check", json={"answers": {"one": text}})[1]["answers"]["one"][
+            "right"
+        ]
+        for text in ("2048", "2047", "2048")
+    ]
+
+    assert said == [True, False, True]
+    assert [(each["do"], each["names"]) for each in WORKED] == [("facts", ["counts_per_rev"])]
+
+
+def test_a_fact_that_is_not_there_is_told_with_those_that_are(folder: Path) -> None:
+    (folder / "mine.md").write_text(GOOD.replace('answer = "1"', 'answer = "counts_a_rev"'), encoding="utf-8")
+
+    for _ in range(2):
+        status, said = ask("POST", "/api/exercises/mine/check", json={"answers": {"one": "1"}})
+        assert status == 400
+        assert "no fact called 'counts_a_rev'" in said["error"]
+        assert "counts_per_rev" in said["error"]

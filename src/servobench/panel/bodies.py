@@ -16,6 +16,9 @@ from servobench.panel.gate import Refused
 
 LARGEST_JSON = 64 * 1024  # bytes
 LARGEST_UPLOAD = 64 * 1024 * 1024  # bytes
+WRITTEN_AT_ONCE = (
+    1024 * 1024
+)  # bytes; each time it is handed to another thread, which takes longer than to write a page
 _JSON_TIME = 10.0  # s until it has to be there
 _PASSING_TIME = 2.0  # s
 
@@ -31,6 +34,18 @@ async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
         if got > largest:
             raise Refused(413, f"more than {largest} bytes came, which is too many")
         yield piece
+
+
+async def gathered(pieces: AsyncIterator[bytes], size: int = WRITTEN_AT_ONCE) -> AsyncIterator[bytes]:
+    """Yield pieces of at least `size` bytes, but for the last, put together from smaller ones."""
+    body = bytearray()
+    async for piece in pieces:
+        body += piece
+        if len(body) >= size:
+            yield bytes(body)
+            body.clear()
+    if body:
+        yield bytes(body)
 
 
 class Listening:

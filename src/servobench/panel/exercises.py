@@ -8,9 +8,9 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from weakref import WeakKeyDictionary
 
 from pydantic import TypeAdapter
@@ -21,19 +21,16 @@ from servobench.errors import ServobenchError, UnknownName, UsageError
 from servobench.experiment.experiment import AnyController, Experiment
 from servobench.lab.check import check
 from servobench.lab.exercise import FOLDER, Exercise, exercise, names
-from servobench.lab.facts import facts_of, facts_on_the_twin
+from servobench.lab.expression import Expression, Fact
 from servobench.lab.markdown import to_html
+from servobench.panel.work import Work, error_called
 from servobench.signals.base import AnySignal
-
-if TYPE_CHECKING:
-    from servobench.panel.work import Work
-    from servobench.recording.recording import Recording
 
 _LARGEST_BODY = 64 * 1024  # bytes; answers are a few dozen short texts
 _NOT_FOUND, _WRONG, _TOO_LARGE = 404, 400, 413
-_results: WeakKeyDictionary[Exercise, Mapping[str, Any]] = (
-    WeakKeyDictionary()
-)  # a file that was changed is another exercise
+# By exercise: a file that was changed is another one.
+_results: WeakKeyDictionary[Exercise, Mapping[str, Any]] = WeakKeyDictionary()
+_facts: WeakKeyDictionary[Exercise, _Facts] = WeakKeyDictionary()
 
 
 async def list_exercises(request: Request) -> JSONResponse:
@@ -47,20 +44,7 @@ async def show_exercise(request: Request) -> JSONResponse:
     The text is in pieces: HTML of ours, or the name of a study that stands there.
     """
     found = await _named(request)
-    if isinstance(found, JSONResponse):
-        return found
-    return JSONResponse(
-        {
-            "name": found.name,
-            "title": found.title,
-            "pieces": [
-                {"study": piece.study} if piece.study else {"html": to_html(piece.text)}
-                for piece in found.pieces
-            ],
-            "blanks": [{"id": b.id, "label": b.label, "unit": b.unit} for b in found.blanks],
-            "experiment": _settable(found.experiment),
-        }
-    )
+    return found if isinstance(found, JSONResponse) else JSONResponse(await asyncio.to_thread(_shown, found))
 
 
 async def show_results(request: Request, work: Work) -> JSONResponse:
@@ -80,11 +64,11 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
     return JSONResponse(_results[found])
 
 
-async def check_exercise(request: Request, recording: Recording | None = None) -> JSONResponse:
+async def check_exercise(request: Request, work: Work) -> JSONResponse:
     """Answer POST /api/exercises/{name}/check, with {"answers": {id: text}}: whether each is right, and a sentence.
 
-    `recording` is what the student measured, where they say it; otherwise answers are held against the exercise's experiment on
-    the simulated motor. Checking may take seconds the first time, in a thread of its own.
+    Answers are held against the exercise's experiment on the simulated motor. What has to be known for them is found once, by
+    `work`, as that takes seconds.
     """
     found = await _named(request)
     if isinstance(found, JSONResponse):
@@ -94,10 +78,62 @@ async def check_exercise(request: Request, recording: Recording | None = None) -
         return _error(f"the answers have more than {_LARGEST_BODY} bytes; send less", _TOO_LARGE)
     try:
         answers = _answers(body)
-        checked = await asyncio.to_thread(_checked, found, answers, recording)
+        facts = await _facts_for(found, answers, _folder(request), work)
+        checked = await asyncio.to_thread(_checked, found, answers, facts)
     except ServobenchError as error:
         return _error(str(error), _WRONG)
     return JSONResponse({"answers": checked})
+
+
+class _Facts(Mapping[str, Fact]):
+    """What is known so far for an exercise's answers; raises what keeps a fact from being told."""
+
+    def __init__(self) -> None:
+        self._found: dict[str, Fact] = {}
+        self._untold: dict[str, tuple[str, str]] = {}
+        self._known: tuple[str, ...] = ()
+        self._asked: set[str] = set()
+
+    def lacks(self, names: Iterable[str]) -> list[str] | None:
+        """Return which of some names nobody has asked for yet; None where there is nothing to ask, as all were."""
+        missing = sorted(set(names) - self._asked)
+        return missing if missing or not self._known else None
+
+    def add(self, names: Iterable[str], answer: Mapping[str, Any]) -> None:
+        """Take what the piece of work `facts` has found of some names."""
+        self._asked.update(names)
+        self._found.update(
+            {name: Fact(value=value, half=half) for name, (value, half) in answer["found"].items()}
+        )
+        self._untold.update({name: (kind, said) for name, (kind, said) in answer["untold"].items()})
+        self._known = tuple(answer["known"])
+
+    def __getitem__(self, name: str) -> Fact:
+        if name in self._untold:
+            raise error_called(*self._untold[name])
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._known)
+
+    def __len__(self) -> int:
+        return len(self._known)
+
+
+async def _facts_for(found: Exercise, answers: Mapping[str, str], folder: Path, work: Work) -> _Facts:
+    """The facts that some answers are held against; those that nobody has asked for yet are found elsewhere."""
+    facts = _facts.setdefault(found, _Facts())
+    rules = [
+        rule
+        for blank in map(found.blank, answers)
+        for rule in (blank.answer, *(mistake.answer for mistake in blank.mistakes))
+    ]
+    names = {name for rule in rules for name in Expression(rule).names}
+    missing = facts.lacks(names)
+    if missing is not None:
+        asked = {"do": "facts", "name": found.name, "folder": str(folder), "names": missing}
+        facts.add(missing, await work(asked))
+    return facts
 
 
 async def _named(request: Request) -> Exercise | JSONResponse:
@@ -127,10 +163,21 @@ def _listed(folder: Path) -> list[dict[str, str]]:
     return [*({"name": e.name, "title": e.title, "sentence": e.sentence} for e in found), *broken]
 
 
+def _shown(found: Exercise) -> dict[str, Any]:
+    return {
+        "name": found.name,
+        "title": found.title,
+        "pieces": [
+            {"study": piece.study} if piece.study else {"html": to_html(piece.text)} for piece in found.pieces
+        ],
+        "blanks": [{"id": b.id, "label": b.label, "unit": b.unit} for b in found.blanks],
+        "experiment": _settable(found.experiment),
+    }
+
+
 def _checked(
-    found: Exercise, answers: dict[str, str], recording: Recording | None
+    found: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, dict[str, Any]]:
-    facts = facts_on_the_twin(found) if recording is None else facts_of(found, recording)
     said = check(found, answers, facts)
     return {name: {"right": each.right, "sentence": each.sentence} for name, each in said.items()}
 

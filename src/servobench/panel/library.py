@@ -6,11 +6,13 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import NamedTemporaryFile
+from threading import Lock
+from typing import Any
 
 from servobench.errors import StorageError, UnknownName, UsageError
 
@@ -62,6 +64,7 @@ class Library:
     def __init__(self, folder: str | os.PathLike[str]) -> None:
         self.folder = Path(folder)
         self._trash = self.folder / TRASH
+        self._noting = Lock()  # what is known is read and written again, by whatever thread
 
     def prepare(self) -> None:
         """Make the folder where it isn't there; raises `StorageError` where that can't be."""
@@ -121,8 +124,16 @@ class Library:
         """Keep notes with a recording; raises `UsageError` for what is no text, or too long."""
         if not isinstance(notes, str) or len(notes) > _LONGEST_NOTES:
             raise UsageError(f"notes have to be a text of {_LONGEST_NOTES} characters at most")
-        folder = self.folder_of(name)
-        keep_about(folder, replace(about_in(folder), notes=notes))
+        self._revise(self.folder_of(name), notes=notes)
+
+    def judge(self, folder: Path, result: Mapping[str, Any]) -> None:
+        """Keep what was identified from the recording in a folder; raises `StorageError`."""
+        replace_file(folder / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
+        self._revise(folder, verdict=str(result["verdict"]))
+
+    def _revise(self, folder: Path, **known: str) -> None:
+        with self._noting:
+            keep_about(folder, replace(about_in(folder), **known))
 
     def delete(self, name: object) -> None:
         """Move a recording away, so that `undelete` can bring it back."""

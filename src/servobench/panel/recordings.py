@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 import asyncio
-import json
 import os
-from dataclasses import replace
 from datetime import datetime
-from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -17,16 +14,14 @@ from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
 from servobench.errors import UsageError
-from servobench.panel.bodies import LARGEST_UPLOAD, json_object, pieces
+from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
 from servobench.panel.gate import REPORT_POLICY, Refused
 from servobench.panel.library import (
     RECORDING,
     REPORT,
-    RESULT,
     about_in,
     checked_name,
     keep_about,
-    replace_file,
 )
 from servobench.panel.pages import Panel, as_json
 from servobench.panel.taking import about
@@ -42,7 +37,7 @@ async def listed(request: Request, panel: Panel) -> Response:
 async def noted(request: Request, panel: Panel) -> Response:
     """Notes to one."""
     given = await json_object(request)
-    panel.library.note(_name(request), given.get("notes"))
+    await asyncio.to_thread(panel.library.note, _name(request), given.get("notes"))
     return _changed(panel)
 
 
@@ -50,32 +45,32 @@ async def deleted(request: Request, panel: Panel) -> Response:
     """Away with one, where it can be brought back from."""
     await json_object(request)
     _check_not_being_made(request, panel)
-    panel.library.delete(_name(request))
+    await asyncio.to_thread(panel.library.delete, _name(request))
     return _changed(panel)
 
 
 async def undeleted(request: Request, panel: Panel) -> Response:
     """One is brought back."""
     await json_object(request)
-    panel.library.undelete(_name(request))
+    await asyncio.to_thread(panel.library.undelete, _name(request))
     return _changed(panel)
 
 
 async def download(request: Request, panel: Panel) -> Response:
     """One as a file: as it is, or as text. Raises `UsageError` for another format."""
     name = _name(request)
-    native = panel.library.file(name, RECORDING)
+    native = await asyncio.to_thread(panel.library.file, name, RECORDING)
     wanted = request.query_params.get("as", "mcap")
     if wanted == "mcap":
         return FileResponse(native, filename=f"{name}.mcap", media_type="application/octet-stream")
     if wanted != "csv":
         raise UsageError(f"a recording can't be had as {wanted[:20]!r}; expected mcap or csv")
-    folder = TemporaryDirectory(prefix="servobench-")
+    folder = await asyncio.to_thread(TemporaryDirectory, prefix="servobench-")
     try:
         text = Path(folder.name) / f"{name}.csv"
         await panel.work({"do": "convert", "file": os.fspath(native), "to": os.fspath(text)})
     except BaseException:
-        folder.cleanup()
+        await asyncio.to_thread(folder.cleanup)
         raise
     return FileResponse(
         text,
@@ -89,8 +84,10 @@ async def rows(request: Request, panel: Panel) -> Response:
     """One as scopes show it."""
     from servobench.panel.replayed import frame_of
 
-    native = panel.library.file(_name(request), RECORDING)
-    return Response(await asyncio.to_thread(frame_of, native), media_type="application/octet-stream")
+    def drawn() -> bytes:
+        return frame_of(panel.library.file(_name(request), RECORDING))
+
+    return Response(await asyncio.to_thread(drawn), media_type="application/octet-stream")
 
 
 async def identified(request: Request, panel: Panel) -> Response:
@@ -100,15 +97,13 @@ async def identified(request: Request, panel: Panel) -> Response:
     if not isinstance(structure, str):
         raise UsageError(f"{structure!r} is no name of a model structure")
     name = _name(request)
-    native = panel.library.file(name, RECORDING)
+    native = await asyncio.to_thread(panel.library.file, name, RECORDING)
     page = native.parent / REPORT
     asked = {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
-    answer = await panel.jobs.identify(
-        panel.work, panel.motor.tell, name, asked, about_in(native.parent).samples
-    )
+    known = await asyncio.to_thread(about_in, native.parent)
+    answer = await panel.jobs.identify(panel.work, panel.motor.tell, name, asked, known.samples)
     result: dict[str, Any] = answer["result"]
-    replace_file(native.parent / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
-    keep_about(native.parent, replace(about_in(native.parent), verdict=str(result["verdict"])))
+    await asyncio.to_thread(panel.library.judge, native.parent, result)
     panel.motor.tell({"kind": "library"})
     return as_json({**result, "report": f"/reports/{name}"})
 
@@ -122,7 +117,7 @@ async def identification_ended(request: Request, panel: Panel) -> Response:
 
 async def report(request: Request, panel: Panel) -> Response:
     """The report of one, which may do nothing."""
-    page = panel.library.file(_name(request), REPORT)
+    page = await asyncio.to_thread(panel.library.file, _name(request), REPORT)
     return FileResponse(
         page, media_type="text/html; charset=utf-8", headers={"content-security-policy": REPORT_POLICY}
     )
@@ -131,34 +126,40 @@ async def report(request: Request, panel: Panel) -> Response:
 async def uploaded(request: Request, panel: Panel) -> Response:
     """A file that somebody has, as a recording."""
     stem, suffix = _stem_and_suffix(request.query_params.get("name", ""))
-    folder = panel.library.new(stem)
+    folder = await asyncio.to_thread(panel.library.new, stem)
     try:
-        with TemporaryDirectory(prefix=".", dir=folder) as place:
-            file = Path(place) / f"upload{suffix}"
+        place = await asyncio.to_thread(TemporaryDirectory, prefix=".", dir=folder)
+        try:
+            file = Path(place.name) / f"upload{suffix}"
             await _kept(request, file)
-            await panel.work(
-                {
-                    "do": "import",
-                    "file": os.fspath(file),
-                    "name": stem + suffix,
-                    "to": os.fspath(folder / RECORDING),
-                }
-            )
-        created = datetime.now().isoformat(timespec="seconds")
-        keep_about(folder, await asyncio.to_thread(partial(about, folder / RECORDING, created, "")))
+            to = folder / RECORDING
+            asked = {"do": "import", "file": os.fspath(file), "name": stem + suffix, "to": os.fspath(to)}
+            await panel.work(asked)
+        finally:
+            await asyncio.to_thread(place.cleanup)
+        await asyncio.to_thread(_described, folder)
     except BaseException:
-        panel.library.forget(folder)
+        await asyncio.to_thread(panel.library.forget, folder)
         raise
     panel.motor.tell({"kind": "library"})
     return as_json({"name": folder.name})
 
 
+def _described(folder: Path) -> None:
+    created = datetime.now().isoformat(timespec="seconds")
+    keep_about(folder, about(folder / RECORDING, created, ""))
+
+
 async def _kept(request: Request, file: Path) -> None:
     """Write the body of a request to a file as it comes, and no more of it than may be."""
-    with file.open("xb") as out:
-        async for piece in pieces(request, LARGEST_UPLOAD):
+    out = await asyncio.to_thread(file.open, "xb")
+    try:
+        async for piece in gathered(pieces(request, LARGEST_UPLOAD)):
             await asyncio.to_thread(out.write, piece)
-    if not file.stat().st_size:
+        length = out.tell()
+    finally:
+        await asyncio.to_thread(out.close)
+    if not length:
         raise UsageError("the file is empty")
 
 

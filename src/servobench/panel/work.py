@@ -8,8 +8,10 @@ import os
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import Any, Protocol, TypeAlias
+from functools import partial
+from typing import IO, Any, Protocol, TypeAlias, cast
 
 import servobench.errors as errors
 from servobench.errors import ServobenchError, UsageError
@@ -53,59 +55,87 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
     """
     async with _AT_ONCE:
         said(STARTING)
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-P",
-            "-m",
-            "servobench.panel.work",
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            limit=_LONGEST,
-            env={**os.environ, **_ONE_THREAD},
-            creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
-        )
+        hand_on = partial(_to_loop, asyncio.get_running_loop(), said)
+        process = await _started()
+        talking = asyncio.create_task(asyncio.to_thread(_conversation, process, asked, hand_on))
         try:
             async with asyncio.timeout(PATIENCE):
-                last, complaints = await _conversation(process, json.dumps(asked).encode(), said)
+                answer = await asyncio.shield(talking)
         except TimeoutError:
             raise UsageError(
                 f"this took longer than {PATIENCE:g} s, and was ended; take a shorter recording"
             ) from None
         finally:
-            if process.returncode is None:
-                process.kill()
-                await process.wait()
-    try:
-        answer: dict[str, Any] = json.loads(last)
-    except ValueError:  # it was ended before it could say anything, by a lack of memory for instance
-        word = (complaints.decode("utf-8", "replace").strip().splitlines() or ["without a word"])[-1]
-        raise UsageError(
-            f"the process that did this ended with status {process.returncode}: {word[:200]}"
-        ) from None
+            process.kill()  # nothing happens where it has ended
+            await asyncio.wait([talking])
     if "error" in answer:
-        kind = getattr(errors, answer["error"], UsageError)
-        simple = kind in (UsageError, errors.FormatError, errors.StorageError, errors.NotIdentifiable)
-        raise (kind if simple else UsageError)(answer["sentence"])
+        raise error_called(answer["error"], answer["sentence"])
     return answer
 
 
-async def _conversation(process: asyncio.subprocess.Process, asked: bytes, said: Said) -> tuple[bytes, bytes]:
-    """Ask, hand on what is said of the work meanwhile, and return the last line that was said, and the complaints."""
-    if process.stdin is None or process.stdout is None or process.stderr is None:
-        raise RuntimeError("the process was started without pipes")
-    complaints = asyncio.ensure_future(process.stderr.read())
-    with suppress(BrokenPipeError, ConnectionResetError):  # it is gone already, and its complaints say why
-        process.stdin.write(asked)
-        await process.stdin.drain()
-        process.stdin.close()
-    last = b""
-    async for line in process.stdout:
-        last = line
-        if line.startswith(_DOING):
-            said(line.removeprefix(_DOING).decode().strip())
-    await process.wait()
-    return last, await complaints
+def error_called(name: str, sentence: str) -> ServobenchError:
+    """Return an error that was raised elsewhere, as the class that it had, or as what the user is told of any other."""
+    kind = getattr(errors, name, UsageError)
+    simple = kind in (UsageError, errors.FormatError, errors.StorageError, errors.NotIdentifiable)
+    error: ServobenchError = (kind if simple else UsageError)(sentence)
+    return error
+
+
+async def _started() -> subprocess.Popen[bytes]:
+    """Start the process. That waits until it is one of its own, on a busy machine long, so that the server doesn't do it itself."""
+    starting = asyncio.create_task(asyncio.to_thread(_process))
+    try:
+        return await asyncio.shield(starting)
+    except asyncio.CancelledError:
+        process = await starting
+        process.kill()
+        await asyncio.to_thread(process.communicate)
+        raise
+
+
+def _process() -> subprocess.Popen[bytes]:
+    return subprocess.Popen(
+        [sys.executable, "-P", "-m", "servobench.panel.work"],
+        stdin=subprocess.PIPE,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        env={**os.environ, **_ONE_THREAD},
+        creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+    )
+
+
+def _conversation(process: subprocess.Popen[bytes], asked: Mapping[str, Any], said: Said) -> dict[str, Any]:
+    """Ask, hand on what is said of the work meanwhile, and return the answer; raises `UsageError` where none came."""
+    with process, ThreadPoolExecutor(1) as beside:
+        stdin, stdout, stderr = (
+            cast("IO[bytes]", end) for end in (process.stdin, process.stdout, process.stderr)
+        )
+        complaints = beside.submit(stderr.read)
+        with suppress(OSError):  # it is gone already, and its complaints say why
+            stdin.write(json.dumps(asked).encode())
+            stdin.close()
+        last = b""
+        while line := stdout.readline(_LONGEST):
+            last = line
+            if line.startswith(_DOING):
+                said(line.removeprefix(_DOING).decode().strip())
+        process.wait()
+        try:
+            answer: dict[str, Any] = json.loads(last)
+        except ValueError:  # it was ended before it could say anything, by a lack of memory for instance
+            word = (
+                complaints.result().decode("utf-8", "replace").strip().splitlines() or ["without a word"]
+            )[-1]
+            raise UsageError(
+                f"the process that did this ended with status {process.returncode}: {word[:200]}"
+            ) from None
+    return answer
+
+
+def _to_loop(server: asyncio.AbstractEventLoop, said: Said, doing: str) -> None:
+    """Hand on to the server's thread what is said in another one."""
+    with suppress(RuntimeError):  # the server has ended
+        server.call_soon_threadsafe(said, doing)
 
 
 def _say(doing: str) -> None:
@@ -174,11 +204,34 @@ def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
     return results(Worked(exercise=found, stand=stand_on_the_twin(found), given={}))
 
 
+def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Find the facts `names` of the exercise `name` of the folder `folder` on the simulated motor.
+
+    Of each that there is return value and half-width, or what keeps it from being told; `known` are the names of all.
+    """
+    from pathlib import Path
+
+    from servobench.lab.exercise import exercise
+    from servobench.lab.facts import facts_on_the_twin
+
+    facts = facts_on_the_twin(exercise(asked["name"], Path(asked["folder"])))
+    found: dict[str, list[float]] = {}
+    untold: dict[str, list[str]] = {}
+    for name in asked["names"]:
+        try:
+            if name in facts:
+                found[name] = [facts[name].value, facts[name].half]
+        except ServobenchError as error:
+            untold[name] = [type(error).__name__, str(error)]
+    return {"found": found, "untold": untold, "known": list(facts)}
+
+
 PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "identify": identified,
     "import": imported,
     "convert": converted,
     "exercise": exercise_results,
+    "facts": exercise_facts,
 }
 
 
