@@ -14,8 +14,9 @@ import pytest
 
 from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
+from servobench.panel.lease import Refusal
 from servobench.panel.library import Library
-from servobench.panel.session import MotorSession, Refusal
+from servobench.panel.session import MotorSession
 from servobench.panel.socket import ACTIONS, _answered
 from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer
@@ -55,7 +56,8 @@ class Room:
 
     async def let_news_come(self) -> None:
         """Wait until the session has heard all that the loop has said so far."""
-        pump = self.motor._pump
+        assert self.motor._connection is not None
+        pump = self.motor._connection.pump
         assert pump is not None
         said = self.loop._events.written
         while pump._events.next < said or self.motor.history.next < self.loop.ring.written:
@@ -129,7 +131,7 @@ def test_of_ten_thousand_commands_of_two_pages_none_come_in_between(tmp_path: Pa
                     value = {"type": "constant", "value": float(who)}
                     await _answered(json.dumps({"do": "set", "signal": value}), page, room.motor)
                     holder.extend(
-                        [pages.index(room.motor.operator) if room.motor.operator else -1]
+                        [pages.index(room.motor.lease.operator) if room.motor.lease.operator else -1]
                         * (len(room.loop.commands) - len(holder))
                     )
                 done += 1
@@ -318,7 +320,7 @@ def test_another_device_takes_the_place_of_the_one_before(tmp_path: Path) -> Non
         assert room.loop is not first
         assert room.loop.experiment.sample_time == 0.001
         assert room.loop.experiment.device.settings["timing"] == "host"
-        assert not room.motor.enabled
+        assert not room.motor._standing.enabled
 
     played(tmp_path, story)
 

@@ -131,7 +131,7 @@ class Library:
         replace_file(folder / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
         self._revise(folder, verdict=str(result["verdict"]))
 
-    def _revise(self, folder: Path, **known: str) -> None:
+    def _revise(self, folder: Path, **known: Any) -> None:
         with self._noting:
             keep_about(folder, replace(about_in(folder), **known))
 

@@ -178,7 +178,7 @@ def _name(request: Request) -> str:
 
 
 def _check_not_being_made(request: Request, panel: Panel) -> None:
-    if panel.motor.recorded_now == _name(request):
+    if panel.motor.takings.name == _name(request):
         raise Refused(409, "this is being recorded: end that first")
 
 

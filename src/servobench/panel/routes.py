@@ -17,8 +17,8 @@ from servobench.panel import pages, recordings
 from servobench.panel.bodies import Listening
 from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse
 from servobench.panel.jobs import Ended
+from servobench.panel.lease import Refusal
 from servobench.panel.pages import Panel
-from servobench.panel.session import Refusal
 from servobench.panel.socket import converse
 
 Answers = Callable[[Request, Panel], Awaitable[Response]]

@@ -12,10 +12,11 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from servobench.errors import ServobenchError, UsageError
+from servobench.panel.asked import command_from, experiment_from
 from servobench.panel.bodies import parsed
 from servobench.panel.gate import Refused
 from servobench.panel.keys import Session, same
-from servobench.panel.session import MotorSession, command_from, experiment_from
+from servobench.panel.session import MotorSession
 from servobench.panel.viewers import Viewer
 
 HELLO_TIME = 5.0  # s in which the first message, with the token, has to come
@@ -105,7 +106,7 @@ async def _done(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
             f"{name} doesn't take {', '.join(unknown)[:80]}; it takes {', '.join(action.takes) or 'nothing'}"
         )
     if action.operates:
-        motor.check_operator(viewer)
+        motor.lease.check(viewer)
     return await action.carry_out(motor, viewer, given)
 
 
@@ -132,7 +133,7 @@ async def _open(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     asked = await asyncio.to_thread(
         experiment_from, motor.experiment, given.get("device"), given.get("sample_time")
     )
-    motor.check_operator(viewer)  # a page may have gone meanwhile
+    motor.lease.check(viewer)  # a page may have gone meanwhile
     await motor.open(asked)
     return {}
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,8 @@ from servobench.experiment import Experiment
 from servobench.loop.recording_process import Recorded, RecorderProcess
 from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
 from servobench.loop.spec import DONE, FAILED
-from servobench.panel.library import EXPERIMENT, RECORDING, About, keep_about, replace_file
+from servobench.panel.lease import Refusal
+from servobench.panel.library import EXPERIMENT, RECORDING, About, Library, keep_about, replace_file
 from servobench.panel.pump import Loop
 
 BY_HAND = "it was ended by hand"
@@ -35,9 +37,12 @@ class Taking:
 
     async def begin(self) -> None:
         """Start the recorder; raises `StorageError`."""
+        self._recorder = await asyncio.to_thread(self._started)
+
+    def _started(self) -> RecorderProcess:
         replace_file(self.folder / EXPERIMENT, self._experiment.to_toml())
-        self._recorder = await asyncio.to_thread(
-            self.loop.record_from, self._first, str(self.folder / RECORDING), self._experiment, self.duration
+        return self.loop.record_from(
+            self._first, str(self.folder / RECORDING), self._experiment, self.duration
         )
 
     def end(self, why: str) -> None:
@@ -98,6 +103,79 @@ class Taking:
         )
         self._length = known.duration
         keep_about(self.folder, known)
+
+
+class Takings:
+    """What is recorded of a device: one recording at a time, `now`, in folders of a library.
+
+    `changed` is called where one begins, `ended` with its outcome and what went wrong, empty where nothing did.
+    """
+
+    def __init__(
+        self, library: Library, changed: Callable[[], None], ended: Callable[[Taking, str], None]
+    ) -> None:
+        self.now: Taking | None = None
+        self._library = library
+        self._changed = changed
+        self._ended = ended
+        self._making = False
+
+    @property
+    def name(self) -> str | None:
+        """The name of the recording that is being made, if one is."""
+        return None if self.now is None else self.now.folder.name
+
+    async def begin(
+        self, going_on: Callable[[], Loop], experiment: Experiment, name: str | None, duration: float | None
+    ) -> str:
+        """Begin a recording of the loop that `going_on` returns, and return its name.
+
+        Raises `Refusal` where one goes on, or `going_on` does, and as `Library.new`.
+        """
+        going_on()
+        if self.now is not None or self._making:
+            raise Refusal(f"{self.name or 'another recording'} is being recorded: end that first")
+        self._making = True
+        try:
+            folder = await asyncio.to_thread(self._library.new, name)
+            try:
+                taking = self.now = Taking(going_on(), experiment, folder, duration)
+                self._changed()
+                await taking.begin()
+            except ServobenchError:
+                self.now = None
+                await asyncio.to_thread(self._library.forget, folder)
+                raise
+        finally:
+            self._making = False
+        return folder.name
+
+    def end(self, why: str) -> None:
+        """Let the one that goes on, if one does, end with the row that is the last one now."""
+        if self.now is not None:
+            self.now.end(why)
+
+    def look(self) -> None:
+        """Take note of its end, where its recorder has ended."""
+        if self.now is not None and self.now.over:
+            self._ending(self.now)
+
+    async def finish(self, why: str) -> None:
+        """Let it end, and wait for that."""
+        if self.now is not None:
+            self.now.end(why)
+            await self._ending(self.now)
+
+    def _ending(self, taking: Taking) -> asyncio.Task[None]:
+        """What takes note of a recording's end; it happens once."""
+        if taking.ending is None:
+            taking.ending = asyncio.get_running_loop().create_task(self._end(taking))
+        return taking.ending
+
+    async def _end(self, taking: Taking) -> None:
+        error = await taking.finish()
+        self.now = None
+        self._ended(taking, error)
 
 
 def about(path: Path, created: str, signal: str) -> About:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from collections import deque
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 from servobench.panel.keys import Role
@@ -53,6 +53,52 @@ class Viewer:
         self._texts.clear()
         self._newest.clear()
         return waiting
+
+
+class Viewers:
+    """All pages that look on."""
+
+    def __init__(self) -> None:
+        self._all: set[Viewer] = set()
+
+    def __iter__(self) -> Iterator[Viewer]:
+        return iter(self._all)
+
+    def __bool__(self) -> bool:
+        return bool(self._all)
+
+    def add(self, viewer: Viewer) -> None:
+        """One more looks on."""
+        self._all.add(viewer)
+
+    def discard(self, viewer: Viewer) -> None:
+        """One is gone."""
+        self._all.discard(viewer)
+
+    def tell(self, message: Mapping[str, Any]) -> None:
+        """Tell everybody."""
+        for viewer in self._all:
+            viewer.tell(message)
+
+    def show_news(self, live: str, rows: bool) -> None:
+        """Show everybody what is known of the motor, where that is new, and that there are new rows, where there are."""
+        for viewer in self._all:
+            if live:
+                viewer.show("live", live)
+            if rows:
+                viewer.wake()
+
+    def show_state(self, state: Mapping[str, Any], operator: Viewer | None) -> None:
+        """Show everybody how things are; only the operator is told that it is the one."""
+        for_others = as_text({**state, "operator": False})
+        for viewer in self._all:
+            own = viewer is operator
+            viewer.show("state", as_text({**state, "operator": True}) if own else for_others)
+
+    def begin_anew(self) -> None:
+        """The rows count from 0 again."""
+        for viewer in self._all:
+            viewer.next_row = 0
 
 
 def as_text(message: Mapping[str, Any]) -> str:

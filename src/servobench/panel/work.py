@@ -82,7 +82,7 @@ def error_called(name: str, sentence: str) -> ServobenchError:
 
 
 async def _started() -> subprocess.Popen[bytes]:
-    """Start the process. That waits until it is one of its own, on a busy machine long, so that the server doesn't do it itself."""
+    """Start the process in another thread: on a busy machine it takes long until it is one of its own."""
     starting = asyncio.create_task(asyncio.to_thread(_process))
     try:
         return await asyncio.shield(starting)

@@ -1,0 +1,61 @@
+"""What pages ask for, as values: commands, and experiments as the panel runs them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import ValidationError
+
+from servobench.errors import UsageError
+from servobench.experiment import DeviceChoice, Experiment
+from servobench.loop.messages import Command
+from servobench.panel.frames import speed_chain
+
+SIMULATED = "twin"
+
+
+def command_from(given: Mapping[str, Any]) -> Command:
+    """Return the command that a page's message describes; raises `UsageError` for what can't be."""
+    try:
+        command = Command(**{key: value for key, value in given.items() if value is not None})
+    except ValidationError as error:
+        raise UsageError(_told(error)) from None
+    if command.chain is not None:
+        speed_chain(command.chain)
+    return command
+
+
+def experiment_from(now: Experiment, device: object, sample_time: object) -> Experiment:
+    """Return the experiment with another device or sample time; raises `UsageError` for what can't be."""
+    from servobench.devices.base import connect
+
+    try:
+        changed = now.model_dump()
+        if device is not None:
+            changed["device"] = device
+        if sample_time is not None:
+            changed["sample_time"] = sample_time
+        asked = for_panel(Experiment(**changed))
+    except ValidationError as error:
+        raise UsageError(_told(error)) from None
+    connect(asked.device.name, **asked.device.settings)  # not entered: its settings are checked by that
+    return asked
+
+
+def for_panel(experiment: Experiment) -> Experiment:
+    """Return the experiment as the panel runs it: without an end, and a simulated motor in real time."""
+    device = experiment.device
+    if device.name == SIMULATED:
+        device = DeviceChoice(
+            name=SIMULATED, settings={**device.settings, "timing": "host"}, faults=device.faults
+        )
+    chain = experiment.chain or "derivative | lowpass 50 rad/s"
+    return experiment.model_copy(update={"device": device, "duration": None, "until": "", "chain": chain})
+
+
+def _told(error: ValidationError) -> str:
+    return "; ".join(
+        f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
+        for each in error.errors(include_url=False)
+    )

@@ -1,0 +1,70 @@
+"""The device that is open: its loop, the thread that reads it, and what identifies the motor meanwhile."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable, Mapping
+from contextlib import AbstractContextManager
+from functools import partial
+
+from servobench.experiment import Experiment
+from servobench.panel.live_process import LiveProcess
+from servobench.panel.pump import Loop, News, Pump
+
+LoopOf = Callable[[Experiment], AbstractContextManager[Loop]]
+LiveOf = Callable[[Loop, float, Mapping[str, float]], LiveProcess | None]
+
+
+class Connection:
+    """A loop that goes on, as `begun` returns it; `follow` has it read, and the two ends come one after the other.
+
+    What takes time is done by other threads, so that the server's never waits.
+    """
+
+    def __init__(self, context: AbstractContextManager[Loop], loop: Loop) -> None:
+        self._context = context
+        self.loop = loop
+        self.pump: Pump | None = None
+        self.live: LiveProcess | None = None
+
+    @classmethod
+    async def begun(cls, context: AbstractContextManager[Loop]) -> Connection:
+        """Start a loop, which opens its device; raises what keeps it from that."""
+        return cls(context, await asyncio.to_thread(context.__enter__))
+
+    async def follow(
+        self,
+        experiment: Experiment,
+        live_of: LiveOf,
+        wish: Mapping[str, float],
+        take: Callable[[Loop, News], None],
+    ) -> None:
+        """Have the motor identified from now on, and what is new handed on to `take`, in this thread."""
+        hand_on = partial(_to_thread_of, asyncio.get_running_loop(), partial(take, self.loop))
+        self.live = await asyncio.to_thread(live_of, self.loop, experiment.sample_time, wish)
+        self.pump = await asyncio.to_thread(
+            Pump, self.loop, experiment.sample_time, experiment.chain, hand_on, self.live
+        )
+        self.pump.start()
+
+    @property
+    def watched(self) -> bool:
+        """Whether somebody reads the loop; until that begins the device is still being opened, and at zero volts."""
+        return self.pump is None or self.pump.is_alive()
+
+    async def unfollow(self) -> None:
+        """Read the loop no more."""
+        if self.pump is not None:
+            await asyncio.to_thread(self.pump.close)
+        if self.live is not None:
+            await asyncio.to_thread(self.live.close)
+
+    async def end(self) -> None:
+        """End the loop; the motor is at rest then."""
+        await asyncio.to_thread(self._context.__exit__, None, None, None)
+
+
+def _to_thread_of(server: asyncio.AbstractEventLoop, take: Callable[[News], None], news: News) -> None:
+    """Hand news on to the server's thread; one that has ended takes none."""
+    if not server.is_closed():
+        server.call_soon_threadsafe(take, news)

@@ -1,0 +1,34 @@
+"""Who drives: one operator at a time, all others look on."""
+
+from __future__ import annotations
+
+from servobench.errors import UsageError
+from servobench.panel.viewers import Viewer
+
+
+class Refusal(UsageError):
+    """What somebody asked for can't be done now, or not by them; the message says why."""
+
+
+class Lease:
+    """The right to drive, which one viewer has at a time; `operator` is that one, or None."""
+
+    def __init__(self) -> None:
+        self.operator: Viewer | None = None
+
+    def take(self, viewer: Viewer) -> None:
+        """Make a viewer the operator; raises `Refusal` for one that may only watch, and where another one is."""
+        if viewer.role != "operator":
+            raise Refusal("this page may watch, and stop the motor; it can't drive it")
+        if self.operator not in (None, viewer):
+            raise Refusal("another page drives the motor; it has to let go first")
+        self.operator = viewer
+
+    def check(self, viewer: Viewer) -> None:
+        """Raise `Refusal` for all but the operator."""
+        if self.operator is not viewer:
+            raise Refusal("this page doesn't drive the motor: take the lease first")
+
+    def end(self) -> None:
+        """From now on nobody is the operator."""
+        self.operator = None
