@@ -11,8 +11,11 @@ from servobench.errors import UsageError
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.messages import Command
 from servobench.panel.frames import speed_chain
+from servobench.panel.lease import Refusal
 
-SIMULATED = "twin"
+ASSIGNED = "assigned"
+"""The device that is somebody's own in an assessment: a panel that has it keeps it."""
+SIMULATED = ("twin", ASSIGNED)
 
 
 def command_from(given: Mapping[str, Any]) -> Command:
@@ -27,7 +30,10 @@ def command_from(given: Mapping[str, Any]) -> Command:
 
 
 def experiment_from(now: Experiment, device: object, sample_time: object) -> Experiment:
-    """Return the experiment with another device or sample time; raises `UsageError` for what can't be."""
+    """Return the experiment with another device or sample time.
+
+    Raises `UsageError` for what can't be, and `Refusal` for another motor than the one that is assigned.
+    """
     from servobench.devices.base import connect
 
     try:
@@ -39,6 +45,8 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
         asked = for_panel(Experiment(**changed))
     except ValidationError as error:
         raise UsageError(_told(error)) from None
+    if now.device.name == ASSIGNED and asked.device != for_panel(now).device:
+        raise Refusal("this panel has the motor that is assigned to you; it can't be changed for another")
     connect(asked.device.name, **asked.device.settings)  # not entered: its settings are checked by that
     return asked
 
@@ -46,9 +54,9 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
 def for_panel(experiment: Experiment) -> Experiment:
     """Return the experiment as the panel runs it: without an end, and a simulated motor in real time."""
     device = experiment.device
-    if device.name == SIMULATED:
+    if device.name in SIMULATED:
         device = DeviceChoice(
-            name=SIMULATED, settings={**device.settings, "timing": "host"}, faults=device.faults
+            name=device.name, settings={**device.settings, "timing": "host"}, faults=device.faults
         )
     chain = experiment.chain or "derivative | lowpass 50 rad/s"
     return experiment.model_copy(update={"device": device, "duration": None, "until": "", "chain": chain})

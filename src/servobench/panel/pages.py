@@ -23,13 +23,14 @@ from servobench.errors import UsageError
 from servobench.experiment import Experiment
 from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
+from servobench.panel.asked import ASSIGNED
 from servobench.panel.bodies import LARGEST_UPLOAD, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
 from servobench.panel.gate import Asks, Door, Refused
 from servobench.panel.jobs import Jobs
 from servobench.panel.library import Library
-from servobench.panel.session import ASSIGNED, MotorSession
+from servobench.panel.session import MotorSession
 from servobench.panel.work import Work, done_elsewhere
 from servobench.signals.base import AnySignal
 
@@ -156,7 +157,6 @@ async def exercise_results(request: Request, panel: Panel) -> Response:
 async def exercise_checked(request: Request, panel: Panel) -> Response:
     """Whether what somebody found out is right."""
     _outside_of_assessments(panel)
-    return await check_exercise(request)
     return await check_exercise(request, panel.work)
 
 

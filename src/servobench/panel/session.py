@@ -32,13 +32,6 @@ from servobench.stopping_rule import parse_wish
 OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through to it any more
 SIGN_INTERVAL = 0.1  # s between two signs of life to the loop
 STATE_INTERVAL = 0.2  # s between two states where nothing but counts has changed
-_LIMITED_FOR = 0.5  # s for which a limit's light stays on
-ASSIGNED = "assigned"
-"""The device that is somebody's own in an assessment: a panel that has it keeps it."""
-_SIMULATED = ("twin", ASSIGNED)
-
-LoopOf = Callable[[Experiment], AbstractContextManager[Loop]]
-LiveOf = Callable[[Loop, float, Mapping[str, float]], LiveProcess | None]
 
 
 def own_process(experiment: Experiment) -> AbstractContextManager[Loop]:
@@ -362,57 +355,3 @@ class MotorSession:
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
         return task
-
-
-def command_from(given: Mapping[str, Any]) -> Command:
-    """Return the command that a page's message describes; raises `UsageError` for what can't be."""
-    try:
-        command = Command(**{key: value for key, value in given.items() if value is not None})
-    except ValidationError as error:
-        raise UsageError(_told(error)) from None
-    if command.chain is not None:
-        speed_chain(command.chain)
-    return command
-
-
-def experiment_from(now: Experiment, device: object, sample_time: object) -> Experiment:
-    """Return the experiment with another device or sample time; raises `UsageError` for what can't be."""
-    from servobench.devices.base import connect
-
-    try:
-        changed = now.model_dump()
-        if device is not None:
-            changed["device"] = device
-        if sample_time is not None:
-            changed["sample_time"] = sample_time
-        asked = for_panel(Experiment(**changed))
-    except ValidationError as error:
-        raise UsageError(_told(error)) from None
-    if now.device.name == ASSIGNED and asked.device != for_panel(now).device:
-        raise Refusal("this panel has the motor that is assigned to you; it can't be changed for another")
-    connect(asked.device.name, **asked.device.settings)  # not entered: its settings are checked by that
-    return asked
-
-
-def for_panel(experiment: Experiment) -> Experiment:
-    """Return the experiment as the panel runs it: without an end, and a simulated motor in real time."""
-    device = experiment.device
-    if device.name in _SIMULATED:
-        device = DeviceChoice(
-            name=device.name, settings={**device.settings, "timing": "host"}, faults=device.faults
-        )
-    chain = experiment.chain or "derivative | lowpass 50 rad/s"
-    return experiment.model_copy(update={"device": device, "duration": None, "until": "", "chain": chain})
-
-
-def _told(error: ValidationError) -> str:
-    return "; ".join(
-        f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
-        for each in error.errors(include_url=False)
-    )
-
-
-def _to_thread_of(server: asyncio.AbstractEventLoop, take: Callable[[News], None], news: News) -> None:
-    """Hand news on to the server's thread; one that has ended takes none."""
-    if not server.is_closed():
-        server.call_soon_threadsafe(take, news)
