@@ -160,6 +160,33 @@ def test_a_residual_is_that_of_its_own_row(delay: float) -> None:
     assert np.isfinite(found[8200:-5]).all()
 
 
+def test_an_input_holds_from_when_the_device_had_taken_it() -> None:
+    """Voltages that are taken 0.1 to 0.3 ms after their sample: the delay is the winding's 0.138 ms, not that and 0.2 ms.
+
+    The motor is marched in steps of 0.1 ms, so that the voltage changes where `written` says.
+    """
+    fine, count = 1e-4, 8000
+    t = STEP * np.arange(count)
+    late = np.random.default_rng(5).integers(1, 4, count)
+    u = np.where(t < 0.2, 0.0, square(t, 0.1))
+    held = np.empty(10 * count)
+    for k in range(count):
+        held[10 * k : 10 * k + late[k]] = u[k - 1] if k else 0.0
+        held[10 * k + late[k] : 10 * (k + 1)] = u[k]
+    angle = march(Truth(), held, fine, step=5e-5, torque_noise=1e-6, seed=5)[::10, 2]
+    counts = (np.floor(angle / QUANTUM) + 2**15) % 2**16 - 2**15
+    written = t + fine * late
+    rows = {"t": t, "applied": u, "counts": counts, "handed": written - 3e-6, "written": written}
+    live = LiveFit(replace(INFO, timing="host"), STEP)
+    told = looked_at(live, rows)[-1]["parameters"]
+    assert isinstance(told, dict)
+    low, high = told["delay"]["interval"]
+    sd = (high - low) / 2 / 1.96
+    winding = Truth().inductance / Truth().resistance
+    assert abs(told["delay"]["value"] - winding) < 3.5 * sd
+    assert 5 * sd < 2 * fine  # the 0.2 ms would be seen
+
+
 def test_a_device_that_does_not_say_its_resolution_is_refused() -> None:
     with pytest.raises(UsageError, match="how many counts"):
         LiveFit(DeviceInfo(name="motor", channels=(Channel(name="counts", unit="counts"),)), STEP)

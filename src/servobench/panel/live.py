@@ -46,6 +46,8 @@ class LiveFit:
         setting = Setting(quantum=self._quantum, sample_time=sample_time, delay=info.delay)
         self._recursive = Recursive(setting)
         self._wish = dict(wish or {})
+        self._by_host = info.timing != "virtual"
+        self._writing = np.zeros(2)  # the sum of the times that writes took [s], and their number
         self._counts: float | None = None
         self._travel = 0.0
         self._next: int | None = None
@@ -60,8 +62,9 @@ class LiveFit:
     def take(self, columns: Mapping[str, Array], first: int | None = None) -> dict[str, Any] | None:
         """Take rows in order and return the `live` message where one is due, else None.
 
-        `columns` has `t` [s], `applied` [V] and `counts`, as the counter shows them, (N,) each; rows without a finite value are
-        left out. `first` is the number of the first row: where it isn't the one after the last, rows were lost, and where the
+        `columns` has `t` [s], `applied` [V] and `counts`, as the counter shows them, (N,) each, and where the loop notes it when
+        each voltage was `handed` to the device and `written` [s], from when on it holds. Rows without a finite value are left
+        out. `first` is the number of the first row: where it isn't the one after the last, rows were lost, and where the
         motor is is found anew.
         """
         t, u, counts = (np.asarray(columns[name], dtype=np.float64) for name in ("t", "applied", "counts"))
@@ -76,7 +79,8 @@ class LiveFit:
         driven, seen = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
         y = (self._unwrapped(counts[seen]) + 0.5) * self._quantum
         if seen.any():
-            known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t[driven], u=u[driven]))
+            t_in = self._holding_from(columns, t)[driven]
+            known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
             self._keep(known, begin + np.flatnonzero(seen))
         if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
             return None
@@ -113,6 +117,11 @@ class LiveFit:
     def message(self) -> dict[str, Any]:
         """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough."""
         found, white = self._recursive.estimate(), self._recursive.white
+        if "delay" in found:
+            value, sd = found["delay"]
+            # When within the write a voltage begins to act nobody knows: evenly anywhere in it.
+            unknown = float(self._writing[0] / max(self._writing[1], 1.0))
+            found["delay"] = value, math.hypot(sd, unknown / math.sqrt(3))
         return {
             "kind": "live",
             "parameters": {
@@ -127,6 +136,17 @@ class LiveFit:
             "enough": white is not False and self._reached(found),
             "samples": self._recursive.samples,
         }
+
+    def _holding_from(self, columns: Mapping[str, Array], t: Array) -> Array:
+        """The times from which the inputs hold [s], (N,): when the device had taken them, where that is noted; see `measure`."""
+        if not self._by_host or "written" not in columns:
+            return t
+        written = np.asarray(columns["written"], dtype=np.float64)
+        noted = np.isfinite(written) & (written >= t)
+        if "handed" in columns and noted.any():
+            took = written[noted] - np.asarray(columns["handed"], dtype=np.float64)[noted]
+            self._writing += took[np.isfinite(took)].sum(), np.isfinite(took).sum()
+        return np.where(noted, written, t)
 
     def _reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
         """Whether there is a wish, and each interval wished for is narrow enough."""

@@ -35,6 +35,7 @@ PATIENCE = 0.012  # s; how long a frame waits for a look that is late
 _AGAIN = 0.002  # s between two looks at whether it has come
 _SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
+_LOOKED_AT = ("t", "applied", "counts", "handed", "written")
 _NICER = 10  # what runs beside has the processor first
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
@@ -73,8 +74,8 @@ class Seen:
 class LiveSpec:
     """What it has to know.
 
-    The names of the loop's ring and of those that it publishes in and hears wishes from, where in the loop's rows `t`, `applied`
-    and `counts` are, the device as JSON holds it, the sample time [s], and a wish.
+    The names of the loop's ring and of those that it publishes in and hears wishes from, where in the loop's rows `t`, `applied`,
+    `counts` and the times of writing are, the device as JSON holds it, the sample time [s], and a wish.
     """
 
     rows: str
@@ -110,7 +111,7 @@ class LiveProcess:
                 seen=self._ring.name,
                 messages=self._messages.name,
                 wishes=self._wishes.name,
-                columns={name: names.index(name) for name in ("t", "applied", "counts")},
+                columns={name: names.index(name) for name in _LOOKED_AT if name in names},
                 info=info_to_json(loop.info),
                 sample_time=sample_time,
                 wish=dict(wish),
