@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Finding, Verdict, verdict
+from servobench.json_numbers import finite
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Output
 from servobench.propagation import Derived, derived, loop_margins
@@ -228,7 +229,7 @@ class Result:
                 "inputs_sha256": list(self.provenance.inputs_sha256),
             },
         }  # fmt: skip
-        plain: dict[str, Any] = _finite(data)
+        plain: dict[str, Any] = finite(data)
         return plain
 
 
@@ -258,12 +259,3 @@ def _record(data: Dataset) -> dict[str, Any]:
         "duration": data.duration,
         "sample_time": {"median": data.sample_time, "p99": p99},
     }
-
-
-def _finite(value: Any) -> Any:
-    """The same data with None for every number that isn't finite, as JSON has no NaN."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

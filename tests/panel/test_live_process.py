@@ -21,7 +21,7 @@ from servobench.loop.opening import opening
 from servobench.loop.ring import RowRing
 from servobench.loop.spec import COLUMNS as WIDE
 from servobench.panel.frames import COLUMNS
-from servobench.panel.live_process import LiveProcess, Seen, finite, live_of
+from servobench.panel.live_process import LiveProcess, Seen, live_of
 from servobench.panel.pump import Pump
 from tests.datasets import QUANTUM
 from tests.panel.conftest import wait_for
@@ -178,8 +178,3 @@ def test_rows_wait_for_their_residuals_a_moment_and_no_longer() -> None:
 def test_a_device_that_does_not_tell_its_angle_is_not_identified() -> None:
     silent = SimpleNamespace(info=type(DOUBLE)(name="none", channels=DOUBLE.channels[:1]))
     assert live_of(silent, STEP, {}) is None  # type: ignore[arg-type]
-
-
-def test_messages_hold_no_numbers_that_are_not_finite() -> None:
-    told = {"interval": [-np.inf, 1.0], "inner": {"x": float("nan")}, "white": True}
-    assert finite(told) == {"interval": [None, 1.0], "inner": {"x": None}, "white": True}

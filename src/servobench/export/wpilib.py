@@ -13,6 +13,7 @@ from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import FirstOrderMotor, inverse, ratio
 from servobench.export.tuning import Tuning, tuned
+from servobench.json_numbers import finite
 
 _PERIOD = 0.02  # s, of a WPILib robot's loop
 
@@ -96,19 +97,15 @@ def _feedback(gains: Tuning, unit: str, period: float) -> dict[str, Any]:
 
 
 def _margin(values: tuple[float, float, float], factor: float, unit: str) -> dict[str, Any]:
-    value, low, high = (_finite(factor * x) for x in values)
+    value, low, high = (finite(factor * x) for x in values)
     return {"value": value, "interval": [low, high], "level": 0.95, "unit": unit}
 
 
 def _plain(e: Estimate) -> dict[str, Any]:
     return {
         "value": e.value,
-        "sd": _finite(e.sd),
-        "interval": [_finite(end) for end in e.interval],
+        "sd": finite(e.sd),
+        "interval": [finite(end) for end in e.interval],
         "level": e.level,
         "unit": e.unit,
     }
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import Any
 
+from servobench.json_numbers import finite
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import Cell, Column, Shown
+from servobench.lab.studies.base import Column, Shown
 from servobench.lab.worked import Corrected, Worked
 
 SCHEMA = "servobench.lab/1"
@@ -15,7 +15,10 @@ SCHEMA = "servobench.lab/1"
 
 def to_dict(lab: Sequence[Worked], *, solution: bool) -> dict[str, Any]:
     """Return exercises that were worked through as plain data; with `solution` the right answers are told."""
-    return {"schema": SCHEMA, "exercises": [_exercise(worked, solution=solution) for worked in lab]}
+    plain: dict[str, Any] = finite(
+        {"schema": SCHEMA, "exercises": [_exercise(worked, solution=solution) for worked in lab]}
+    )
+    return plain
 
 
 def _exercise(worked: Worked, *, solution: bool) -> dict[str, Any]:
@@ -66,13 +69,13 @@ def _column(column: Column) -> dict[str, Any]:
         "name": column.name,
         "heading": column.heading,
         "unit": column.unit,
-        "values": [_cell(value) for value in column.values],
-        "paper": [_cell(value) for value in column.paper],
+        "values": list(column.values),
+        "paper": list(column.paper),
     }
 
 
 def _fact(fact: Fact) -> dict[str, float | None]:
-    return {"value": _finite(fact.value), "half": _finite(fact.half)}
+    return {"value": fact.value, "half": fact.half}
 
 
 def _correction(each: Corrected) -> dict[str, Any]:
@@ -80,15 +83,7 @@ def _correction(each: Corrected) -> dict[str, Any]:
         "where": each.correction.where,
         "paper": each.correction.paper,
         "ours": each.ours,
-        "value": None if each.value is None else _finite(each.value),
+        "value": each.value,
         "unit": each.correction.unit,
         "why": each.correction.why,
     }
-
-
-def _cell(cell: Cell) -> Cell | None:
-    return cell if isinstance(cell, str) else _finite(cell)
-
-
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None

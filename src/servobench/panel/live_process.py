@@ -8,7 +8,6 @@ whoever makes the next frame finds it.
 from __future__ import annotations
 
 import json
-import os
 import subprocess
 import sys
 import time
@@ -22,9 +21,11 @@ from typing import IO, TYPE_CHECKING, Any, Protocol, cast
 import numpy as np
 
 from servobench.channels import Array, DeviceInfo
+from servobench.json_numbers import finite
 from servobench.loop.messages import info_from_json, info_to_json
 from servobench.loop.ring import MessageRing, RowReader, RowRing
 from servobench.panel.beat import Beat
+from servobench.panel.beside import FLAGS, give_way, surroundings
 from servobench.recording.recording import Recording
 
 if TYPE_CHECKING:
@@ -180,8 +181,8 @@ def _started(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stderr=errors,
         start_new_session=True,
-        # Threads of the linear algebra would spin on processors that others need, for matrices of 8 by 8.
-        env={**os.environ, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"},
+        env=surroundings(),
+        creationflags=FLAGS,
     )
     with suppress(OSError):  # it is dead already, which `ended` tells
         _pipe(process.stdin).write(json.dumps(asdict(spec)).encode() + b"\n")
@@ -202,9 +203,7 @@ def _pipe(end: IO[bytes] | None) -> IO[bytes]:
 
 def main() -> int:
     """Identify as the line on standard input says, until its end."""
-    if hasattr(os, "nice"):
-        with suppress(OSError):
-            os.nice(_NICER)
+    give_way()
     from servobench.panel.live import LiveFit
 
     spec = LiveSpec(**json.loads(sys.stdin.buffer.readline()))
@@ -248,15 +247,6 @@ def _await_the_end_of_input(gone: Event) -> None:
     while sys.stdin.buffer.read(1024):
         pass
     gone.set()
-
-
-def finite(told: Any) -> Any:
-    """A message as JSON can hold it: None in the place of numbers that aren't finite, as of an interval without an end."""
-    if isinstance(told, Mapping):
-        return {key: finite(value) for key, value in told.items()}
-    if isinstance(told, list):
-        return [finite(value) for value in told]
-    return None if isinstance(told, float) and not np.isfinite(told) else told
 
 
 if __name__ == "__main__":

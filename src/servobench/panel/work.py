@@ -15,6 +15,7 @@ from typing import IO, Any, Protocol, TypeAlias, cast
 
 import servobench.errors as errors
 from servobench.errors import ServobenchError, UsageError
+from servobench.panel.beside import FLAGS, give_way, surroundings
 
 Said: TypeAlias = Callable[[str], None]
 
@@ -38,9 +39,6 @@ PATIENCE = 300.0  # s; then it's ended
 _AT_ONCE = asyncio.Semaphore(1)
 _LONGEST = 16 * 1024 * 1024  # bytes of an answer
 _DOING = b"doing: "
-_ONE_THREAD = {
-    f"{name}_NUM_THREADS": "1" for name in ("OMP", "OPENBLAS", "MKL", "NUMBA")
-}  # the loop needs the others
 
 
 def _nobody_asks(doing: str) -> None:
@@ -58,6 +56,18 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
         hand_on = partial(_to_loop, asyncio.get_running_loop(), said)
         process = await _started()
         talking = asyncio.create_task(asyncio.to_thread(_conversation, process, asked, hand_on))
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-P",
+            "-m",
+            "servobench.panel.work",
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.PIPE,
+            limit=_LONGEST,
+            env=surroundings(),
+            creationflags=FLAGS,
+        )
         try:
             async with asyncio.timeout(PATIENCE):
                 answer = await asyncio.shield(talking)
@@ -237,9 +247,7 @@ PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 
 def main() -> int:
     """Do what standard input asks for, and say on standard output what came out."""
-    if hasattr(os, "nice"):
-        with suppress(OSError):
-            os.nice(10)
+    give_way()
     asked = json.loads(sys.stdin.buffer.read())
     try:
         answer = PIECES[asked["do"]](asked)

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import Any
 
 from servobench.finding import Finding, Verdict
+from servobench.json_numbers import finite
 from servobench.reconciliation.base import Decision, Name, Origin
 from servobench.reconciliation.judging import Judged, Share, Size
 from servobench.reconciliation.reenactment import Reading
@@ -102,7 +102,7 @@ class Explanation:
             "decision": None if self.decision is None else _decision(self.decision),
             "sentences": list(self.sentences),
         }
-        plain: dict[str, Any] = _finite(data)
+        plain: dict[str, Any] = finite(data)
         return plain
 
 
@@ -155,12 +155,3 @@ def _share(share: Share) -> dict[str, Any]:
 def _decision(decision: Decision) -> dict[str, Any]:
     toml = None if decision.experiment is None else decision.experiment.to_toml()
     return {"sentence": decision.sentence, "experiment": toml}
-
-
-def _finite(value: Any) -> Any:
-    """The same data with None for every number that isn't finite, as JSON has no NaN."""
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value
