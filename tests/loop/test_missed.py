@@ -5,8 +5,10 @@ import pytest
 
 from servobench.channels import Sample
 from servobench.clock import Tick
-from servobench.loop.missed import MissedRule
+from servobench.devices.guarded import Guarded
+from servobench.loop.missed import MissedFault, MissedRule
 from servobench.loop.place import Place
+from tests.loop.shaft import Shaft
 
 
 def place(index: int) -> Place:
@@ -62,3 +64,52 @@ def test_with_long_ticks_one_missed_tick_does_not_end_a_run_and_two_do() -> None
 
     assert [rule(place(k)) for k in (0, 1, 3, 4)] == [None] * 4
     assert rule(place(6)) is not None
+
+
+class Drive:
+    """What drives, as far as the rule asks."""
+
+    enabled = True
+
+
+@pytest.mark.promise("S32")
+def test_where_faults_are_held_too_many_missed_ticks_are_one_and_what_was_missed_before_does_not_count_again() -> (
+    None
+):
+    guarded = Guarded(Shaft(), when_faulted="hold")  # type: ignore[arg-type]
+    guarded.start(0.002, 0)
+    fault = MissedFault(MissedRule(0.002), guarded, Drive())  # type: ignore[arg-type]
+
+    def done(index: int) -> float:
+        guarded.read()
+        applied = guarded.write(1.0)
+        assert fault(place(index)) is None
+        return applied
+
+    assert [done(k) for k in (0, 1, 27)] == [1.0] * 3  # 25 missed, a tenth
+    assert guarded.fault is None
+    assert done(29) == 1.0  # and one more
+    assert guarded.fault is not None
+    assert guarded.fault.code == "ticks-missed"
+    assert "26 of the last 250 ticks" in guarded.fault.sentence
+    assert "zero volts are put out" in guarded.fault.sentence
+    assert done(30) == 0.0
+    assert done(130) == 0.0  # while it is held nothing is driven
+    guarded.acknowledge()
+    assert [done(k) for k in (131, 157)] == [1.0] * 2
+    assert guarded.fault is None
+    assert done(159) == 1.0
+    assert guarded.fault is not None
+
+
+def test_ticks_that_are_missed_while_nothing_is_driven_are_no_fault() -> None:
+    guarded = Guarded(Shaft(), when_faulted="hold")  # type: ignore[arg-type]
+    guarded.start(0.002, 0)
+    drive = Drive()
+    drive.enabled = False
+    fault = MissedFault(MissedRule(0.002), guarded, drive)  # type: ignore[arg-type]
+
+    assert [fault(place(k)) for k in (0, 100, 200)] == [None] * 3
+    drive.enabled = True
+    assert fault(place(201)) is None
+    assert guarded.fault is None

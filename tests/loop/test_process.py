@@ -10,13 +10,16 @@ import sys
 import time
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from servobench.control.pid import Pid
+from servobench.devices.faults.base import table_of
 from servobench.errors import DeviceError, UsageError
 from servobench.experiment import DeviceChoice, Experiment
+from servobench.experiment.limits import Limits, Watchdog
 from servobench.loop.live import run_live
 from servobench.loop.messages import Command, Notice, Order
 from servobench.loop.process import LoopProcess
@@ -258,3 +261,31 @@ def _await_rows(loop: LoopProcess, rows: int) -> None:
         if loop.ended is not None or time.monotonic() > deadline:
             raise DeviceError(f"the loop wrote {loop.ring.written} rows; {loop.ended}")
         time.sleep(0.01)
+
+
+def held_up(**rules: Any) -> tuple[list[str], bool]:
+    """The codes of the faults of a loop whose device holds it up for 80 ticks twice, and whether it goes on after that."""
+    held = table_of("slow_read every=400 takes=80ms")
+    experiment = Experiment(
+        sample_time=0.001,
+        duration=None,
+        device=DeviceChoice(name="twin", settings={"timing": "host"}, faults=(held,)),
+        limits=Limits(watchdog=Watchdog(timeout=0.5)),
+    )
+    with LoopProcess(experiment, when_faulted="hold", **rules) as loop:
+        reader = loop.rows(0)
+        t = [-1.0]
+        while t[-1] < 1.0 and loop.ended is None:
+            t += reader.read()[:, 0].tolist()
+            time.sleep(0.02)
+        events = [Notice.parse(text) for text in loop.events().read()]
+        return [event.about["code"] for event in events if event.kind == "fault"], loop.ended is None
+
+
+@pytest.mark.promise("S32")
+def test_a_loop_that_holds_faults_goes_on_at_zero_volts_after_too_many_missed_ticks() -> None:
+    assert held_up() == (["ticks-missed"], True)
+
+
+def test_where_it_is_asked_for_missed_ticks_stop_nothing() -> None:
+    assert held_up(missed_go_on=True) == ([], True)

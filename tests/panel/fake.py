@@ -385,9 +385,13 @@ def app() -> Starlette:
         if bench.operator is ws:
             bench.operator, bench.motor.enabled = None, False
 
-    async def fault(_: Request) -> Response:
-        sentence = "the shaft stood still for 1 s at 6 V; free it, then acknowledge"
-        bench.fault, bench.motor.enabled = {"code": "stall", "sentence": sentence}, False
+    async def fault(request: Request) -> Response:
+        code = request.query_params.get("code", "stall")
+        sentence = {
+            "stall": "the shaft stood still for 1 s at 6 V; free it, then acknowledge",
+            "ticks-missed": "60 of the last 500 ticks were missed; zero volts are put out",
+        }[code]
+        bench.fault, bench.motor.enabled = {"code": code, "sentence": sentence}, False
         await bench.tell({"kind": "fault", **bench.fault})
         return JSONResponse({})
 

@@ -168,6 +168,25 @@ def test_a_fault_is_told_with_its_reason_until_it_is_acknowledged(panel: Panel) 
     panel.until(lambda: panel.bench.fault is None and not alert.is_visible())
 
 
+def test_after_a_fault_of_the_computer_one_click_goes_on_and_after_one_of_the_motor_none_does(
+    panel: Panel,
+) -> None:
+    go_on = panel.page.locator("#go-on")
+    for code, offered in (("stall", False), ("ticks-missed", True)):
+        panel.page.evaluate(f"fetch('/fake/fault?code={code}', {{method: 'POST'}})")
+        panel.until(lambda: panel.page.locator("#acknowledge").is_visible())
+        assert go_on.is_visible() == offered
+        if not offered:
+            panel.button("Acknowledge").click()
+            panel.until(lambda: panel.bench.fault is None and not go_on.is_visible())
+            assert not panel.bench.motor.enabled
+    assert "ticks were missed" in panel.page.locator("#fault-text").inner_text()
+    panel.button("Acknowledge and start").click()
+    panel.until(lambda: panel.bench.fault is None and panel.bench.motor.enabled)
+    panel.button("Halt").click()
+    panel.until(lambda: not panel.bench.motor.enabled)
+
+
 def test_a_limit_says_what_it_holds_back(panel: Panel) -> None:
     light = panel.page.locator("[data-light=limits]")
     panel.until(lambda: "within" in light.inner_text())

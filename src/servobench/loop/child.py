@@ -34,7 +34,7 @@ from servobench.loop.attendants import (
 )
 from servobench.loop.clock_steps import ClockSteps
 from servobench.loop.messages import Notice, ending_to_json, info_to_json
-from servobench.loop.missed import MissedRule
+from servobench.loop.missed import MissedFault, MissedRule
 from servobench.loop.opening import RowMaker, opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.references import References
@@ -158,7 +158,7 @@ class _Loop:
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps
     ) -> list[Attendant]:
-        every_tick: list[Attendant] = [MissedRule(experiment.sample_time)]
+        every_tick = self._missed_rule(experiment, device, drive)
         if device.info.timing == "device":
             every_tick.append(steps)
         guard = GuardTeller(device, self._rows, self._events)
@@ -172,6 +172,13 @@ class _Loop:
         if self._spec.operator_timeout is not None:
             slow.append(OperatorWatch(self._rows, self._spec.operator_timeout))
         return [*every_tick, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
+
+    def _missed_rule(self, experiment: Experiment, device: Guarded, drive: Drive) -> list[Attendant]:
+        """What is done about too many missed ticks: nothing, a fault that is held, or the end."""
+        if self._spec.missed_go_on:
+            return []
+        rule = MissedRule(experiment.sample_time)
+        return [MissedFault(rule, device, drive) if self._spec.when_faulted == "hold" else rule]
 
     def _await_the_recorder(self) -> None:
         """Wait until the recorder is at work: nothing moves before."""

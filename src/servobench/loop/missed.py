@@ -1,10 +1,13 @@
-"""The rule that ends a run which misses too many ticks: nobody controls the motor any more."""
+"""The rule about a run that misses too many ticks: nobody controls the motor any more."""
 
 from __future__ import annotations
 
 from collections import deque
 
+from servobench.devices.guard.base import Alarm
+from servobench.devices.guarded import Guarded
 from servobench.loop.place import Place
+from servobench.loop.ticks import Drive
 from servobench.recording.recording import Stopped
 
 FEWEST_TICKS = 10
@@ -28,16 +31,26 @@ class MissedRule:
 
     def __call__(self, place: Place) -> Stopped | None:
         """Take the tick that was done; returns None, or why the run is to end."""
-        index = place.tick.index
-        missed = self.missed(index)
-        if missed <= self._most:
+        found = self.found(place)
+        if not found:
             return None
-        sentence = (
+        advice = "Take a longer sample time, or a computer or connection that keeps up"
+        return Stopped(reason="fault", sentence=f"{found}; it was stopped. {advice}")
+
+    def found(self, place: Place) -> str:
+        """Take the tick that was done; returns the beginning of a sentence where too many were missed, else nothing."""
+        missed = self.missed(place.tick.index)
+        if missed <= self._most:
+            return ""
+        return (
             f"{missed} of the last {self._ticks} ticks ({self._ticks * self._sample_time:.3g} s) were missed at "
-            f"{place.tick.scheduled:g} s, more than {self._most:g}, so that nothing controls the motor any more; it was stopped. "
-            "Take a longer sample time, or a computer or connection that keeps up"
+            f"{place.tick.scheduled:g} s, more than {self._most:g}, so that nothing controls the motor any more"
         )
-        return Stopped(reason="fault", sentence=sentence)
+
+    def begin_anew(self, due: int) -> None:
+        """Forget what was missed before the tick of that number."""
+        self._due, self._missed = due, 0
+        self._gaps.clear()
 
     def missed(self, index: int) -> int:
         """Take the number of a tick that is done; returns how many of the last ticks, up to it, were missed."""
@@ -56,3 +69,27 @@ class MissedRule:
                 self._gaps.appendleft((left, end))
                 break
         return self._missed
+
+
+class MissedFault:
+    """The same rule where a run goes on at zero volts until a fault is acknowledged: then it latches a fault of the guard.
+
+    While zero volts are put out anyhow there is nothing to be controlled: only ticks that were missed while the motor was driven,
+    and since the last fault, count.
+    """
+
+    def __init__(self, rule: MissedRule, device: Guarded, drive: Drive) -> None:
+        self._rule = rule
+        self._device = device
+        self._drive = drive
+
+    def __call__(self, place: Place) -> Stopped | None:
+        """Take the tick that was done; latches the fault, and never ends the run on "hold"."""
+        if not self._drive.enabled or self._device.fault is not None:
+            self._rule.begin_anew(place.tick.index + 1)
+            return None
+        found = self._rule.found(place)
+        if not found:
+            return None
+        advice = "Go on if the computer was busy for a moment; where it is again, close other programs, or sample less often"
+        return self._device.refuse(Alarm("ticks-missed", f"{found}; zero volts are put out. {advice}"))

@@ -54,7 +54,8 @@ class LoopProcess:
 
     `when_faulted` "hold" keeps zero volts after a fault until it's acknowledged; `enabled` False begins with zero volts;
     `operator_timeout` [s] stops the motor where `here` isn't called for as long; `unrecorded_goes_on` lets the motor turn where
-    the recorder failed; `real_time` False leaves the scheduling alone, `cpu` is the processor to stay on.
+    the recorder failed, `missed_go_on` where too many ticks are missed; `real_time` False leaves the scheduling alone, `cpu` is
+    the processor to stay on.
     """
 
     def __init__(
@@ -66,6 +67,7 @@ class LoopProcess:
         enabled: bool = True,
         operator_timeout: float | None = None,
         unrecorded_goes_on: bool = False,
+        missed_go_on: bool = False,
         real_time: bool = True,
         cpu: int | None = None,
     ) -> None:
@@ -80,6 +82,7 @@ class LoopProcess:
             "enabled": enabled,
             "operator_timeout": operator_timeout,
             "unrecorded_goes_on": unrecorded_goes_on,
+            "missed_go_on": missed_go_on,
             "real_time": real_time,
             "cpu": cpu,
         }

@@ -18,6 +18,7 @@ STARTING, RUNNING, ENDED = 0, 1, 2
 class LoopSpec:
     """The experiment as TOML text, the names of the three rings, and the rules of the run.
 
+    `missed_go_on` lets a run go on that misses too many ticks, where no motor can come to harm.
     `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends
     a run at a fault, or holds zero volts until it's acknowledged. `enabled` lets the controller's voltage through from the start.
     `operator_timeout` [s] ends the run where nobody has shown for as long that they are there; None where nobody needs to.
@@ -30,6 +31,7 @@ class LoopSpec:
     events: str
     recorded: bool
     unrecorded_goes_on: bool = False
+    missed_go_on: bool = False
     when_faulted: WhenFaulted = "end"
     enabled: bool = True
     operator_timeout: float | None = None

@@ -79,6 +79,11 @@ class Drive:
         self.command = 0
         self.refused: dict[int, str] = {}
 
+    @property
+    def enabled(self) -> bool:
+        """Whether the controller's voltage is let through."""
+        return self._enabled
+
     def change(self, change: Change) -> None:
         """Let it take effect at the next tick."""
         self._changes.append(change)

@@ -24,6 +24,7 @@ from servobench.panel.library import (
     keep_about,
 )
 from servobench.panel.pages import Panel, as_json
+from servobench.panel.replayed import frame_of
 from servobench.panel.taking import about
 
 _SUFFIXES = 16  # characters of a file's ending that matter to what it is
@@ -82,7 +83,6 @@ async def download(request: Request, panel: Panel) -> Response:
 
 async def rows(request: Request, panel: Panel) -> Response:
     """One as scopes show it."""
-    from servobench.panel.replayed import frame_of
 
     def drawn() -> bytes:
         return frame_of(panel.library.file(_name(request), RECORDING))

@@ -6,6 +6,7 @@ import socket
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Literal
 
@@ -14,6 +15,8 @@ from starlette.applications import Starlette
 from starlette.types import ASGIApp
 
 from servobench.errors import UsageError
+from servobench.measurement.base import STAGES
+from servobench.panel.catalogue import catalogue
 from servobench.panel.gate import Door, Gate
 from servobench.panel.keys import Keys
 from servobench.panel.pages import Panel
@@ -40,6 +43,7 @@ def app(panel: Panel) -> ASGIApp:
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
         panel.library.prepare()
+        load()
         await panel.motor.begin()
         try:
             yield
@@ -50,6 +54,18 @@ def app(panel: Panel) -> ASGIApp:
     inner.router.redirect_slashes = False
     inner.state.exercises = panel.exercises
     return Gate(inner, panel.door)
+
+
+def load() -> None:
+    """Load what is loaded when it is first asked for, before a page comes that would have to wait for it.
+
+    Those are the members of the kinds that can be chosen, and what compiles: while its library is loaded no thread goes on.
+    """
+    catalogue()
+    for name in STAGES.names():
+        STAGES[name]
+    import_module("servobench.loop.kernels")
+    import_module("servobench.measurement.kernels")
 
 
 def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], keys: Keys) -> Door:

@@ -15,7 +15,7 @@ from servobench.errors import ServobenchError
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice, info_to_json
 from servobench.loop.process import LoopProcess
-from servobench.panel.asked import for_panel
+from servobench.panel.asked import SIMULATED, for_panel
 from servobench.panel.connection import Connection, LiveOf, LoopOf
 from servobench.panel.frames import History
 from servobench.panel.lease import Lease, Refusal
@@ -35,8 +35,14 @@ STATE_INTERVAL = 0.2  # s between two states where nothing but counts has change
 
 
 def own_process(experiment: Experiment) -> AbstractContextManager[Loop]:
-    """Return a loop in a process of its own, as the panel wants it."""
-    return LoopProcess(experiment, when_faulted="hold", enabled=False, operator_timeout=OPERATOR_TIMEOUT)
+    """Return a loop in a process of its own, as the panel wants it: ticks that are missed stop no motor that is simulated."""
+    return LoopProcess(
+        experiment,
+        when_faulted="hold",
+        enabled=False,
+        operator_timeout=OPERATOR_TIMEOUT,
+        missed_go_on=experiment.device.name == SIMULATED,
+    )
 
 
 class MotorSession:

@@ -74,24 +74,31 @@ function showRun(store, state) {
     say(byId("run-text"), text);
 }
 
+// Faults of the computer, not of the motor: there is nothing to be seen to at the motor before it turns again.
+const BUSY = ["ticks-missed", "watchdog"];
+
 function makeFault(store, commands) {
     const show = (fault) => {
         const place = byId("fault");
         if (fault) say(byId("fault-text"), fault.sentence ?? fault.code);
+        byId("go-on").hidden = !BUSY.includes(fault?.code);
         place.hidden = !fault;
     };
     store.on("state", (state) => {
         show(state.fault);
-        permit(byId("acknowledge"), whyNot(state));
+        for (const name of ["acknowledge", "go-on"]) permit(byId(name), whyNot(state));
     });
     store.on("fault", show);
-    byId("acknowledge").addEventListener("click", async () => {
-        const outcome = await commands.ask({ do: "acknowledge" });
-        if (!outcome.accepted) say(byId("fault-text"), outcome.why);
-        else byId("start").focus();
-    });
+    const acknowledge = async (next) => {
+        for (const wanted of [{ do: "acknowledge" }, ...next]) {
+            const outcome = await commands.ask(wanted);
+            if (!outcome.accepted) return say(byId("fault-text"), outcome.why);
+        }
+        byId("start").focus();
+    };
+    byId("acknowledge").addEventListener("click", () => acknowledge([]));
+    byId("go-on").addEventListener("click", () => acknowledge([{ do: "start" }]));
 }
-
 export function makeRecord(store, commands, toast) {
     const button = byId("record");
     const name = byId("record-name");
