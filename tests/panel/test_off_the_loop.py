@@ -207,6 +207,7 @@ def test_no_file_process_or_import_is_waited_for_by_the_event_loop(tmp_path: Pat
 def test_what_the_event_loop_waits_for_is_seen(tmp_path: Path, hook: Watched) -> None:
     """The test above can fail: a page that reads a file where it shouldn't."""
     with served(tmp_path, hook) as (panel, base, keys):
+
         async def story(page: Visit) -> None:
             await page.until("state", running=True)
             before = panel.motor.lease.take

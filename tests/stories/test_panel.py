@@ -103,8 +103,7 @@ def test_a_newcomer_drives_records_identifies_and_stops(browser: Any, program: P
     with Page(browser, program.address) as page:
         page.drive()
         choose_square_wave(page)
-        page.button("Start").click()
-        page.page.get_by_text("Driving").wait_for()
+        page.start()
 
         sees_the_speed(page)
         moves_the_cutoff(page)
@@ -175,17 +174,19 @@ def opens_the_report(page: Page) -> None:
 
 
 def stops_by_escape(page: Page, program: Program) -> None:
-    """From the row on that has Escape's command in force there are zero volts, and the shaft comes to rest, by the file."""
-    page.page.locator("#run-text").get_by_text("Driving").wait_for()
-    record(page, "stopped", "")
-    page.until(lambda: page.text("#record-time") >= "0:01")
-    page.page.keyboard.press("Escape")
-    page.page.locator("#run-text").get_by_text("Zero volts").wait_for()
-    page.page.wait_for_timeout(2000)
-    page.button(re.compile("^End")).click()
-    page.page.locator("#toast").get_by_text("Recorded stopped").wait_for()
+    """From the row on that has Escape's command in force there are zero volts, and the shaft comes to rest, by the file.
 
-    voltage, counts = rows(program, "stopped", "applied"), rows(program, "stopped", "counts")
+    A recording in which a busy computer was the one that stopped the motor doesn't tell of Escape: then it is made again.
+    """
+    name, held_up = "", -1
+    while held_up != len(page.held_up):
+        held_up = len(page.held_up)
+        name = f"stopped-{held_up}"
+        recorded_while_escape_is_pressed(page, name)
+        if held_up != len(page.held_up):
+            page.start()
+
+    voltage, counts = rows(program, name, "applied"), rows(program, name, "counts")
     driven = np.flatnonzero(voltage)
     after = driven[-1] + 1
     # It goes from 1 V or 3 V to none in one tick, not by the controller's fade, which is slower than 1 % in a tick.
@@ -195,6 +196,19 @@ def stops_by_escape(page: Page, program: Program) -> None:
     # Friction stops a shaft of 24·3 rad/s after τ ln(1 + 3/V_c), 0.16 s; of at least 1 s after that the last half is looked at.
     assert np.ptp(counts[-250:]) == 0
     assert np.ptp(counts[:after]) > 100
+
+
+def recorded_while_escape_is_pressed(page: Page, name: str) -> None:
+    page.until(lambda: page.text("#run-text") == "Driving")
+    record(page, name, "")
+    page.until(lambda: page.text("#record-time") >= "0:01")
+    page.driving = False
+    page.page.keyboard.press("Escape")
+    page.until(lambda: page.text("#run-text") == "Zero volts")
+    page.page.wait_for_timeout(2000)
+    page.see_to_a_busy_computer()
+    page.button(re.compile("^End")).click()
+    page.page.locator("#toast").get_by_text(f"Recorded {name}").wait_for()
 
 
 THEMES = {
@@ -210,8 +224,7 @@ def reported(browser: Any, program: Program) -> Program:
     if not (program.folder / "first" / "report.html").exists():
         with Page(browser, program.address) as page:
             page.drive()
-            page.button("Start").click()
-            page.page.get_by_text("Driving").wait_for()
+            page.start()
             record(page, "first", "5")
             page.page.locator("#toast").get_by_text("Recorded first").wait_for()
             page.tab("Recordings")
@@ -235,8 +248,7 @@ def test_axe_finds_nothing_grave_on_any_page_and_tab(browser: Any, reported: Pro
                 == theme.split(",")[0]
             )
         )
-        page.button("Start").click()
-        page.page.get_by_text("Driving").wait_for()
+        page.start()
         seen = {"scopes": findings(page.page)}
         page.tab("Block diagram")
         page.page.locator("#diagram [aria-pressed]").first.click()

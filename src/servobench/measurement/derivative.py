@@ -10,7 +10,6 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.measurement.base import STAGES, Kind
-from servobench.measurement.continued import differences
 
 
 @STAGES.member("derivative")
@@ -64,10 +63,10 @@ class Derivative:
 
     def block(self, state: float | None, x: Array, dt: Array) -> tuple[float, Array]:
         """The differences of a block of samples (N,), N at least 1."""
-        y = np.zeros(len(x))
-        known = 1 if state is None else 0
-        y[known:] = differences(x, x[0] if state is None else state)[known:] / dt[known:]
-        return float(x[-1]), y
+        from servobench.measurement.kernels import slopes
+
+        before, known = (0.0, 1) if state is None else (state, 0)
+        return float(x[-1]), slopes(x, before, dt, known)
 
     def __call__(self, x: Array, t: Array) -> Array:
         """All differences at once."""

@@ -22,6 +22,38 @@ def first_order_recursion(decay: Array, drive: Array) -> Array:
 
 
 @compiled
+def unwrapped_block(x: Array, before: float, turns: float, modulus: float) -> tuple[float, Array]:
+    """Return the wraps so far and samples x (N,) without them; there were `turns`, and the sample `before`, until now."""
+    y = np.empty(len(x))
+    for k in range(len(x)):
+        turns -= np.rint((x[k] - before) / modulus)
+        before = x[k]
+        y[k] = before + modulus * turns
+    return turns, y
+
+
+@compiled
+def slopes(x: Array, before: float, dt: Array, known: int) -> Array:
+    """Return (x[k] - x[k-1])/dt[k] (N,) from sample `known` on, and 0 before; x[-1] is `before`."""
+    y = np.zeros(len(x))
+    for k in range(known, len(x)):
+        y[k] = (x[k] - (x[k - 1] if k else before)) / dt[k]
+    return y
+
+
+@compiled
+def tustin_lowpass(x: Array, dt: Array, cutoff: float, y_before: float, x_before: float) -> Array:
+    """Return y (N,) of the low-pass filter by the trapezoid rule for samples x (N,), dt (N,) [s] after the one before."""
+    y = np.empty(len(x))
+    for k in range(len(x)):
+        half = 0.5 * cutoff * dt[k]
+        y_before = ((1.0 - half) * y_before + half * (x[k] + x_before)) / (1.0 + half)
+        x_before = x[k]
+        y[k] = y_before
+    return y
+
+
+@compiled
 def moving_mean(x: Array, t: Array, window: float) -> Array:
     """Return the mean (N, P) of the straight lines between samples x (N, P) at t (N,) over the time before each sample.
 

@@ -96,9 +96,12 @@ class Lowpass:
 
     def block(self, state: tuple[float, float], x: Array, dt: Array) -> tuple[tuple[float, float], Array]:
         """The recursion over a block of samples (N,), N at least 1; raises `UsageError` where forward Euler diverges."""
-        from servobench.measurement.kernels import first_order_recursion
+        from servobench.measurement.kernels import first_order_recursion, tustin_lowpass
 
         before, x_before = state
+        if self.discretisation == "tustin":
+            y = tustin_lowpass(x, dt, self.cutoff, before, x_before)
+            return (float(y[-1]), float(x[-1])), y
         decay, new, old = self._coefficients(dt)
         drive = new * x + old * np.concatenate([[x_before], x[:-1]])
         drive[0] += decay[0] * before

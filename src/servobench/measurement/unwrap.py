@@ -12,7 +12,6 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import UnitError, UsageError
 from servobench.measurement.base import STAGES, Kind, Mask
-from servobench.measurement.continued import differences
 from servobench.measurement.words import check_positive, number_and_unit, number_text, written_as
 from servobench.units import unit as unit_named
 
@@ -147,10 +146,11 @@ class Unwrap:
         self, state: tuple[float | None, float], x: Array, dt: Array
     ) -> tuple[tuple[float, float], Array]:
         """A block of samples (N,), N at least 1."""
+        from servobench.measurement.kernels import unwrapped_block
+
         before, turns = state
-        d = differences(x, x[0] if before is None else before)
-        all_turns = turns - np.cumsum(np.rint(d / self.si_modulus))
-        return (float(x[-1]), float(all_turns[-1])), x + self.si_modulus * all_turns
+        turns, y = unwrapped_block(x, float(x[0] if before is None else before), turns, self.si_modulus)
+        return (float(x[-1]), turns), y
 
     def __call__(self, x: Array, t: Array) -> Array:
         """All samples at once."""
