@@ -37,7 +37,6 @@ _AGAIN = 0.002  # s between two looks at whether it has come
 _SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
 _LOOKED_AT = ("t", "applied", "counts", "handed", "written")
-_NICER = 10  # what runs beside has the processor first
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
 

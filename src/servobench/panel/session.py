@@ -41,7 +41,7 @@ def own_process(experiment: Experiment) -> AbstractContextManager[Loop]:
         when_faulted="hold",
         enabled=False,
         operator_timeout=OPERATOR_TIMEOUT,
-        missed_go_on=experiment.device.name == SIMULATED,
+        missed_go_on=experiment.device.name in SIMULATED,
     )
 
 

@@ -56,18 +56,6 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) ->
         hand_on = partial(_to_loop, asyncio.get_running_loop(), said)
         process = await _started()
         talking = asyncio.create_task(asyncio.to_thread(_conversation, process, asked, hand_on))
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-P",
-            "-m",
-            "servobench.panel.work",
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            limit=_LONGEST,
-            env=surroundings(),
-            creationflags=FLAGS,
-        )
         try:
             async with asyncio.timeout(PATIENCE):
                 answer = await asyncio.shield(talking)
@@ -109,8 +97,8 @@ def _process() -> subprocess.Popen[bytes]:
         stdin=subprocess.PIPE,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
-        env={**os.environ, **_ONE_THREAD},
-        creationflags=getattr(subprocess, "BELOW_NORMAL_PRIORITY_CLASS", 0),
+        env=surroundings(),
+        creationflags=FLAGS,
     )
 
 
