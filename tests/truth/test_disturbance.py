@@ -182,7 +182,9 @@ def test_blocks_break_at_gaps_and_stops() -> None:
     data = dataset(seed=1, samples=20)
     keep = np.delete(np.arange(20), [7, 8, 9])
     moving = np.where(keep >= 15, 0.0, 1.0)
-    found = blocks_of(replace(data, t_output=data.t_output[keep], y=data.y[keep]), moving, 0.0081)
+    record = replace(data, t_output=data.t_output[keep], y=data.y[keep])
+    assert blocks_of(record, moving, 0.0081).counts.tolist() == [4, 3, 4, 1, 4, 1]
+    found = blocks_of(record, moving, 0.0081, rest=1.0)
     assert found.counts.tolist() == [4, 3, 4, 1, 5]  # samples 0-3, 4-6; 10-13, 14; 15-19, at rest
     assert found.noise.tolist() == [1 / 4, 1 / 3, 1 / 4, 1, 1]
     assert found.times[1] == pytest.approx(0.01)

@@ -77,13 +77,14 @@ class Blocks:
         return np.asarray(sums / self.counts.reshape(-1, *[1] * (x.ndim - 1)), dtype=np.float64)
 
 
-def blocks_of(data: Dataset, moving: Array, longest: float, variance: float | None = None) -> Blocks:
+def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None = None) -> Blocks:
     """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within.
 
-    `variance` is r, where it is known. A shaft at rest shows an encoder the same count all the time: that tells where it is once,
-    with the whole rounding error of variance Q²/12, however long the rest. So a rest is one block then, and weighs as such.
+    A shaft at rest shows an encoder the same count all the time: that tells where it is once, with the whole rounding error,
+    however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
     """
-    t, rests = data.t_output, (moving == 0) & is_rounded(data)
+    t = data.t_output
+    rests = (moving == 0) & (rest is not None and is_rounded(data))
     size = max(int(longest / data.sample_time), 1)
     gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
     breaks = gaps | (np.diff(moving) != 0)
@@ -91,14 +92,18 @@ def blocks_of(data: Dataset, moving: Array, longest: float, variance: float | No
     inside = np.where(rests, 0, (np.arange(len(t)) - np.searchsorted(run, run)) // size)
     starts = np.flatnonzero(np.concatenate([[True], breaks | (np.diff(inside) != 0)]))
     counts = np.diff(np.append(starts, len(t))).astype(np.float64)
-    once = 1.0 if variance is None else max((data.quantum or 0.0) ** 2 / 12 / variance, 1.0)
     return Blocks(
         starts=starts,
         counts=counts,
         times=np.add.reduceat(t, starts) / counts,
         moving=moving[starts],
-        noise=np.where(rests[starts], once, 1 / counts),
+        noise=np.where(rests[starts], rest or 1.0, 1 / counts),
     )
+
+
+def variance_of_rest(data: Dataset, disturbance: Disturbance | None) -> float:
+    """Return the variance of an encoder's error at rest beside r: Q²/12 over r, one at least; one where r isn't known yet."""
+    return max((data.quantum or 0.0) ** 2 / 12 / disturbance.variance, 1.0) if disturbance else 1.0
 
 
 def _samples(data: Dataset, moving: Array) -> Blocks:
@@ -264,7 +269,12 @@ def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -
 
 def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return the innovations (B,) of a residual x (M,), averaged over blocks as for the likelihood; their scale is arbitrary."""
-    blocks = blocks_of(data, moving, longest_block(disturbance, disturbance.tau, data), disturbance.variance)
+    blocks = blocks_of(
+        data,
+        moving,
+        longest_block(disturbance, disturbance.tau, data),
+        variance_of_rest(data, disturbance),
+    )
     return _innovations(blocks.means(x[:, None]), blocks, data.kind, disturbance.tau, disturbance.ratio)[0][
         :, 0
     ]

@@ -22,6 +22,7 @@ from servobench.estimators.disturbance import (
     longest_block,
     of_each_sample,
     profile,
+    variance_of_rest,
     whitened,
 )
 from servobench.estimators.encoder_rounding import counts_in_place
@@ -144,8 +145,10 @@ def _profiled(
     noise = earlier.disturbance if earlier else None
     while True:
         longest = [longest_block(noise, tau, record) for record in data]
-        variance = noise.variance if noise else None
-        blocks = tuple(blocks_of(*each, variance) for each in zip(data, sliding, longest, strict=True))
+        blocks = tuple(
+            blocks_of(record, slides, length, variance_of_rest(record, noise))
+            for record, slides, length in zip(data, sliding, longest, strict=True)
+        )
         near = Linearised(
             blocks=blocks,
             columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
@@ -174,7 +177,7 @@ def _weighed(
             record,
             structure.sliding(theta[place], record),
             longest_block(noise, noise.tau, record, WEIGHED),
-            noise.variance,
+            variance_of_rest(record, noise),
         )
         for record, place in _each_record(layout)
     )
