@@ -169,6 +169,14 @@ def test_a_loop_near_its_limit_is_left_open() -> None:
     assert loop_over_intervals(found, gain(2.0)).verdict == "unstable"
 
 
+def test_a_delay_that_comes_out_negative_counts_as_none() -> None:
+    found = fit()
+    early = found.model.theta.copy()
+    early[found.model.names.index("delay")] = -1e-4
+
+    assert loop_over_intervals(replace(found, model=replace(found.model, theta=early))).verdict == "stable"
+
+
 def test_what_the_data_dont_determine_is_named() -> None:
     found = fit()
     covariance = found.covariance.copy()

@@ -89,6 +89,8 @@ def test_the_limits_of_a_gain_are_those_of_algebra() -> None:
     assert stable_gains(loop((1.0,), 1.0, -1.0)) == ((pytest.approx(1.0), math.inf),)
     assert stable_gains(loop((1.0,), 1.0, 0.0, 0.0)) == ()
     # Conditionally stable: the roots of s³ + k (s + 1)² move to the right first. s³ + ks² + 2ks + k: 2k² > k.
+    # (1 - k) s + 1 + 2 k: at k = 1 the root passes through infinity, and comes back on the right.
+    assert stable_gains(loop((-1.0, 2.0), 1.0, 1.0)) == ((0.0, pytest.approx(1.0)),)
     assert stable_gains(loop((1.0, 2.0, 1.0), 1.0, 0.0, 0.0, 0.0)) == ((pytest.approx(0.5), math.inf),)
 
 

@@ -15,6 +15,7 @@ from servobench.lab.exercise import Exercise, Piece, exercises, read_exercise
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin, stand_with
 from servobench.lab.studies.base import Column, Shown, Stand, Table
+from servobench.lab.worked import Worked
 from servobench.models.base import STRUCTURES
 
 FILE = """+++
@@ -105,6 +106,12 @@ def test_a_study_and_a_rule_may_use_what_other_studies_found() -> None:
 
     assert value("second_value_1", facts) == 4 * 2048
     assert value("first_value_1", facts) == 2 * 2048
+
+
+def test_a_corrections_figure_comes_from_the_studies_that_it_names_and_no_other() -> None:
+    [corrected] = Worked(exercise=read(), stand=stand_on_the_twin(read()), given={}).corrections
+
+    assert (corrected.value, corrected.studies) == (4 * 2048, ("second",))
 
 
 def test_a_study_is_carried_out_once_and_only_when_it_is_asked_for() -> None:
