@@ -19,13 +19,13 @@ from servobench.panel.gate import REPORT_POLICY, Refused
 from servobench.panel.library import (
     RECORDING,
     REPORT,
+    About,
     about_in,
     checked_name,
     keep_about,
 )
 from servobench.panel.pages import Panel, as_json
 from servobench.panel.replayed import frame_of
-from servobench.panel.taking import about
 
 _SUFFIXES = 16  # characters of a file's ending that matter to what it is
 
@@ -132,22 +132,23 @@ async def uploaded(request: Request, panel: Panel) -> Response:
         try:
             file = Path(place.name) / f"upload{suffix}"
             await _kept(request, file)
-            to = folder / RECORDING
-            asked = {"do": "import", "file": os.fspath(file), "name": stem + suffix, "to": os.fspath(to)}
-            await panel.work(asked)
+            known = await panel.work(
+                {
+                    "do": "import",
+                    "file": os.fspath(file),
+                    "name": stem + suffix,
+                    "to": os.fspath(folder / RECORDING),
+                    "created": datetime.now().isoformat(timespec="seconds"),
+                }
+            )
         finally:
             await asyncio.to_thread(place.cleanup)
-        await asyncio.to_thread(_described, folder)
+        await asyncio.to_thread(keep_about, folder, About(**known))
     except BaseException:
         await asyncio.to_thread(panel.library.forget, folder)
         raise
     panel.motor.tell({"kind": "library"})
     return as_json({"name": folder.name})
-
-
-def _described(folder: Path) -> None:
-    created = datetime.now().isoformat(timespec="seconds")
-    keep_about(folder, about(folder / RECORDING, created, ""))
 
 
 async def _kept(request: Request, file: Path) -> None:

@@ -168,16 +168,18 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
 
     Raises `UsageError` for a file that doesn't hold one recording.
     """
-    from dataclasses import replace
+    from dataclasses import asdict, replace
+    from pathlib import Path
 
     from servobench.formats.base import load, save
+    from servobench.panel.taking import about
 
     recordings = load(asked["file"])
     if len(recordings) != 1:
         raise UsageError(f"the file holds {len(recordings)} recordings; upload a file with one")
     source = replace(recordings[0].source, name=asked["name"])
     save(replace(recordings[0], source=source), asked["to"])
-    return {}
+    return asdict(about(Path(asked["to"]), asked["created"], ""))
 
 
 def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
