@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -149,12 +150,15 @@ def _stops(data: Dataset, flats: list[_Flat]) -> list[Finding]:
     if data.input_unit == data.position_unit:
         return []  # a goal that is reached: there a servo stands as it should
     held = np.searchsorted(data.t_input, data.t_output, side="left") - 1
-    u = np.abs(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before))
+    u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
     speed = np.abs(smoothed_speed(data))
-    usual = float(np.median(u[speed > 0.5 * np.percentile(speed, 95)]))
-    for flat in flats:
-        inside = u[flat.first : flat.last + 1]
-        if len(inside) >= _PART * len(data.y) and np.mean(inside >= 0.99 * usual) > 0.3:
+    fast = np.abs(u[speed > 0.5 * np.percentile(speed, 95)])
+    # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
+    driven = (np.abs(u) >= 0.99 * float(np.sqrt(np.mean(fast**2)))) & (u != 0)
+    long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
+    lost = _without_effect(data, np.where(driven, u, 0.0), flats)
+    for flat in long:
+        if np.mean(driven[flat.first : flat.last + 1]) > 0.3 or flat in lost:
             sentence = (
                 f"{data.name}: from {data.t_output[flat.first]:.4g} s to {data.t_output[flat.last]:.4g} s the output stands "
                 "still although the input would move it at other times: the shaft was blocked or the amplifier off. Leave "
@@ -163,6 +167,35 @@ def _stops(data: Dataset, flats: list[_Flat]) -> list[Finding]:
             rows = (flat.first + 1, flat.last + 1)
             return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=rows)]
     return []
+
+
+def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
+    """The flats in which a pulse had no effect until the next one came, as strong as those that moved the shaft far."""
+    edges = np.flatnonzero(np.diff(np.sign(u), prepend=0.0, append=0.0))
+    pulses = [(int(a), int(b)) for a, b in pairwise(edges) if u[a] != 0]
+    if len(pulses) < 2:
+        return []
+    starts = np.array([a for a, _ in pulses])
+    nexts = np.append(starts[1:], starts[-1] + int(np.median(np.diff(starts))))
+    # In the first sample under the next pulse the shaft may move already.
+    stood = [
+        _stood(a, max(b + _SHORTEST, int(n) - 1), flats) for (a, b), n in zip(pulses, nexts, strict=True)
+    ]
+    moved = np.array([flat is None for flat in stood])
+    if not moved.any():
+        return []
+    area = np.array([abs(float(u[a:b].sum())) for a, b in pulses])
+    enough = 0.9 * float(np.quantile(area[moved], 0.8))
+    way = np.abs(data.y[np.minimum(nexts, len(u) - 1)] - data.y[starts])
+    quantum = data.quantum or lattice_step(data.y) or 0.0
+    if not np.median(way[moved & (area >= enough)]) > _FEW * quantum:
+        return []  # pulses so small that a coarse sensor may miss one
+    return [flat for flat, size in zip(stood, area, strict=True) if flat is not None and size >= enough]
+
+
+def _stood(first: int, end: int, flats: list[_Flat]) -> _Flat | None:
+    """The flat in which samples `first` to `end` lie, if there is one."""
+    return next((flat for flat in flats if flat.first <= first and end <= flat.last), None)
 
 
 DOUBTS.member("flats")(Doubt(codes=("output-still", "output-clipped", "output-stops"), about_data=_about))

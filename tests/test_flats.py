@@ -1,0 +1,94 @@
+"""Stretches in which the shaft stands still: between pulses it should, under a pulse it shouldn't.
+
+The recordings are of `tests.motor.reference`: 20 rad/(s·V) or so, 0.1 s, behind 2048 counts/rev at 200 Hz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.doubts.base import DOUBTS
+from servobench.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.motor.reference import Truth, march
+
+SAMPLE_TIME = 0.005
+SAMPLES = 2000
+
+
+def pulses(
+    width: float, period: float, *, both_ways: bool = False, between: float = 0.0
+) -> NDArray[np.float64]:
+    """Pulses of 4 V, the first after 0.1 s; every second one backwards where they go both ways."""
+    number, phase = np.divmod(np.arange(SAMPLES) * SAMPLE_TIME - 0.1 + 1e-9, period)
+    sign = np.where((number % 2 == 1) & both_ways, -1.0, 1.0)
+    return np.where((phase < width) & (number >= 0), 4.0 * sign, between)
+
+
+def recorded(u: NDArray[np.float64], quantum: float = QUANTUM, late: int = 0) -> Dataset:
+    angle = march(Truth(), u, SAMPLE_TIME)[:, 2]
+    angle = np.concatenate([np.full(late, angle[0]), angle[: len(angle) - late]])
+    y = (np.floor(angle / quantum) + 0.5) * quantum
+    data = dataset(seed=1, samples=SAMPLES, sample_time=SAMPLE_TIME, u=u, y=y)
+    return data if quantum == QUANTUM else _replaced(data, quantum)
+
+
+def _replaced(data: Dataset, quantum: float) -> Dataset:
+    from dataclasses import replace
+
+    return replace(data, quantum=quantum)
+
+
+def blocked(data: Dataset, start: float, end: float) -> Dataset:
+    """The same, with the shaft held for some time: it stands, and goes on from there."""
+    from dataclasses import replace
+
+    first, last = int(start / SAMPLE_TIME), int(end / SAMPLE_TIME)
+    steps = np.diff(data.y, prepend=data.y[0])
+    steps[first:last] = 0.0
+    return replace(data, y=data.y[0] + np.cumsum(steps))
+
+
+def told(data: Dataset) -> set[str]:
+    return {finding.code for finding in DOUBTS["flats"].about_data([data])}
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+@pytest.mark.parametrize("period", [1.0, 2.0])
+@pytest.mark.parametrize("width", [0.01, 0.05, 0.1, 0.5])
+def test_a_motor_that_rests_between_pulses_is_not_called_blocked(
+    width: float, period: float, both_ways: bool
+) -> None:
+    assert told(recorded(pulses(width, period, both_ways=both_ways))) == set()
+
+
+def test_a_bias_that_friction_holds_between_pulses_is_not_called_blocked() -> None:
+    """The reference motor's Coulomb voltage is 8.4 · 8e-4/0.042 = 0.16 V."""
+    assert told(recorded(pulses(0.05, 1.0, between=0.12))) == set()
+
+
+@pytest.mark.parametrize("late", [3, 7, 40])
+def test_pulses_that_act_after_they_have_ended_are_not_called_lost(late: int) -> None:
+    assert told(recorded(pulses(0.01, 1.0), late=late)) == set()
+
+
+def test_a_pulse_that_a_coarse_sensor_may_miss_is_not_called_lost() -> None:
+    u = pulses(0.01, 1.0)
+    way = float(np.ptp(march(Truth(), u, SAMPLE_TIME)[:, 2])) / 10
+    assert told(recorded(u, quantum=1.6 * way)) <= {"output-still"}
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+@pytest.mark.parametrize("width", [0.05, 0.1, 0.5])
+def test_a_shaft_that_is_held_under_a_pulse_is_told(width: float, both_ways: bool) -> None:
+    sound = recorded(pulses(width, 1.0, both_ways=both_ways))
+    assert told(blocked(sound, 5.05, 6.05)) == {"output-stops"}
+    assert told(blocked(sound, 7.05, 10.0)) == {"output-stops"}
+
+
+def test_a_shaft_that_is_held_under_a_constant_input_is_told() -> None:
+    u = np.where(np.arange(SAMPLES) < 200, 0.0, 2.0)
+    assert told(recorded(u)) == set()
+    assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
