@@ -1,7 +1,9 @@
 """`servobench stability`: what is said of a run, a result and a recording, and what is refused."""
 
+import json
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.cli.conftest import Command
@@ -58,3 +60,125 @@ def test_a_result_that_is_not_there_is_told(servobench: Command, tmp_path: Path)
 
     assert ended.status == 2
     assert "there is no result" in ended.err
+
+
+@pytest.fixture(scope="module")
+def in_counts(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A motor of 20 rad/(s·V) and 50 ms without friction behind 2048 counts/rev, switched between three levels both ways."""
+    rate, gain, tau = 200, 20.0, 0.05
+    t = np.arange(2000) / rate
+    u = np.random.default_rng(1).choice([-4.0, -2.0, 2.0, 4.0], 100).repeat(20)
+    decay = np.exp(-1 / (rate * tau))
+    speed, angle = 0.0, 0.3
+    angles = []
+    for volts in u:  # exact for an input that is held
+        angles.append(angle)
+        final = gain * volts
+        angle += final / rate + (speed - final) * tau * (1 - decay)
+        speed = final + (speed - final) * decay
+    counts = np.floor(np.array(angles) * 2048 / (2 * np.pi))
+    path = tmp_path_factory.mktemp("counts") / "mine.csv"
+    table = np.column_stack([t, u, counts])
+    np.savetxt(path, table, delimiter=",", fmt="%.9g", header="Time,Voltage,enc", comments="")
+    return path
+
+
+# The loop of 20/(s (0.05 s + 1)): |L| = 1 at ω² = (√(1 + 4·(20·0.05)²) - 1)/(2·0.05²), φ = 90° - atan(0.05 ω) = 51.8°.
+_MARGIN = "phase margin 51.8°"
+
+
+def test_a_file_is_identified_with_the_options_that_identify_has(
+    servobench: Command, in_counts: Path
+) -> None:
+    said = servobench("stability", in_counts, "--output", "enc:counts", "--counts-per-rev", "2048")
+
+    assert said.status == 0, said.err
+    assert _MARGIN in said.out
+    assert "with 1 V/rad: stable" in said.out
+
+
+def test_a_result_in_counts_has_a_loop_in_counts(
+    servobench: Command, in_counts: Path, tmp_path: Path
+) -> None:
+    found = servobench("identify", in_counts, "--output", "enc:counts", "--json")
+    path = tmp_path / "result.json"
+    path.write_text(found.out, encoding="utf-8")
+
+    # 1 V/rad is 2 π/2048 V/count.
+    said = servobench("stability", path, "--kp", "0.0030679616 V/counts")
+    assert said.status == 0, said.err
+    assert _MARGIN in said.out
+    assert "V/counts: stable" in said.out
+    assert "--counts-per-rev" in said.out
+    refused = servobench("stability", path, "--kp", "1 V/rad")
+    assert refused.status == 2
+    assert "V/counts" in refused.err
+
+
+def test_counts_in_a_turn_are_those_of_counts(servobench: Command, in_counts: Path) -> None:
+    rad = servobench(
+        "identify", in_counts, "--output", "enc:counts", "--counts-per-rev", "2048", "--json"
+    ).result
+    assert rad["transfer_function"]["unit"] == "rad/(s·V)"
+    assert rad["parameters"]["gain"]["value"] == pytest.approx(20, rel=1e-3)
+    degrees = servobench("identify", in_counts, "--output", "enc:deg", "--counts-per-rev", "2048")
+    assert degrees.status == 2
+    assert "is in deg" in degrees.err
+    unknown = servobench("identify", in_counts, "--output", "enc:rev/2048")
+    assert unknown.status == 2
+    assert "--counts-per-rev" in unknown.err
+    nothing = servobench("identify", in_counts, "--output", "enc:counts", "--counts-per-rev", "0")
+    assert nothing.status == 2
+    assert "Traceback" not in nothing.err
+
+
+def test_columns_of_a_result_are_refused(servobench: Command, finished_run: Path) -> None:
+    ended = servobench("stability", finished_run, "--output", "enc:counts")
+
+    assert ended.status == 2
+    assert "which has no columns" in ended.err
+
+
+def test_what_is_not_known_is_not_judged(servobench: Command, finished_run: Path, tmp_path: Path) -> None:
+    document = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))
+    document["parameters"]["gain"]["interval"] = [None, None]
+    path = tmp_path / "unknown.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+
+    ended = servobench("stability", path)
+
+    assert ended.status == 3
+    assert "don't tell the gain" in " ".join(ended.err.split())
+    assert "margin 1" not in ended.out
+
+
+def test_a_doubtful_motor_is_told_first(servobench: Command, finished_run: Path, tmp_path: Path) -> None:
+    document = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))
+    document["verdict"] = "doubtful"
+    document["findings"].append(
+        {
+            "code": "x",
+            "severity": "warning",
+            "sentence": "The lid was open.",
+            "parameters": [],
+            "rows": None,
+        }
+    )
+    path = tmp_path / "doubtful.json"
+    path.write_text(json.dumps(document), encoding="utf-8")
+
+    said = servobench("stability", path)
+
+    assert said.status == 0
+    assert said.out.index("doubtful") < said.out.index("The lid was open.") < said.out.index("To the speed")
+
+
+def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path) -> None:
+    backwards = servobench("stability", finished_run, "--kp", "-1")
+    assert "unstable" in backwards.out
+    assert "no margins" in backwards.out
+    assert "Gain margin" not in backwards.out
+    much = " ".join(servobench("stability", finished_run, "--kp", "400").out.split())
+    assert "of this gain it would be stable" in much
+    assert "Gain margin" not in much
+    assert "continuous loop's" in " ".join(servobench("stability", finished_run).out.split())

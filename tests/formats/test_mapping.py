@@ -510,3 +510,28 @@ def test_another_file_that_is_not_there_is_told_by_the_name_that_was_given(tmp_p
 
     with pytest.raises(UsageError, match=r"there is no file f/nowhere\.csv"):
         assign(recording, input="f/nowhere.csv#u:V", output="y:rad")
+
+
+def test_counts_in_a_turn_stand_in_a_mapping_and_make_rad(tmp_path: Path) -> None:
+    """Half a turn of 500 counts, and half a count for the middle of its bin: (250 + 1/2)·2π/500."""
+    from servobench.measurement.measure import measure
+
+    path = tmp_path / "counted.csv"
+    path.write_text(
+        "t,u,enc\n" + "".join(f"{0.01 * n},{n % 3},{5 * n}\n" for n in range(51)), encoding="utf-8"
+    )
+    mapping = Mapping(input="u:V", output="enc:counts", counts_per_rev=500)
+    file = tmp_path / "map.toml"
+    file.write_text(mapping.toml(), encoding="utf-8")
+
+    assert Mapping.read(file) == mapping
+    data = measure(Mapping.read(file).assigned(load(path)[0]))
+    assert data.position_unit == "rad"
+    assert data.y[50] == pytest.approx(250.5 * 2 * np.pi / 500)
+
+
+def test_counts_in_a_turn_that_are_no_number_are_told(tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text('counts_per_rev = "many"\n', encoding="utf-8")
+    with pytest.raises(UsageError, match="counts_per_rev is 'many'"):
+        Mapping.read(file)

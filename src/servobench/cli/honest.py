@@ -15,6 +15,7 @@ from servobench.cli.failures import DONE
 from servobench.cli.options import (
     AsJson,
     ChainText,
+    CountsPerRev,
     InputColumn,
     MappingFile,
     OutputColumn,
@@ -54,6 +55,7 @@ def honest(
     output_column: OutputColumn = None,
     supply: SupplyColumn = None,
     sample_time: SampleTime = None,
+    counts_per_rev: CountsPerRev = None,
     mapping: MappingFile = None,
     recording: RecordingNames = None,
     chain: ChainText = "",
@@ -91,6 +93,7 @@ def honest(
         output=output_column,
         supply=supply,
         sample_time=seconds(sample_time),
+        counts_per_rev=counts_per_rev,
         recordings=tuple(recording or ()),
     )
     given = files or []

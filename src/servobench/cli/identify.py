@@ -10,6 +10,7 @@ import typer
 from servobench.cli.options import (
     AsJson,
     ChainText,
+    CountsPerRev,
     CurrentColumn,
     InputColumn,
     MappingFile,
@@ -35,6 +36,7 @@ def identify(
     current: CurrentColumn = None,
     mapping: MappingFile = None,
     sample_time: SampleTime = None,
+    counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     nominal: Annotated[
         str | None, typer.Option(metavar="NAME", help="The data sheet to hold the result against.")
@@ -90,6 +92,7 @@ def identify(
         reference=reference,
         current=current,
         sample_time=seconds(sample_time),
+        counts_per_rev=counts_per_rev,
         chain=chain,
         recordings=tuple(recording or ()),
     )

@@ -53,6 +53,15 @@ SampleTime = Annotated[
         help="The time between samples [s], where the file has no times or wrong ones.",
     ),
 ]
+CountsPerRev = Annotated[
+    float | None,
+    typer.Option(
+        "--counts-per-rev",
+        metavar="N",
+        help="How many counts an output in counts has in a turn of the shaft (four for each line of the encoder, "
+        "mostly): the result is then in rad.",
+    ),
+]
 ChainText = Annotated[
     str,
     typer.Option(

@@ -9,55 +9,100 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
+from servobench.cli.options import (
+    ChainText,
+    CountsPerRev,
+    InputColumn,
+    MappingFile,
+    OutputColumn,
+    RecordingNames,
+    SampleTime,
+    SupplyColumn,
+    TimeColumn,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from rich.console import Console
 
+    from servobench.estimators.base import Fit
+    from servobench.export.answer import Answer
+    from servobench.formats.mapping import Mapping
+    from servobench.measurement.dataset import Dataset
     from servobench.result import Result
     from servobench.transfer_function import TransferFunction
+
+# What poles, rates and margins are made of; friction is no part of them.
+_NEEDED = ("gain", "time_constant", "electrical_time_constant", "delay")
 
 
 def stability(
     motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
     kp: Annotated[
         str,
-        typer.Option(metavar="K", help="The gain of a position loop around the motor [V/rad]."),
+        typer.Option(
+            metavar="K",
+            help="The gain of a position loop around the motor, in the motor's units: V/rad, V/counts, %/rad ...",
+        ),
     ] = "1",
+    time: TimeColumn = None,
+    input_column: InputColumn = None,
+    output_column: OutputColumn = None,
+    supply: SupplyColumn = None,
+    mapping: MappingFile = None,
+    sample_time: SampleTime = None,
+    counts_per_rev: CountsPerRev = None,
+    chain: ChainText = "",
+    recording: RecordingNames = None,
 ) -> None:
     """Say whether an identified motor is stable, and a position loop around it.
 
-    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. Printed are the poles, what they
-    mean, a bounded input that drives the position off, and verdict and margins of the loop with its delay. Of a FILE also what
-    the record itself can say, and whether the verdicts hold for all parameters that it leaves open.
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the options for columns as
+    identify has them. Printed are the poles, what they mean, a bounded input that drives the position off, and verdict and
+    margins of the loop with its delay. Of a FILE also what the record itself can say, and whether the verdicts hold for all
+    parameters that it leaves open.
     """
+    from servobench.cli.recordings import mapping_in, seconds
     from servobench.cli.terminal import output
+    from servobench.errors import UsageError
+    from servobench.export.answer import Answer
+    from servobench.formats.mapping import Mapping
 
     out = output()
-    gain = _gain(kp)
+    said = Mapping(
+        time=time,
+        input=input_column,
+        output=output_column,
+        supply=supply,
+        sample_time=seconds(sample_time),
+        counts_per_rev=counts_per_rev,
+        chain=chain,
+        recordings=tuple(recording or ()),
+    )
     if motor.is_dir() or motor.suffix == ".json" or not motor.exists():
-        from servobench.export.answer import Answer
-
-        _of_the_motor(out, Answer.read(motor).transfer_function, gain)
+        if said != Mapping() or mapping is not None:
+            raise UsageError(
+                f"{motor} is a result, which has no columns any more: leave out --mapping, --chain and the options that name "
+                "columns, or give the file with the recording"
+            )
+        _of_an_answer(out, Answer.read(motor), kp)
         raise typer.Exit(DONE)
-    result = _identified(out, motor)
-    if result.transfer_function is None:
-        from servobench.errors import NotIdentifiable
-
-        told = " ".join(finding.sentence for finding in result.findings)
-        raise NotIdentifiable(f"{motor}: the record tells no motor, so nothing is said of its poles. {told}")
-    _of_the_motor(out, result.transfer_function, gain)
-    _over_intervals(out, result, gain)
+    base = mapping_in(mapping)
+    result = _identified(out, motor, base, said, kp)
+    _of_an_answer(out, Answer.of(result), kp)
+    if result.fit is not None:
+        _over_intervals(out, result.fit, _gain(kp, _gain_unit(result.data[0])))
     raise typer.Exit(DONE)
 
 
-def _gain(text: str) -> float:
+def _gain(text: str, unit: str) -> float:
+    """The gain in a text, in the unit that the motor asks for; raises `UsageError` where it isn't one."""
     from servobench.errors import UnitError, UsageError
     from servobench.units import quantity
 
     try:
-        gain = quantity(text, "V/rad")
+        gain = quantity(text, unit)
     except UnitError as error:
         raise UsageError(f"--kp {text}: {error}") from None
     if gain == 0:
@@ -65,27 +110,56 @@ def _gain(text: str) -> float:
     return gain
 
 
-def _identified(out: Console, path: Path) -> Result:
+def _gain_unit(data: Dataset) -> str:
+    return f"{data.input_unit}/{data.position_unit}"
+
+
+def _identified(out: Console, path: Path, base: Mapping, said: Mapping, kp: str) -> Result:
     """What a file's recordings tell of the motor, after saying what the records themselves do of stability."""
+    from servobench.cli.conclusion import concluded
     from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.formats.base import load
-    from servobench.identification import identify
+    from servobench.cli.recordings import loaded, mapped
     from servobench.measurement.measure import measure
     from servobench.stability_analysis.record import bibo
 
-    records = [measure(each) for each in load(path)]
+    with Progress() as progress:
+        evidence = mapped(loaded([path], progress), base, said)
+    records = [measure(each.recording, each.chain) for each in evidence]
+    _gain(kp, _gain_unit(records[0]))  # a mistake in it is told before any work is done
     for data in records:
         _say(out, f"The record {data.name}", bibo(data).sentences)
     with Progress() as progress, told_when_compiling(progress):
-        progress.begin("identifying")
-        return identify(records)
+        return concluded(evidence, progress)
 
 
-def _of_the_motor(out: Console, speed: TransferFunction, kp: float) -> None:
+def _of_an_answer(out: Console, answer: Answer, kp: str) -> None:
+    """Print what a result lets be said; raises `NotIdentifiable` where it doesn't know the motor's parameters."""
+    from servobench.cli.answer import in_words
+    from servobench.errors import NotIdentifiable
+
+    unknown = [
+        in_words(name)
+        for name in _NEEDED
+        if name in answer.estimates and not all(map(math.isfinite, answer.estimates[name].interval))
+    ]
+    if unknown:
+        raise NotIdentifiable(
+            f"Poles and margins can't be told: the data don't tell the {' and the '.join(unknown)}, and a number without an "
+            "interval stands for any other. `servobench identify` says what a recording would need that does."
+        )
+    if answer.verdict == "doubtful":
+        reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
+        _say(out, "The motor is doubtful, and so is all that follows", reasons)
+    position, driven_by = answer.units
+    _of_the_motor(
+        out, answer.transfer_function, _gain(kp, f"{driven_by}/{position}"), f"{driven_by}/{position}"
+    )
+
+
+def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str) -> None:
     """Print what the poles mean to the speed and to the position, and what a loop around the latter does."""
     from dataclasses import replace
 
-    from servobench.margins import margins
     from servobench.rounding import plain
     from servobench.stability_analysis.nyquist import closed_loop
     from servobench.stability_analysis.verdict import stability as judged
@@ -104,32 +178,50 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float) -> None:
         drive = (found.drive.sentence,) if found.drive else ()
         _say(out, f"To the {system.output}: {found.verdict}, {bounded}", (*found.reasons, *drive))
     loop = replace(position, numerator=tuple(kp * c for c in position.numerator))
-    closed, left = closed_loop(loop), margins(loop)
+    closed = closed_loop(loop)
+    in_counts = (
+        "The motor is in counts, and so is this gain: identify with --counts-per-rev N to have both in rad.",
+    )
     _say(
         out,
-        f"The position loop with {plain(kp)} V/rad: {closed.verdict}",
-        (
-            closed.sentence,
-            f"Gain margin {plain(left.gain_margin)}, phase margin {plain(math.degrees(left.phase_margin), 3)}°, delay margin "
-            f"{plain(left.delay_margin, 3)} s.",
-        ),
+        f"The position loop with {plain(kp)} {kp_unit}: {closed.verdict}",
+        (closed.sentence, *_margins(loop, closed.verdict), *(in_counts if turned == "counts" else ())),
     )
 
 
-def _over_intervals(out: Console, result: Result, kp: float) -> None:
+def _margins(loop: TransferFunction, verdict: str) -> tuple[str, ...]:
+    """What margins a stable loop has; of another one, the gain at which it would be stable, if a smaller one is."""
+    from dataclasses import replace
+
+    from servobench.margins import margins
+    from servobench.rounding import plain
+    from servobench.stability_analysis.nyquist import closed_loop
+
+    left = margins(loop)
+    if verdict == "stable":
+        return (
+            f"Gain margin {plain(left.gain_margin)}, phase margin {plain(math.degrees(left.phase_margin), 3)}°, delay margin "
+            f"{plain(left.delay_margin, 3)} s.",
+            "They are the continuous loop's: a controller that samples and holds adds about half of its sample time as delay, "
+            "and the time that it computes, for both of which the delay margin must do.",
+        )
+    smaller = replace(loop, numerator=tuple(0.9 * left.gain_margin * c for c in loop.numerator))
+    if left.gain_margin < 1 and closed_loop(smaller).verdict == "stable":
+        return (f"With less than {plain(left.gain_margin)} of this gain it would be stable.",)
+    return (
+        "It has no margins: they say how far a stable loop is from instability, and no smaller gain makes this one stable.",
+    )
+
+
+def _over_intervals(out: Console, fit: Fit, kp: float) -> None:
     from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
     from servobench.transfer_function import TransferFunction
 
-    if result.fit is None:
-        return
     feedback = TransferFunction(numerator=(kp,), denominator=(1.0,), output="input", unit="1")
     _say(
         out,
         "What the data leave open",
-        (
-            stability_over_intervals(result.fit, "speed").sentence,
-            loop_over_intervals(result.fit, feedback).sentence,
-        ),
+        (stability_over_intervals(fit, "speed").sentence, loop_over_intervals(fit, feedback).sentence),
     )
 
 

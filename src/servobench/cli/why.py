@@ -11,6 +11,7 @@ import typer
 from servobench.cli.options import (
     AsJson,
     ChainText,
+    CountsPerRev,
     InputColumn,
     MappingFile,
     OutputColumn,
@@ -60,6 +61,7 @@ def why(
     supply: SupplyColumn = None,
     reference: ReferenceColumn = None,
     sample_time: SampleTime = None,
+    counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     mapping: MappingFile = None,
     recording: RecordingNames = None,
@@ -95,6 +97,7 @@ def why(
         supply=supply,
         reference=reference,
         sample_time=seconds(sample_time),
+        counts_per_rev=counts_per_rev,
         chain=chain,
         recordings=tuple(recording or ()),
     )

@@ -21,7 +21,9 @@ from servobench.formats.supply import constant, motor_voltage
 from servobench.formats.timing import seconds, timed
 from servobench.formats.unreadable import weighed
 from servobench.formats.usable import usable
+from servobench.measurement.words import check_positive
 from servobench.recording.recording import Recording, Series
+from servobench.units import unit
 
 
 def assign(
@@ -34,14 +36,16 @@ def assign(
     supply: str | ColumnSpec | None = None,
     current: str | ColumnSpec | None = None,
     sample_time: float | str | None = None,
+    counts_per_rev: float | None = None,
     chain: str = "",
 ) -> Recording:
     """Return the recording with input and output set, both with unit and times.
 
     What is given comes first, then what the recording knows itself, then what its names say; `u` and `voltage` are taken as V
     and `t` and `time` as s where nobody says otherwise. `sample_time` [s] makes times k·sample_time for samples without any, or
-    instead of the file's. Samples of the two channels whose time doesn't increase, or that have no finite value, are left out,
-    with a finding. `chain` is the text of what lies between the shaft and the output.
+    instead of the file's. `counts_per_rev` is what an output in counts has in one turn of the shaft, edges of both channels
+    included: the result is then in rad. Samples of the two channels whose time doesn't increase, or that have no finite value,
+    are left out, with a finding. `chain` is the text of what lies between the shaft and the output.
     `reference` is what a feedback loop was told to follow. `supply` is what feeds the amplifier of an input that is a duty: a
     channel, or a constant such as `7.4 V`; the input is then their product in V, a new channel. `current` is the measured current
     of the armature, which is then called `armature_current`.
@@ -68,9 +72,25 @@ def assign(
         chain=chain.strip() or recording.chain,
         findings=(*before, *roles.findings, *about_samples),
     )
+    if counts_per_rev is not None:
+        result = _with_turn(result, counts_per_rev)
     if roles.is_scaled:  # what was before is in another unit
         result = replace(result, input_before=None)
     return result if supply is None else motor_voltage(result, roles.series.get("supply"), volts)
+
+
+def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:
+    """The recording whose output knows how many counts make a turn; raises `UsageError` where it is in no counts."""
+    series = recording[str(recording.output)]
+    name, symbol = series.channel.name, series.channel.unit or ""
+    if unit(symbol).si not in {"counts", "counts/s"}:
+        raise UsageError(
+            f"{counts_per_rev:g} counts in a turn are said, but the output `{name}` is in {symbol}; say --output {name}:counts "
+            "where it holds counts, and leave them out where it doesn't"
+        )
+    check_positive("counts_per_rev", counts_per_rev, "counts/rev")
+    channel = replace(series.channel, counts_per_rev=counts_per_rev)
+    return replace(recording, series=_merged(recording.series, [replace(series, channel=channel)]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -155,6 +175,7 @@ def _check_differ(recording: Recording, series: dict[Role, Series]) -> None:
 
 _CHOICES = "recordings"
 _EACH = "recording"
+_TURN = "counts_per_rev"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -171,6 +192,7 @@ class Mapping:
     supply: str | None = None
     current: str | None = None
     sample_time: float | None = None
+    counts_per_rev: float | None = None
     chain: str = ""
     recordings: tuple[str, ...] = ()
     each: dict[str, Mapping] = field(default_factory=dict)
@@ -224,6 +246,7 @@ class Mapping:
             supply=own.supply,
             current=own.current,
             sample_time=own.sample_time,
+            counts_per_rev=own.counts_per_rev,
             chain=own.chain,
         )
 
@@ -246,6 +269,9 @@ def _checked(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[
                 raise UsageError(
                     f'{where}: {key} is {value!r}; expected a list of names such as {key} = ["run 1"]'
                 )
+        elif key == _TURN:
+            if isinstance(value, bool) or not isinstance(value, int | float) or not value > 0:
+                raise UsageError(f"{where}: {key} is {value!r}; expected a number such as {key} = 2048")
         elif key != "sample_time" and not isinstance(value, str):
             raise UsageError(
                 f'{where}: {key} is {value!r}; expected a text such as {key} = "{_EXAMPLES[key]}"'

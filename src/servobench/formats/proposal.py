@@ -106,6 +106,7 @@ def _entries(recording: Recording, description: Description) -> list[_Entry]:
         _supply(recording),
         _reference(recording),
         _current(recording),
+        *_turn(recording, known.output),
         _chain(recording, known.output),
     ]
     return entries
@@ -169,6 +170,18 @@ def _current(recording: Recording) -> _Entry:
     return _Entry(
         key="current", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:A",)
     )
+
+
+def _turn(recording: Recording, output: str | None) -> list[_Entry]:
+    """The question how many counts make a turn, where the output is in counts and nobody says."""
+    if output is None:
+        return []
+    spec = ColumnSpec.parse(output)
+    known = spec.column in recording and recording[spec.column].channel.counts_per_rev is not None
+    if known or (spec.unit or _unit(recording, output)) not in ("counts", "counts/s"):
+        return []
+    told = "How many counts make a turn of the shaft? Without an answer, the result is in counts."
+    return [_Entry(key="counts_per_rev", told=told, choices=(2048,))]
 
 
 def _chain(recording: Recording, output: str | None) -> _Entry:

@@ -210,8 +210,15 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
         return
     near = get_close_matches(tail, _COMMON_UNITS, n=3, cutoff=0.4)
     hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+    # rev/2048, counts/1024 and the like: an encoder's resolution, which has a place of its own.
+    turn = (
+        f"; for an encoder: {column}:counts, with --counts-per-rev N"
+        if any(c.isdecimal() for c in tail)
+        else ""
+    )
     raise UnitError(
         f"`{spec.column}`: {tail!r} is no unit that is known{hint}; known are {', '.join(_COMMON_UNITS)}, and products of them"
+        f"{turn}"
     )
 
 
