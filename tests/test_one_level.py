@@ -10,6 +10,7 @@ import pytest
 from servobench.finding import Verdict
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
+from servobench.report.mathml import transfer_function_math
 from tests.datasets import QUANTUM, dataset
 from tests.motor.reference import Truth, march
 from tests.truth.test_intervals import answers
@@ -51,3 +52,24 @@ def test_a_second_level_or_coasting_tells_them_apart(levels: tuple[float, ...]) 
     assert fit is not None
     assert np.isfinite(fit["gain"].sd)
     assert fit["gain"].value == pytest.approx(answers(Truth())["gain"], rel=0.01)
+
+
+def test_a_number_that_is_not_known_is_not_printed() -> None:
+    result = identify(stepped(0.0, 2.0))
+    assert result.fit is not None
+    lines = str(result).splitlines()
+
+    assert [" ".join(line.split()) for line in lines if line.startswith(("gain", "coulomb"))] == [
+        "gain not known",
+        "coulomb voltage not known",
+    ]
+    assert result.equation.startswith("G(s) = K / (")
+    assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation
+    assert "<mi>K</mi>" in transfer_function_math(result.fit)
+    assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result.fit)
+
+
+def test_a_gain_that_is_known_stands_in_the_equation() -> None:
+    result = identify(stepped(2.0, 1.0))
+    assert result.fit is not None
+    assert f"({result.fit['gain'].value:.6g}) / (" in result.equation

@@ -201,3 +201,8 @@ def test_what_is_no_such_quantity_is_told_with_what_was_expected(
 def test_things_that_measure_differently_are_not_converted() -> None:
     with pytest.raises(UnitError, match="'rad' can't be turned into 'counts': they measure different things"):
         convert(1, "rad", "counts")
+
+
+def test_german_revolutions_a_minute_are_rpm_and_u_alone_is_no_unit() -> None:
+    assert convert(60, "U/min", "rev/s") == pytest.approx(1)
+    assert not is_unit("U")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
@@ -119,6 +119,21 @@ class Result:
         """The transfer function from the input to the speed, None where there is no fit."""
         return self.fit.model.transfer_function("speed") if self.fit else None
 
+    @property
+    def equation(self) -> str:
+        """The transfer function as a line, K in place of a gain that the data don't tell; empty where there is no fit."""
+        system = self.transfer_function
+        if self.fit is None or system is None:
+            return ""
+        delay = self.fit.estimates.get("delay")
+        if system.delay < 0 and delay is not None and delay.interval[1] >= 0:
+            system = replace(system, delay=0.0)  # below zero by chance
+        gain = self.fit.estimates.get("gain")
+        if gain is None or all(map(math.isfinite, gain.interval)) or len(system.numerator) > 1:
+            return f"G(s) = {system}, in {system.unit}"
+        _, _, rest = str(system).partition(" / ")
+        return f"G(s) = K / {rest}, K isn't known, in {system.unit}"
+
     @cached_property
     def derived(self) -> dict[str, Derived]:
         """Poles, bandwidth, rise time, and the margins under unit position feedback, each with its interval.
@@ -170,11 +185,12 @@ class Result:
 
         lines = []
         for name, e in self.fit.estimates.items() if self.fit else ():
-            lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
+            told = rounded_interval(e.value, e.interval, e.unit)
+            lines.append(f"{name.replace('_', ' '):16} {told if told.low else 'not known'}")
         for name, e in self.motor_parameters.items():
             lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
         if self.transfer_function is not None:
-            lines.append(f"G(s) = {self.transfer_function}, in {self.transfer_function.unit}")
+            lines.append(self.equation)
         lines.append(str(self.verdict))
         lines += [f"- {finding.severity}: {finding.sentence}" for finding in self.findings]
         return "\n".join(lines)

@@ -72,6 +72,7 @@ _ALIASES = {
     "RPM": "rpm", "hz": "Hz", "hertz": "Hz", "Hertz": "Hz", "percent": "%",
 }  # fmt: skip
 _SHORT = {"dps": "deg/s", "rps": "rev/s"}
+_OF_THE_FIELD = {"U/min": "rpm", "Umdr/min": "rpm"}  # German: U alone is a voltage's symbol, and no unit
 _LONGEST = 80  # characters; no unit needs more, and a longer text must not cost time or depth
 _SPELLINGS = str.maketrans(
     {"µ": "u", "μ": "u", "\u2126": "Ω"}
@@ -150,7 +151,7 @@ def unit(text: str) -> Unit:
     """
     if len(text) > _LONGEST:
         raise UnitError(f"{text[:20]!r}... is no unit: it has {len(text)} characters")
-    parser = _Parser(text)
+    parser = _Parser(_OF_THE_FIELD.get(text.strip(), text))
     factor, dimension = parser.whole()
     return Unit(symbol=text.strip(), factor=factor, dimension=dimension, radians=parser.radians)
 

@@ -110,7 +110,8 @@ def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: 
     for name, estimate in estimates.items():
         told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
         known = f"{told.low} to {told.high}" if told.low else "not known"
-        rows.append((in_words(name), *map(_ascii_minus, (told.value, told.half, known)), told.unit))
+        value = told.value if told.low else ""  # digits of which none is known would be read all the same
+        rows.append((in_words(name), *map(_ascii_minus, (value, told.half, known)), told.unit))
     show_table(console, headings, rows, right=headings[1:4])
     console.print()
 
@@ -119,7 +120,7 @@ def _model(result: Result) -> list[str]:
     """The transfer function, and how much of the output it explains, in lines."""
     lines = []
     if result.transfer_function is not None:
-        lines.append(f"G(s) = {result.transfer_function}, in {result.transfer_function.unit}")
+        lines.append(result.equation)
     if result.fit is not None:
         lines.append(f"simulates {_percent(result.fit.fit_percent)} of the output")
     if result.validation is not None:

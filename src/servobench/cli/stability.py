@@ -142,10 +142,13 @@ def _of_an_answer(out: Console, answer: Answer, kp: str) -> None:
         for name in _NEEDED
         if name in answer.estimates and not all(map(math.isfinite, answer.estimates[name].interval))
     ]
+    if unknown == ["gain"]:
+        _of_a_system(out, answer.transfer_function)
     if unknown:
+        what = "How far it goes and what margins a loop has" if unknown == ["gain"] else "Poles and margins"
         raise NotIdentifiable(
-            f"Poles and margins can't be told: the data don't tell the {' and the '.join(unknown)}, and a number without an "
-            "interval stands for any other. `servobench identify` says what a recording would need that does."
+            f"{what} can't be told: the data don't tell the {' and the '.join(unknown)}, and a number without an interval stands "
+            "for any other. `servobench identify` says what a recording would need that does."
         )
     if answer.verdict == "doubtful":
         reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
@@ -162,7 +165,6 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str
 
     from servobench.rounding import plain
     from servobench.stability_analysis.nyquist import closed_loop
-    from servobench.stability_analysis.verdict import stability as judged
 
     turned, _, driven_by = speed.unit.partition("/(s·")
     position = replace(
@@ -173,10 +175,7 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str
         delay=max(speed.delay, 0.0),
     )
     for system in (speed, position):
-        found = judged(system)
-        bounded = "BIBO stable" if found.bibo else "not BIBO stable"
-        drive = (found.drive.sentence,) if found.drive else ()
-        _say(out, f"To the {system.output}: {found.verdict}, {bounded}", (*found.reasons, *drive))
+        _of_a_system(out, system)
     loop = replace(position, numerator=tuple(kp * c for c in position.numerator))
     closed = closed_loop(loop)
     in_counts = (
@@ -187,6 +186,15 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str
         f"The position loop with {plain(kp)} {kp_unit}: {closed.verdict}",
         (closed.sentence, *_margins(loop, closed.verdict), *(in_counts if turned == "counts" else ())),
     )
+
+
+def _of_a_system(out: Console, system: TransferFunction) -> None:
+    from servobench.stability_analysis.verdict import stability as judged
+
+    found = judged(system)
+    bounded = "BIBO stable" if found.bibo else "not BIBO stable"
+    drive = (found.drive.sentence,) if found.drive else ()
+    _say(out, f"To the {system.output}: {found.verdict}, {bounded}", (*found.reasons, *drive))
 
 
 def _margins(loop: TransferFunction, verdict: str) -> tuple[str, ...]:

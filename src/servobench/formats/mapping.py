@@ -21,7 +21,6 @@ from servobench.formats.supply import constant, motor_voltage
 from servobench.formats.timing import seconds, timed
 from servobench.formats.unreadable import weighed
 from servobench.formats.usable import usable
-from servobench.measurement.words import check_positive
 from servobench.recording.recording import Recording, Series
 from servobench.units import unit
 
@@ -88,7 +87,6 @@ def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:
             f"{counts_per_rev:g} counts in a turn are said, but the output `{name}` is in {symbol}; say --output {name}:counts "
             "where it holds counts, and leave them out where it doesn't"
         )
-    check_positive("counts_per_rev", counts_per_rev, "counts/rev")
     channel = replace(series.channel, counts_per_rev=counts_per_rev)
     return replace(recording, series=_merged(recording.series, [replace(series, channel=channel)]))
 

@@ -40,7 +40,7 @@ _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 def transfer_function_math(fit: Fit) -> str:
     """Return G(s) of the fit, from input to speed, as `<math>` elements: in symbols where they are known, and in numbers."""
     system = fit.model.transfer_function("speed")
-    numbers = _in_numbers(system, coefficient_halves(fit))
+    numbers = _in_numbers(system, coefficient_halves(fit), _gain_is_known(fit))
     unit = f'<mspace width="0.6em"></mspace><mtext>{escape(system.unit)}</mtext>'
     whole = _row(_name("G"), _brackets(_name("s")))
     if not _is_first_order(fit, system):
@@ -66,9 +66,14 @@ def _is_first_order(fit: Fit, system: TransferFunction) -> bool:
     )
 
 
-def _in_numbers(system: TransferFunction, halves: Array) -> str:
+def _gain_is_known(fit: Fit) -> bool:
+    return "gain" not in fit.estimates or bool(np.isfinite(fit.estimates["gain"].interval).all())
+
+
+def _in_numbers(system: TransferFunction, halves: Array, gain_is_known: bool) -> str:
     upper, lower = len(system.numerator), len(system.denominator)
-    numerator = _polynomial(system.numerator, halves[:upper])
+    whole = gain_is_known or upper > 1
+    numerator = _polynomial(system.numerator, halves[:upper]) if whole else _name("K")
     denominator = _polynomial(system.denominator, halves[upper : upper + lower])
     fraction = _fraction(numerator, denominator)
     if system.delay == 0:

@@ -116,6 +116,11 @@ def _model_sentence(fit: Fit) -> str:
             for name, estimate in list(estimates.items())[:2]
         ]
         return f"The model {fit.structure} was found: {', '.join(named)}."
+    if not all(map(math.isfinite, estimates["gain"].interval)):
+        return (
+            "The data don’t tell how much each unit of the input adds to the steady speed; the motor covers 63.2 % of a step in "
+            f"{_interval(estimates['time_constant'])}."
+        )
     gain = _interval(estimates["gain"], f"{data.position_unit}/s")
     unit = {"V": "volt", "%": "per cent", "A": "ampere"}.get(data.input_unit, data.input_unit)
     return (
