@@ -71,6 +71,7 @@ _ALIASES = {
     "counts": "count", "ticks": "count", "tick": "count", "pulse": "count", "pulses": "count",
     "RPM": "rpm", "hz": "Hz", "hertz": "Hz", "Hertz": "Hz", "percent": "%",
 }  # fmt: skip
+_AS_SHOWN = ("counts", "°")  # other names that are written wherever a unit is shown
 _SHORT = {"dps": "deg/s", "rps": "rev/s"}
 _OF_THE_FIELD = {"U/min": "rpm", "Umdr/min": "rpm"}  # German: U alone is a voltage's symbol, and no unit
 _LONGEST = 80  # characters; no unit needs more, and a longer text must not cost time or depth
@@ -163,6 +164,15 @@ def is_unit(text: str) -> bool:
     except UnitError:
         return False
     return True
+
+
+def in_symbols(text: str) -> str:
+    """Return a unit's text with a symbol in place of each word or abbreviation of a file's heading: `ms` for `msec`."""
+    return re.sub(
+        r"[A-Za-zΩ°]+",
+        lambda word: word[0] if word[0] in _AS_SHOWN else _ALIASES.get(word[0], word[0]),
+        text,
+    )
 
 
 def convert(value: float, from_unit: str, to_unit: str) -> float:

@@ -28,16 +28,17 @@ def test_a_tolerance_is_the_sum_of_its_parts(text: str, allowed: float) -> None:
     assert Tolerance(text, "s").around(TAU["time_constant"]) == pytest.approx(allowed, abs=1.1e-10)
 
 
-def test_a_tolerance_without_a_unit_is_in_that_of_the_blank() -> None:
+def test_a_tolerance_without_a_unit_goes_with_a_blank_without_one_or_in_per_cent() -> None:
     overshoot = Fact(value=20.0, half=0.1)
 
-    assert Tolerance("5", "s").around(TAU["time_constant"]) == pytest.approx(5, rel=1e-9)
+    assert Tolerance("5", "").around(TAU["time_constant"]) == pytest.approx(5, rel=1e-9)
     assert Tolerance("interval + 0.5", "%").around(overshoot) == pytest.approx(0.6)  # percentage points
     assert Tolerance("0.5 %", "%").around(overshoot) == pytest.approx(0.1)  # of 20 %
 
 
 @pytest.mark.parametrize(
-    "text", ["", "about", "-5 %", "0 s", "5 V", "exact + 1 %", "interval interval", "1 % +"]
+    "text",
+    ["", "about", "-5 %", "0 s", "5 V", "exact + 1 %", "interval interval", "1 % +", "5", "interval + 5"],
 )
 def test_a_tolerance_that_is_none_is_refused(text: str) -> None:
     with pytest.raises(UsageError, match="tolerance"):
@@ -136,7 +137,8 @@ type = "constant"
 [[blanks]]
 id = "one"
 label = "one"
-answer = "gian"
+answer = "gain"
+unit = "rad/(s·V)"
 tolerance = "exact"
 +++
 Text.
@@ -145,9 +147,9 @@ Text.
 
 def test_a_rule_that_asks_for_what_there_is_not_is_told_with_its_file_and_line() -> None:
     with pytest.raises(
-        UsageError, match=r"mine\.md:5: blank 'one': no fact called 'gian' \(did you mean 'gain'"
+        UsageError, match=r"mine\.md:5: blank 'one': no fact called 'gain' \(did you mean 'gains'"
     ):
-        check(read_exercise(FILE, "mine", "mine.md"), {"one": "1"}, {"gain": Fact(value=1.0)})
+        check(read_exercise(FILE, "mine", "mine.md"), {"one": "1"}, {"gains": Fact(value=1.0)})
 
 
 def test_an_answer_to_no_blank_is_refused() -> None:

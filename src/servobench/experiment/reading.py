@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import tomllib
+from collections.abc import Sequence
 from os import PathLike
 from pathlib import Path
 from typing import Any, Self
@@ -146,7 +147,16 @@ def explain(
 def _sentences(error: ValidationError | UsageError) -> list[tuple[KeyPath, str]]:
     if isinstance(error, UsageError):
         return [((), str(error))]
-    return [(problem["loc"], _sentence(problem)) for problem in error.errors(include_url=False)]
+    problems = error.errors(include_url=False)
+    return [(each["loc"], _sentence(each)) for each in problems if not _follows(each, problems)]
+
+
+def _follows(problem: ErrorDetails, problems: Sequence[ErrorDetails]) -> bool:
+    """Whether an array is too short only because of mistakes in its items, each of which is told by itself."""
+    depth = len(problem["loc"])
+    return problem["type"] == "too_short" and any(
+        len(each["loc"]) > depth and each["loc"][:depth] == problem["loc"] for each in problems
+    )
 
 
 def _sentence(problem: ErrorDetails) -> str:
@@ -164,6 +174,9 @@ def _sentence(problem: ErrorDetails) -> str:
         return f"{value} should be a table"
     if code == "tuple_type":
         return f"{value} should be an array"
+    if code == "too_short":
+        least = problem["ctx"]["min_length"]
+        return f"{value} has too few entries; expected at least {least}"
     if code == "string_type":
         return f"{value} should be a text in quotes"
     return re.sub(r"^(Input|Tuple|String)\b", lambda _: value, said)

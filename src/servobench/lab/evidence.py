@@ -18,6 +18,7 @@ from servobench.errors import NotIdentifiable
 from servobench.experiment import Experiment
 from servobench.finding import Severity
 from servobench.lab.expression import Fact
+from servobench.lab.rules import identifiable
 from servobench.measurement.base import Chain
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 _READ, _SHEET = "read_", "sheet_"
 _READINGS = ("gain", "time_constant")
 _LAG = "chain_lag"
-# Between them these have all terms of the ladder, whose structures are made from their names.
-_LADDER = ("first_order_coulomb_stribeck_gravity_load", "first_order_asymmetric_gravity")
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,8 +144,4 @@ class Evidence(Mapping[str, Fact]):
 
 def _identifiable() -> set[str]:
     """The names of all facts that a recording may tell; one that tells none of them hasn't made a name wrong."""
-    from servobench.models.base import STRUCTURES
-
-    structures = (*STRUCTURES, *(STRUCTURES[name] for name in _LADDER))
-    named = {parameter.name for structure in structures for parameter in structure.parameters}
-    return named | {_LAG} | {f"{_READ}{name}" for name in _READINGS}
+    return {*identifiable()} | {_LAG} | {f"{_READ}{name}" for name in _READINGS}

@@ -22,9 +22,11 @@ from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.experiment.reading import experiment_of, explain, parsed
 from servobench.lab.expression import Expression
+from servobench.lab.rules import check_blanks, check_rules
 from servobench.lab.studies.base import AnyStudy, Study
 from servobench.lab.tolerance import Tolerance
 from servobench.settings import Settings
+from servobench.units import in_symbols
 from servobench.units import unit as unit_named
 
 _FENCE = "+++"
@@ -70,6 +72,8 @@ class Blank(Settings):
     def _can_be_checked(self) -> Self:
         if self.unit:
             unit_named(self.unit)
+            if (symbols := in_symbols(self.unit)) != self.unit:
+                raise ValueError(f"the unit {self.unit!r} is written as a symbol; expected {symbols!r}")
         for text in (self.answer, *(mistake.answer for mistake in self.mistakes)):
             Expression(text)
         Tolerance(self.tolerance, self.unit)
@@ -112,14 +116,6 @@ class _Front(Settings):
     blanks: Annotated[tuple[Blank, ...], Field(min_length=1)]
     studies: Mapping[Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*$")], AnyStudy] = {}
     corrections: tuple[Correction, ...] = ()
-
-    @model_validator(mode="after")
-    def _tells_blanks_apart(self) -> Self:
-        names = [blank.id for blank in self.blanks]
-        twice = next((name for name in names if names.count(name) > 1), None)
-        if twice is not None:
-            raise ValueError(f"two blanks have the id {twice!r}; give each its own")
-        return self
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -239,7 +235,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
             f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment has to end within {_LONGEST:g} s, as "
             'answers are checked by running it; expected a duration such as "10 s"'
         )
-    return Exercise(
+    found = Exercise(
         name=name,
         title=told.title,
         sentence=told.sentence,
@@ -256,6 +252,9 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
             line_of(("corrections", number), lines) or 1 for number in range(len(told.corrections))
         ),
     )
+    check_blanks(found)
+    check_rules(found)
+    return found
 
 
 def _pieces(text: str) -> Iterator[Piece]:

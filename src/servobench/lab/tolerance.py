@@ -10,8 +10,8 @@ from servobench.lab.expression import Fact
 from servobench.units import quantity
 
 _EXPECTED = (
-    'expected "exact", or parts joined by +, each "interval", a percentage of the value, a quantity or a bare '
-    'number in the unit of the blank: "interval + 2 %", "0.5 ms"'
+    'expected "exact", or parts joined by +, each "interval", a percentage of the value or a quantity: "interval + 2 %", '
+    '"0.5 ms"'
 )
 _ROUNDING = 1e-9  # relative; what a number loses on its way through decimal digits
 
@@ -21,8 +21,8 @@ class Tolerance:
     """How far an answer may be off, as text in the unit of its blank.
 
     `exact`, or a sum of parts: `interval` (half of the 95 % interval that the recording leaves), a percentage of the value, a
-    quantity such as `0.5 ms`; a bare number is in the blank's unit, so that of a blank in % `0.5` is half a percentage point and
-    `0.5 %` a two hundredth of the value. Raises `UsageError` for any other text.
+    quantity such as `0.5 ms`. A bare number goes with a blank that has no unit, or has %, where `0.5` is half a percentage point
+    and `0.5 %` a two hundredth of the value. Raises `UsageError` for any other text.
     """
 
     text: str
@@ -51,6 +51,10 @@ class Tolerance:
     def _part(self, text: str) -> tuple[str, float]:
         if text == "interval":
             return "interval", math.nan
+        if text and self.unit not in ("", "%") and text[-1] in "0123456789.":
+            raise UsageError(
+                f'{text!r} in the tolerance {self.text!r} has no unit; write "{text} %" of the value, or "{text} {self.unit}"'
+            )
         kind, unit = ("percent", "%") if text.endswith("%") else ("size", self.unit or "1")
         try:
             size = quantity(text, unit)

@@ -1,0 +1,190 @@
+"""What can be told of an exercise's rules before anything is run: whether their facts are known, and whether their units fit.
+
+Names are checked of all rules, but for what a study finds (`NAME_...`), which only its run tells. The unit of a blank is held
+against the dimension of its answer where that follows from the facts: a number such as 10 in it may be 10 V, and then nothing
+follows. 1, 1000, a million and a billion are taken for changes of prefix. Angles, counts and per cent count as plain numbers.
+"""
+
+from __future__ import annotations
+
+import ast
+from collections.abc import Iterable, Iterator, Mapping
+from functools import cache
+from typing import TYPE_CHECKING, TypeAlias
+
+from servobench.errors import UnknownName, UsageError
+from servobench.lab.expression import Expression
+from servobench.lab.studies.values import Values
+from servobench.units import Unit
+from servobench.units import unit as unit_named
+
+if TYPE_CHECKING:
+    from servobench.lab.exercise import Blank, Exercise
+
+_Powers: TypeAlias = tuple[float, float, float, float]
+"""Powers of kg, m, s and A."""
+
+_NUMBER: _Powers = (0.0, 0.0, 0.0, 0.0)
+_PREFIXES = (1.0, 1e3, 1e6, 1e9)
+_SHEET = "sheet_"
+_DEVICE = {"counts_per_rev": "counts/rev", "counter_bits": "1", "voltage_limit": "V"}
+_STATED = {"sample_time": "s", "duration": "s", **_DEVICE}
+_READ = {"read_gain": "rad/(s·V)", "read_time_constant": "s", "chain_lag": "s"}
+_MOTOR = {
+    "resistance": "Ω",
+    "inductance": "H",
+    "motor_constant": "V·s/rad",
+    "rotor_inertia": "kg·m²",
+    "hub_inertia": "kg·m²",
+    "disc_inertia": "kg·m²",
+    "inertia": "kg·m²",
+    "viscous_friction": "N·m·s/rad",
+    "coulomb_torque": "N·m",
+    "dead_band": "V",
+    "gain": "rad/(s·V)",
+    "time_constant": "s",
+    "delay": "s",
+}
+# Between them these have all terms of the ladder, whose structures are made from their names.
+_LADDER = ("first_order_coulomb_stribeck_gravity_load", "first_order_asymmetric_gravity")
+
+
+@cache
+def identifiable() -> Mapping[str, str]:
+    """Return the units of all parameters that a recording may tell, by name: of an angle in rad and an input in V."""
+    from servobench.models.base import STRUCTURES
+
+    structures = (*STRUCTURES, *(STRUCTURES[name] for name in _LADDER))
+    return {
+        parameter.name: parameter.unit.format(position="rad", input="V")
+        for structure in structures
+        for parameter in structure.parameters
+    }
+
+
+@cache
+def units_of_facts() -> Mapping[str, str]:
+    """Return the units of all facts by name, but for those of studies."""
+    sheet = {f"{_SHEET}{name}": unit for name, unit in {**_MOTOR, **_DEVICE}.items()}
+    return {**identifiable(), **_STATED, **_READ, **sheet}
+
+
+def check_blanks(exercise: Exercise) -> None:
+    """Raise `UsageError`, with file and line, for the first blank whose id another has already."""
+    seen: dict[str, int] = {}
+    for blank, line in zip(exercise.blanks, exercise.lines, strict=True):
+        if blank.id in seen:
+            raise UsageError(
+                f"{exercise.source}:{line}: two blanks have the id {blank.id!r}, the other in line {seen[blank.id]}; give each "
+                "its own"
+            )
+        seen[blank.id] = line
+
+
+def check_rules(exercise: Exercise) -> None:
+    """Raise `UsageError`, with file and line, for the first rule with an unknown fact, or a unit that can't fit."""
+    for place, text in _rules(exercise):
+        try:
+            _check_names(exercise, Expression(text).names)
+        except UsageError as error:
+            raise UsageError(f"{place}: `{text}`: {error}") from None
+    for blank in exercise.blanks:
+        _check_unit(exercise, blank)
+
+
+def _rules(exercise: Exercise) -> Iterator[tuple[str, str]]:
+    """The rules of an exercise, each with the place where it stands."""
+    for blank in exercise.blanks:
+        place = f"{exercise.place(blank)}: blank {blank.id!r}"
+        yield place, blank.answer
+        for mistake in blank.mistakes:
+            yield f"{place}, a mistake", mistake.answer
+    for name, study in exercise.studies.items():
+        if isinstance(study, Values):
+            for row in study.rows:
+                yield f"{exercise.place_of_study(name)}: the study {name!r}", row.answer
+    for correction in exercise.corrections:
+        if correction.answer:
+            yield (
+                f"{exercise.place_of_correction(correction)}: the correction of {correction.where!r}",
+                correction.answer,
+            )
+
+
+def _check_names(exercise: Exercise, names: Iterable[str]) -> None:
+    known = units_of_facts()
+    for name in names:
+        study, _, rest = name.partition("_")
+        if rest and study in exercise.studies:
+            continue
+        if name not in known:
+            raise UnknownName("fact", name, [*known, *(f"{study}_..." for study in exercise.studies)])
+        if name.startswith(_SHEET) and not exercise.experiment.nominal:
+            raise UsageError(
+                f"{name!r} stands in a data sheet, and the experiment names none; add nominal to the table [experiment]"
+            )
+
+
+def _check_unit(exercise: Exercise, blank: Blank) -> None:
+    powers = _powers(ast.parse(blank.answer.strip(), mode="eval").body)
+    if powers is None or powers == _mechanical(unit_named(blank.unit or "1")):
+        return
+    gives = Unit(symbol="", factor=0.0, dimension=(*powers, 0.0, 0.0, 0.0)).si
+    raise UsageError(
+        f"{exercise.place(blank)}: blank {blank.id!r}: `{blank.answer}` comes out in {_told(gives)}, apart from a prefix or an "
+        f"angle, and the unit of the blank is {blank.unit or 'none'!r}; mend one of them"
+    )
+
+
+def _told(si: str) -> str:
+    return "no unit" if si == "1" else si
+
+
+def _mechanical(unit: Unit) -> _Powers:
+    kg, m, s, a = unit.dimension[:4]
+    return kg, m, s, a
+
+
+def _powers(node: ast.expr) -> _Powers | None:
+    """The dimension of what an expression gives; None where a number or a study in it may have any."""
+    match node:
+        case ast.Constant(value=number):
+            return _NUMBER if number in _PREFIXES else None
+        case ast.Name(id=name):
+            unit = "1" if name == "pi" else units_of_facts().get(name)
+            return None if unit is None else _mechanical(unit_named(unit))
+        case ast.UnaryOp(operand=inner):
+            return _powers(inner)
+        case ast.Call(func=ast.Name(id=name), args=[inner]):
+            if name in ("exp", "log"):
+                return _NUMBER
+            return _times(_powers(inner), 0.5 if name == "sqrt" else 1.0)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            # -2 is a sign before a number; any other exponent than a number leaves open what comes out.
+            sign, size = (-1.0, right.operand) if isinstance(right, ast.UnaryOp) else (1.0, right)
+            return _times(_powers(left), sign * float(size.value)) if isinstance(size, ast.Constant) else None  # type: ignore[arg-type]
+        case ast.BinOp(left=left, op=op, right=right):
+            return _joined(left, op, right)
+    return None
+
+
+def _joined(left: ast.expr, op: ast.operator, right: ast.expr) -> _Powers | None:
+    a, b = _powers(left), _powers(right)
+    if isinstance(op, ast.Add | ast.Sub):
+        # A number that stands by itself in a sum is in the unit of the rest.
+        open_ended = [isinstance(node, ast.Constant) for node in (left, right)]
+        if any(open_ended) and not all(open_ended):
+            return b if open_ended[0] else a
+        return a if a == b else None
+    sign = 1.0 if isinstance(op, ast.Mult) else -1.0
+    other = _times(b, sign)
+    if a is None or other is None:
+        return None
+    return a[0] + other[0], a[1] + other[1], a[2] + other[2], a[3] + other[3]
+
+
+def _times(powers: _Powers | None, factor: float) -> _Powers | None:
+    if powers is None:
+        return None
+    kg, m, s, a = powers
+    return kg * factor, m * factor, s * factor, a * factor
