@@ -188,6 +188,35 @@ disc_inertia = "6e-5 kg*m^2"
     assert "✗ time_constant" in own.out
 
 
+def test_a_recording_of_another_experiment_is_not_held_against_an_exercise(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "wave.toml"
+    text = '[experiment]\nduration = "2 s"\nsample_time = "1 ms"\n[signal]\ntype = "square"\nhigh = "3 V"\nfrequency = "1 Hz"\n'
+    file.write_text(text, encoding="utf-8")
+    assert servobench("run", file, "--out", tmp_path / "run").status == 0
+
+    ended = servobench("lab", "step", "--recording", tmp_path / "run" / "recording.mcap", "--solution")
+
+    assert ended.status == 2
+    assert "its signal and sample time are not the exercise's" in ended.err
+    assert "servobench lab step --out PAGE.html" in ended.err
+
+
+def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_it_belongs(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "own.csv"
+    rows = "".join(f"{0.002 * k:.3f},{float(k > 20)},{k * k}\n" for k in range(200))
+    file.write_text(f"time [s],voltage [V],position [counts]\n{rows}", encoding="utf-8")
+
+    ended = servobench("lab", "step", "--recording", file)
+
+    assert ended.status == 2
+    assert "doesn't say which device it is of" in ended.err
+    assert "`servobench identify" in ended.err
+
+
 def test_a_page_is_written_where_it_is_asked_for(servobench: Command, folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
 
@@ -225,6 +254,10 @@ def test_all_exercises_are_pages_in_a_folder(servobench: Command, folder: Path, 
         (("--json",), "--json belongs to an exercise"),
         (("--answers", "a=1"), "--answers belongs to an exercise"),
         (("encoder", "--answers", "2048"), "'2048' is no answer"),
+        (
+            ("encoder", "--answers", "counts=2048", "--answers", "counts = 512"),
+            "--answers has two for 'counts', '2048' and '512'",
+        ),
         (("encoder", "--answers", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
         (("encoder", "--device", "nothing"), "no device called 'nothing'"),
         (("encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),

@@ -55,7 +55,9 @@ def test_what_is_within_the_tolerance_is_right_in_any_unit_of_its_kind(text: str
     [
         ("0.1049", "close: within 5 %, a little too large"),
         ("0.0951", "close: within 5 %, a little too small"),
-        ("-0.1", "The sign is wrong."),
+        ("-0.1", "The sign is wrong; the size is right."),
+        ("-0.1009", "The sign is wrong; the size is right."),  # 0.9 % off, with 1 % allowed
+        ("-0.104", "The sign is wrong. It is close: within 5 %, a little too large"),
         ("100", "too large by 10^3"),
         ("0.0001", "too small by 10^3"),
         ("0.955", "60/2π"),
@@ -101,6 +103,41 @@ def test_a_negative_answer_is_right_with_either_minus() -> None:
 
     assert check_blank(rule, "-10", TAU).right
     assert check_blank(rule, "\u221210 rad/s", TAU).right
+
+
+@pytest.mark.parametrize(("text", "said"), [("-7.69", "too small in size"), ("-13", "too large in size")])
+def test_of_a_number_below_zero_the_size_is_spoken_of(text: str, said: str) -> None:
+    assert said in check_blank(blank(answer="-1 / time_constant", unit="rad/s"), text, TAU).sentence
+
+
+def test_a_part_of_one_is_told_from_per_cent() -> None:
+    level = blank(answer="100 * (1 - exp(-1))", unit="%", tolerance="0.5 %")
+
+    assert "in per cent it is a hundred times as much" in check_blank(level, "0.632", TAU).sentence
+    assert "the power of ten isn't" in check_blank(blank(), "0.001", TAU).sentence
+
+
+@pytest.mark.parametrize(
+    "text", ["2*pi/2048", "2π/2048", "pi / 1024", "(2 pi) / 2^11", "3.0679615757712823e-3"]
+)
+def test_an_answer_may_be_worked_out_in_its_place(text: str) -> None:
+    rule = blank(answer="2 * pi / 2048", unit="rad/count", tolerance="exact")
+
+    assert check_blank(rule, text, {}).right
+
+
+@pytest.mark.parametrize(
+    "text", ["1/0", "9**9**9**9", "2 048", "2(3)", "5pi pi", "((1", "pie", "1/2 s 3", "time_constant"]
+)
+def test_what_cannot_be_worked_out_is_told_as_any_other_text(text: str) -> None:
+    assert "can't be read" in check_blank(blank(), text, TAU).sentence
+
+
+def test_the_right_answer_is_told_in_the_unit_that_a_bare_answer_is_taken_in() -> None:
+    # 0.1 s ± 5 % would be 100 ms with a prefix; 20 ms stay ms.
+    assert right_answer(blank(), TAU) == "0.1000 ± 0.0050\u00a0s".replace(" ", "\u00a0")
+    lag = blank(answer="200 * time_constant", unit="ms", tolerance="2 %")
+    assert right_answer(lag, TAU) == "20.00 ± 0.40 ms".replace(" ", "\u00a0")
 
 
 def test_the_tolerance_follows_from_what_the_recording_leaves_open() -> None:

@@ -183,3 +183,26 @@ def test_markdown_becomes_nothing_but_plain_tags(text: str) -> None:
     for tag, attributes in seen:
         assert set(attributes) <= ({"href", "rel"} if tag == "a" else set())
         assert (attributes.get("href") or "http:").startswith(("http:", "https:", "mailto:"))
+
+
+@pytest.mark.parametrize(
+    ("name", "blank", "answer", "said"),
+    [
+        ("step", "pole", "-7.69", "the paper's 0.13 s"),
+        ("step", "read", "0.13", "the paper's figure"),
+        ("step", "time_constant", "0.13", "the paper's figure"),
+        ("step", "gain", "23.7", "1/k of the data sheet"),
+        ("stability", "pole", "-7.69", "the paper's pole"),
+        ("encoder", "wrap", "32", "right for a counter of 16 bits"),  # 2^16/2048; the twin's has 24
+        ("encoder", "wrap", "2097152", "right for a counter of 32 bits"),
+    ],
+)
+def test_figures_of_the_paper_and_of_other_counters_are_known_mistakes(
+    name: str, blank: str, answer: str, said: str
+) -> None:
+    found = exercise(name)
+
+    checked = check(found, {blank: answer}, facts_on_the_twin(found))[blank]
+
+    assert not checked.right
+    assert said in checked.sentence

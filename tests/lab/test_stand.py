@@ -178,7 +178,9 @@ def test_a_recording_alone_tells_what_it_can() -> None:
 def test_a_recording_that_says_nothing_of_its_device_is_not_enough() -> None:
     recording = replace(stand_on_the_twin(read()).recording, info=None)
 
-    with pytest.raises(UsageError, match="the device that it was made with"):
+    with pytest.raises(
+        UsageError, match=r"doesn't say which device it is of.*expected a recording that servobench made"
+    ):
         stand_of(read(), recording)
 
 

@@ -54,7 +54,10 @@ def lab(
     ] = None,
     recording: Annotated[
         Path | None,
-        typer.Option(metavar="FILE", help="A recording that you made for the exercise, in place of a run."),
+        typer.Option(
+            metavar="FILE",
+            help="A recording of the exercise's experiment that servobench made, in place of a run.",
+        ),
     ] = None,
     out: Annotated[
         Path | None,
@@ -148,7 +151,7 @@ def lab(
             )
     else:
         found = _asked_for(name, where)
-        given = dict(_answer(text) for text in answers or ())
+        given = _answers(answers or ())
         for blank in given:
             found.blank(blank)  # a misspelt one is told before anything is run
         worked = _one(
@@ -178,7 +181,10 @@ def _check_together(
             "--all goes with neither --recording nor --answers; name the exercise that they belong to"
         )
     if recording is not None and device is not None:
-        raise UsageError("--recording and --device don't go together; give one of them")
+        raise UsageError(
+            "--recording and --device don't go together, as a recording of servobench's own says what device it is of; leave "
+            "--device out"
+        )
     if name is None and not everything:
         for option, given in (
             ("--answers", answers),
@@ -222,6 +228,19 @@ def _asked_for(name: str, folder: Path) -> Exercise:
     return load_exercise(Path(name)) if name.endswith(".md") else exercise(name, folder)
 
 
+def _answers(texts: Sequence[str]) -> dict[str, str]:
+    from servobench.errors import UsageError
+
+    given: dict[str, str] = {}
+    for blank, value in map(_answer, texts):
+        if blank in given:
+            raise UsageError(
+                f"--answers has two for {blank!r}, {given[blank]!r} and {value!r}; leave one of them out"
+            )
+        given[blank] = value
+    return given
+
+
 def _answer(text: str) -> tuple[str, str]:
     from servobench.errors import UsageError
 
@@ -237,13 +256,15 @@ def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> Mo
     from servobench.errors import UsageError
     from servobench.experiment.experiment import DeviceChoice
     from servobench.formats.base import load
-    from servobench.lab.stand import stand_of, stand_on_the_twin, stand_with
+    from servobench.lab.stand import check_made_for, stand_of, stand_on_the_twin, stand_with
 
     if recording is not None:
         made = load(recording)
         if len(made) != 1:
             raise UsageError(f"{recording} holds {len(made)} recordings; expected one of this exercise")
-        return stand_of(exercise, made[0])
+        stand = stand_of(exercise, made[0])
+        check_made_for(exercise, made[0])
+        return stand
     asked = exercise.experiment.device
     if device is None and asked.name == "twin":
         return stand_on_the_twin(exercise)

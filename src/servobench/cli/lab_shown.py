@@ -28,6 +28,7 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
     show_wrapped(console, Text(), exercise.title, hanging=0)
     if exercise.sentence:
         show_wrapped(console, Text(), exercise.sentence, hanging=0)
+    show_wrapped(console, Text(), "; ".join(worked.in_short), hanging=0)
     for piece in exercise.pieces:
         console.print()
         if piece.study and opened:

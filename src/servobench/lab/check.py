@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -16,6 +17,8 @@ from servobench.units import quantity
 _LONGEST = 100  # characters of an answer
 _NEAR = 0.05  # relative; nearer than that is a slip or a rounding, no mistake of understanding
 _SAME = 0.005  # relative; how near an answer has to be to a known factor to be put down to it
+
+_SUM = re.compile(r"[-+*/^().0-9eE\s]*(?:(?:pi|π|sqrt)[-+*/^().0-9eE\s]*)*")
 
 # The factors that students lose, each with what was likely done; the answer is the right one times the factor.
 _FACTORS: tuple[tuple[float, str], ...] = (
@@ -78,7 +81,7 @@ def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> Checked:
         return Checked(right=True, sentence=_praise(blank, known, allowed))
     said = _known_mistake(blank, given, facts)
     if not said:
-        said = " ".join(filter(None, [_difference(given, known.value, blank.unit), blank.hint]))
+        said = " ".join(filter(None, [_difference(blank, given, known.value, allowed), blank.hint]))
     return Checked(right=False, sentence=said)
 
 
@@ -95,6 +98,8 @@ def _number(blank: Blank, text: str) -> float | Checked:
         return Checked(right=False, sentence="There is no answer yet.")
     if len(written) > _LONGEST:
         return Checked(right=False, sentence=f"An answer has {_LONGEST} characters at most.")
+    if _SUM.fullmatch(written) and (worked_out := _worked_out(written)) is not None:
+        return worked_out
     try:
         return quantity(written, blank.unit or "1")
     except UnitError as error:
@@ -105,10 +110,20 @@ def _number(blank: Blank, text: str) -> float | Checked:
         )
 
 
+def _worked_out(written: str) -> float | None:
+    """A sum of numbers and π, such as `2*pi/2048` or `5π`, in the blank's unit; None where it is none."""
+    text = re.sub(r"(?<=[0-9.)])\s*(?=pi\b)", " * ", written.replace("π", "pi").replace("^", "**"))
+    try:
+        return Expression(text).evaluate({}).value
+    except UsageError:  # it is read as a number with a unit then, which says what is wrong with it
+        return None
+
+
 def _told(blank: Blank, known: Fact, allowed: float) -> str:
     if blank.tolerance == "exact":
         return f"{plain(known.value, 12)}{SPACE}{blank.unit}".rstrip()
-    return str(rounded(known.value, allowed, blank.unit))
+    # In the blank's own unit, which a bare answer is taken to be in: no prefix is put before it.
+    return f"{rounded(known.value, allowed, '')}{SPACE}{blank.unit}".rstrip()
 
 
 def _praise(blank: Blank, known: Fact, allowed: float) -> str:
@@ -126,22 +141,27 @@ def _known_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str
     return ""
 
 
-def _difference(given: float, known: float, unit: str) -> str:
+def _difference(blank: Blank, given: float, known: float, allowed: float) -> str:
     """How a wrong answer differs from what is known: its sign, a factor, its order of magnitude, or by how much."""
     if known == 0:
-        return f"It isn't {plain(given)}{SPACE}{unit}".rstrip() + "."
+        return f"It isn't {plain(given)}{SPACE}{blank.unit}".rstrip() + "."
     ratio = given / known
     if ratio == 0:
         return "It isn't zero."
+    if ratio < 0 and abs(abs(given) - abs(known)) <= allowed:
+        return "The sign is wrong; the size is right."
+    if blank.unit == "%" and abs(100 * ratio - 1) <= _NEAR:
+        return "It looks like a part of one; in per cent it is a hundred times as much."
+    # Of two numbers below zero the one that is further from it is the smaller: the size is what is spoken of.
+    what = _size(abs(ratio), " in size" if known < 0 else "")
     if ratio < 0:
-        what = _size(abs(ratio))
         return f"The sign is wrong.{' ' + what if what else ''}"
-    return _size(ratio) or "It is close, but further off than it may be."
+    return what or "It is close, but further off than it may be."
 
 
-def _size(ratio: float) -> str:
-    """What the size of an answer is off by, as its ratio to the right one; empty where it is within 5 %."""
-    way = "large" if ratio > 1 else "small"
+def _size(ratio: float, of_what: str) -> str:
+    """What the size of an answer is off by, as its ratio to the right one; empty where it is nearly the same."""
+    way = f"{'large' if ratio > 1 else 'small'}{of_what}"
     if abs(ratio - 1) <= _SAME:
         return ""
     if abs(ratio - 1) <= _NEAR:

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 def facts_of(exercise: Exercise, recording: Recording) -> Mapping[str, Fact]:
     """Return the facts of a recording that somebody made for an exercise, looked at through the exercise's chain.
 
-    Raises `MissingInformation` for a recording that doesn't say what device it is of.
+    Raises `UsageError` for a recording that doesn't say what device it is of.
     """
     return stand_of(exercise, recording).facts
 

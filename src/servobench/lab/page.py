@@ -21,7 +21,6 @@ from servobench.report import words
 from servobench.report.document import write_page
 from servobench.report.html import Drawn, single, source, template
 from servobench.report.tables import capital
-from servobench.rounding import with_unit
 
 INDEX, PAPERS = "index.html", "paper.html"
 _MOST_BESIDE = 7  # columns that the width of the text has room for
@@ -90,7 +89,7 @@ def exercise_page(
         opened=studies or solution,
         course=single(worked.course),
         cut_short=worked.cut_short,
-        told=_in_short(worked),
+        told=worked.in_short,
         toml=worked.stand.experiment.to_toml(),
         answers={answer.blank.id: answer for answer in answers},
         given=worked.given,
@@ -183,14 +182,6 @@ def _study(name: str, shown: Shown) -> Block:
         sentences=shown.sentences,
         drawings=tuple(drawn for figure in shown.figures if (drawn := single(figure))),
     )
-
-
-def _in_short(worked: Worked) -> tuple[str, ...]:
-    """What the exercise is done with: the device, how long and how often, and the chain."""
-    asked = worked.stand.experiment
-    chain = f"the speed through ‘{asked.chain}’" if asked.chain not in ("", "none") else ""
-    rate = f"{with_unit(asked.duration or 0.0, 's')} at {with_unit(asked.sample_rate, 'Hz')}"
-    return tuple(filter(None, (f"device: {worked.stand.info.name}", rate, chain)))
 
 
 def _neighbours(lab: Sequence[Worked], number: int) -> Neighbours:

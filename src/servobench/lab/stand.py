@@ -12,7 +12,7 @@ from threading import RLock
 from typing import TYPE_CHECKING
 
 from servobench.channels import DeviceInfo
-from servobench.errors import MissingInformation, NotIdentifiable, UnknownName, UsageError
+from servobench.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.experiment import Experiment
 from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.evidence import Evidence
@@ -151,10 +151,14 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
 def stand_of(exercise: Exercise, recording: Recording) -> MotorStand:
     """Return the stand of an exercise with a recording alone: a study that runs something is told that there is no motor.
 
-    Raises `MissingInformation` for a recording that doesn't say what device it is of.
+    Raises `UsageError` for a recording that doesn't say what device it is of.
     """
     if recording.info is None:
-        raise MissingInformation(recording.name, ["the device that it was made with"])
+        raise UsageError(
+            f"{recording.name} doesn't say which device it is of, so it can't be held against an exercise; expected a recording "
+            f"that servobench made: the panel's, or that of `servobench run`. `servobench identify {recording.name}` tells the "
+            "motor of any other"
+        )
 
     def refuse(experiment: Experiment) -> Recording:
         raise NotIdentifiable(
@@ -169,6 +173,30 @@ def stand_of(exercise: Exercise, recording: Recording) -> MotorStand:
         made=recording,
         carry_out=refuse,
     )
+
+
+def check_made_for(exercise: Exercise, recording: Recording) -> None:
+    """Raise `UsageError` for a recording whose own experiment drives the motor otherwise than the exercise's.
+
+    One that doesn't say what experiment it is of is taken as it is.
+    """
+    from servobench.experiment.reading import read_experiment
+
+    if not recording.experiment:
+        return
+    made, asked = read_experiment(recording.experiment, recording.name), exercise.experiment
+    parts = {
+        "signal": (made.signal, asked.signal),
+        "controller": (made.controller, asked.controller),
+        "sample time": (made.sample_time, asked.sample_time),
+    }
+    other = [name for name, (theirs, ours) in parts.items() if theirs != ours]
+    if other:
+        raise UsageError(
+            f"{recording.name} is of another experiment than the exercise {exercise.name!r}: its {' and '.join(other)} "
+            f"{'is' if len(other) == 1 else 'are'} not the exercise's, whose answers are those of its own experiment. Load that "
+            f"in the panel, or copy it from the page of `servobench lab {exercise.name} --out PAGE.html`, and record it"
+        )
 
 
 def _connected(device: DeviceChoice) -> Device:

@@ -14,7 +14,7 @@ from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand
 from servobench.lab.studies.base import Shown
 from servobench.report.illustrations import Illustration
-from servobench.rounding import SPACE, plain
+from servobench.rounding import SPACE, plain, with_unit
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +59,16 @@ class Worked:
             return Shown(sentences=(f"Nothing can be shown here: {error}.",))
         figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in found.figures)
         return replace(found, figures=figures)
+
+    @property
+    def in_short(self) -> tuple[str, ...]:
+        """What the exercise is done with: the device and its counter, how long and how often, and the chain."""
+        asked, info = self.stand.experiment, self.stand.info
+        counts = info.channel("counts")
+        counter = f"a counter of {counts.counter_bits} bits" if counts and counts.counter_bits else ""
+        chain = f"the speed through ‘{asked.chain}’" if asked.chain not in ("", "none") else ""
+        rate = f"{with_unit(asked.duration or 0.0, 's')} at {with_unit(asked.sample_rate, 'Hz')}"
+        return tuple(filter(None, (f"device: {info.name}", counter, rate, chain)))
 
     @property
     def cut_short(self) -> str:
