@@ -24,6 +24,8 @@ from servobench.report.tables import capital
 
 INDEX, PAPERS = "index.html", "paper.html"
 _MOST_BESIDE = 7  # columns that the width of the text has room for
+_WIDEST = 62  # characters beside each other that it has room for, with the gaps between the columns
+_GAP = 2  # characters between two columns
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -48,10 +50,8 @@ class Block:
 
     @property
     def is_broad(self) -> bool:
-        """Whether a table in it has so many columns that it may be wider than the text."""
-        return any(
-            sum(column.kind != "off" for column in columns) > _MOST_BESIDE for _, columns, _ in self.tables
-        )
+        """Whether a table in it has so many columns, or so wide ones, that it may be wider than the text."""
+        return any(_is_broad(columns) for _, columns, _ in self.tables)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -165,6 +165,19 @@ def _blocks(worked: Worked) -> tuple[Block, ...]:
         _study(piece.study, worked.shown(piece.study)) if piece.study else _text(piece.text)
         for piece in worked.exercise.pieces
     )
+
+
+def _is_broad(columns: Sequence[Told]) -> bool:
+    beside = [column for column in columns if column.kind != "off"]
+    width = sum(_least_width(column) + _GAP for column in beside)
+    return len(beside) > _MOST_BESIDE or width > _WIDEST
+
+
+def _least_width(column: Told) -> int:
+    """How many characters a column takes at the least: words are wrapped, numbers aren't."""
+    wrapped = [column.heading, *(column.texts if column.kind == "word" else ())]
+    words = [word for text in wrapped for word in text.split()]
+    return max(map(len, [*words, column.unit, *(() if column.kind == "word" else column.texts)]), default=0)
 
 
 def _text(text: str) -> Block:

@@ -29,9 +29,14 @@ Answer = dict[str, Any]
 
 async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> None:
     """Serve one page until its socket is closed; the motor is at zero volts then, if it was the operator's."""
-    await socket.accept()
+    # A page may be gone at any time, before it was let in, too: then there is nobody to answer.
+    try:
+        await socket.accept()
+    except OSError:  # only an open socket tells it as WebSocketDisconnect
+        return
     if not await _hello(socket, session):
-        await socket.close(NO_TOKEN, "the first message has to be a hello with the session's token")
+        with suppress(WebSocketDisconnect, RuntimeError):
+            await socket.close(NO_TOKEN, "the first message has to be a hello with the session's token")
         return
     viewer = Viewer(session.role)
     motor.join(viewer)

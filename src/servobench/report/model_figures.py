@@ -84,7 +84,7 @@ def step(band: StepBand, unit: str, mark: tuple[float, float] | None, style: Sty
 
 
 def pole_map(poles: Sequence[PoleBand], integrator: complex | None, style: Style) -> Figure:
-    """Return the poles in the complex plane, with their 95 % intervals; `integrator` is drawn hollow, as it isn't estimated."""
+    """Return the poles in the complex plane, with their 95 % intervals; `integrator` is a thin cross, as nobody estimates it."""
     palette = style.palette
     figure = sheet(style, 250)
     box = whole(style, 250)
@@ -108,8 +108,8 @@ def pole_map(poles: Sequence[PoleBand], integrator: complex | None, style: Style
         ax.annotate(_complex_text(band.pole), (x, y), xytext=(0, 12), textcoords="offset points", ha="center", fontsize=FONT,
                     color=palette.muted)  # fmt: skip
     if integrator is not None:
-        ax.plot([integrator.real], [integrator.imag], marker="o", markersize=8, markerfacecolor="none", markeredgewidth=1.5,
-                markeredgecolor=palette.model, linestyle="none")  # fmt: skip
+        ax.plot([integrator.real], [integrator.imag], marker="x", markersize=9, markeredgewidth=1, color=palette.model,
+                linestyle="none")  # fmt: skip
     ax.text(right, 0.94 * up, "unstable ", fontsize=FONT, color=palette.muted, ha="right", va="top")
     ax.set(xlim=(left, right), ylim=(-up, up))
     if all(band.pole.imag == 0 for band in poles):

@@ -106,7 +106,7 @@ def poles(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
         title="Poles",
         caption=(
             f"From the input to the speed the motor is {judged.verdict}. {reasons} "
-            "The circle is the integrator from speed to position, which nobody estimated. "
+            "The thin cross at 0 is the integrator from speed to position, which nobody estimated. "
             f"{words.feedback(derived, fit.model.data)}"
         ),
         description=f"Pole map. {' '.join(map(_pole_words, bands))}",

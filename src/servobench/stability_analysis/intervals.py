@@ -21,7 +21,7 @@ from servobench.interop import from_control
 from servobench.margins import series
 from servobench.models.base import Model, Output
 from servobench.propagation import draws
-from servobench.rounding import percent, plain
+from servobench.rounding import percent
 from servobench.stability_analysis.nyquist import closed_loop
 from servobench.stability_analysis.verdict import StabilityVerdict, stability
 from servobench.transfer_function import TransferFunction
@@ -120,14 +120,14 @@ def _sentence(
 ) -> str:
     if everywhere:
         said = (
-            f"Over the 95 % intervals {what} is {verdict} everywhere: at all {corners} corners, and for {drawn} sets of "
-            f"parameters drawn from the fit, so that less than {plain(300 / drawn, 2)} % is left for another verdict (at a "
-            "confidence of 95 %)."
+            f"Over the 95 % intervals {what} is {verdict} everywhere: with each parameter at either end of its interval, in all "
+            f"{corners} combinations, and for {drawn} sets of parameters drawn at random from what the fit leaves open."
         )
     else:
         said = (
             f"At the estimate {what} is {verdict}, but the data leave it open: {percent(100 * share)} % of {drawn} sets of "
-            f"parameters drawn from the fit and {alike} of the {corners} corners of the 95 % intervals say so."
+            f"parameters drawn at random from the fit say so, and {alike} of the {corners} combinations of the ends of their "
+            "95 % intervals."
         )
     if unknown:
         names = ", ".join(name.replace("_", " ") for name in unknown)

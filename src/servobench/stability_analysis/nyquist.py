@@ -104,14 +104,24 @@ def _judged(verdict: StabilityVerdict, right: int, open_right: int) -> ClosedLoo
     round_it = right - open_right
     often = {1: "once", 2: "twice"}.get(abs(round_it), f"{abs(round_it)} times")
     sense = "clockwise" if round_it > 0 else "anticlockwise"
-    times = f"goes round -1 {often}, {sense}" if round_it else "doesn't go round -1"
+    times = (
+        f"its Nyquist curve goes round -1 {often}, {sense}"
+        if round_it
+        else "its Nyquist curve doesn't go round -1"
+    )
+    meaning = (
+        f" (each turn {sense} is a pole {'more' if round_it > 0 else 'less'} there once the loop is closed)"
+        if round_it
+        else ""
+    )
     return ClosedLoop(
         verdict=verdict,
         right=right,
         open_right=open_right,
         encirclements=round_it,
         sentence=(
-            f"The open loop has {open_right or 'no'} pole{'' if open_right == 1 else 's'} in the right half-plane and {times}: "
+            f"The open loop has {open_right or 'no'} pole{'' if open_right == 1 else 's'} in the right half-plane, and {times}"
+            f"{meaning}: "
             f"the closed loop has {right or 'none'} there and is {verdict}."
         ),
     )

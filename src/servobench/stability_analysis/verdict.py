@@ -87,7 +87,7 @@ def _reason(pole: Pole, left: int) -> str:
     where = real if at.imag == 0 else f"{real} ±{at.imag:.4g}j".strip()
     times = {1: "", 2: ", twice,"}.get(count, f", {count} times,")
     if pole.side < 0:
-        return f"The pole at {where} 1/s{times} is {side}: its response dies out with {1 / -at.real:.4g} s."
+        return f"The pole at {where} 1/s{times} is {side}: its response dies out with a time constant of {1 / -at.real:.4g} s."
     hidden = " A zero cancels it: the output doesn't show it, but what is inside does." if left <= 0 else ""
     if pole.side > 0:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without bound.{hidden}"

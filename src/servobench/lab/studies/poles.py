@@ -25,7 +25,7 @@ class Poles(OfAMotor):
         columns = (
             Column(name="function", heading="from voltage to", values=("speed ω", "position θ")),
             Column(name="poles", heading="poles (1/s)", values=tuple(map(_places, judged))),
-            Column(name="pole", heading="motor's pole", unit="1/s", values=(-1 / tau, -1 / tau)),
+            Column(name="pole", heading="the motor's own", unit="1/s", values=(-1 / tau, -1 / tau)),
             Column(name="verdict", heading="by the poles", values=tuple(j.verdict for j in judged)),
             Column(
                 name="bibo",
@@ -56,7 +56,7 @@ def _map(pole: float) -> Illustration:
     return Illustration(
         name="poles",
         title="Poles of the motor",
-        caption="The cross is the motor's pole, the circle the integrator from speed to position. What is shaded is unstable.",
+        caption="Crosses are poles: the motor's, and at 0 the integrator's from speed to position. What is shaded is unstable.",
         description=f"Pole map: a pole at {plain(pole)} 1/s, and the integrator's at 0.",
         draw=partial(pole_map, (band,), 0j),
     )
