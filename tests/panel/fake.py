@@ -101,6 +101,9 @@ class Bench:
         self.fault: dict[str, str] | None = None
         self.recording: dict[str, Any] | None = None
         self.refuse = ""
+        self.silent = False  # nothing goes out, as on a line that was cut
+        self.deaf = False  # no STOP reaches the loop
+        self.stopped = ""
         self.hold = False
         self.limits: list[dict[str, str]] = []
         self.opening: dict[str, Any] | None = None
@@ -136,6 +139,7 @@ class Bench:
             "opening": self.opening,
             "closed": self.closed,
             "enabled": self.motor.enabled,
+            "stopped": self.stopped,
             "operator": viewer is self.operator,
             "taken": self.operator is not None,
             "signal": self.signal,
@@ -152,6 +156,8 @@ class Bench:
         }
 
     async def tell(self, message: dict[str, Any] | bytes) -> None:
+        if self.silent:
+            return
         for viewer in list(self.viewers):
             with suppress(RuntimeError, WebSocketDisconnect):
                 if isinstance(message, bytes):
@@ -165,6 +171,8 @@ class Bench:
             asyncio.run_coroutine_threadsafe(viewer.close(1001), self.loop)
 
     async def tell_state(self) -> None:
+        if self.silent:
+            return
         for viewer in list(self.viewers):
             with suppress(RuntimeError, WebSocketDisconnect):
                 await viewer.send_text(json.dumps(self.state(viewer)))
@@ -173,8 +181,13 @@ class Bench:
         """Do what was asked, and return the answer."""
         do = asked.get("do")
         if do == "stop":
+            if self.deaf:
+                return {"ok": True, "number": 10**6}  # the server told the loop, which says nothing
+            self.stopped = "STOP was pressed; zero volts are put out"
+            self.motor.number += 1
             self.motor.enabled = False
-            return {"ok": True}
+            self.acknowledge({"enabled": False})
+            return {"ok": True, "number": self.motor.number}
         if do == "lease":
             if self.operator not in (None, viewer):
                 return {"ok": False, "error": "somebody else drives the motor; you can watch, and STOP"}
@@ -205,6 +218,7 @@ class Bench:
         what, accepted = do, not self.refuse
         if do in ("start", "halt"):
             self.motor.enabled, self.motor.since = do == "start", self.motor.tick
+            self.stopped = ""
         if "signal" in asked:
             what = "signal"
             try:
@@ -218,9 +232,13 @@ class Bench:
         if "chain" in asked and accepted:
             what, self.chain = "chain", asked["chain"]
             self.motor.cutoff = float(self.chain.split("lowpass ")[1].split()[0])
+        self.acknowledge({what: None}, accepted)
+        return {"ok": True, "number": self.motor.number}
+
+    def acknowledge(self, what: dict[str, Any], accepted: bool = True) -> None:
+        """The loop's word on the last command."""
         acknowledged = {"number": self.motor.number, "tick": self.motor.tick, "accepted": accepted}
         self.pending = {"kind": "applied", **acknowledged, "what": what, "why": self.refuse or None}
-        return {"ok": True, "number": self.motor.number}
 
     def end_recording(self) -> dict[str, Any]:
         """What became of the recording."""
@@ -250,8 +268,11 @@ class Bench:
         while True:
             await asyncio.sleep(1 / 30)
             turn += 1
+            await self.tell({"kind": "beat"})
             until = int((time.monotonic() - self.began) / SAMPLE_TIME)
-            if self.device is None or until <= self.motor.tick:
+            if turn % 10 == 0:
+                await self.tell_state()
+            if self.device is None or self.closed or until <= self.motor.tick:
                 continue
             first, rows = self.motor.tick, self.motor.rows(until)
             self.kept = np.concatenate([self.kept, rows])[-10000:]
@@ -264,8 +285,6 @@ class Bench:
                     await self.tell({"kind": "library"})
             if turn % 6 == 0:
                 await self.tell(self.live(until))
-            if turn % 10 == 0:
-                await self.tell_state()
 
     def live(self, samples: int) -> dict[str, Any]:
         share = 0.3 / np.sqrt(1 + samples / 500)
@@ -310,7 +329,7 @@ def app() -> Starlette:
         return JSONResponse({"t": t.tolist(), "value": value.tolist(), "unit": "V"})
 
     async def stop(_: Request) -> Response:
-        bench.motor.enabled = False
+        bench.motor.enabled = bench.motor.enabled and bench.deaf
         await bench.tell({"kind": "stopped", "sentence": "STOP was pressed; the motor gets no voltage"})
         return JSONResponse({"stopped": True})
 
@@ -367,6 +386,8 @@ def app() -> Starlette:
                 asked = await ws.receive_json()
                 bench.received.append(asked)
                 bench.pending = None
+                if bench.silent:
+                    continue
                 answer = bench.take(ws, asked)
                 await ws.send_text(json.dumps({"kind": "answer", "id": asked.get("id"), **answer}))
                 if asked.get("do") == "end_record":

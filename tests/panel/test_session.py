@@ -179,6 +179,61 @@ def test_anybody_stops(tmp_path: Path, role: str) -> None:
     played(tmp_path, story)
 
 
+def test_a_stop_has_the_number_that_the_loop_acknowledges(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        await room.say(one, do="lease")
+        await room.say(one, do="start")
+        answer = await room.say(one, do="stop")
+        await room.let_news_come()
+        words = [message for message in await heard(one) if message["kind"] == "applied"]
+        assert [(word["number"], word["what"]["enabled"]) for word in words] == [
+            (1, True),
+            (answer["number"], False),
+        ]
+
+    played(tmp_path, story)
+
+
+def test_why_the_motor_stands_is_told_to_who_comes_later_until_it_is_started(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        await room.say(one, do="lease")
+        await room.say(one, do="start")
+        room.motor.leave(one)
+        two = await room.page()
+        assert "page is gone" in room.motor.state_for(two)["stopped"]
+        await room.say(two, do="lease")
+        await room.say(two, do="start")
+        assert room.motor.state_for(two)["stopped"] == ""
+
+    played(tmp_path, story)
+
+
+def test_pages_hear_something_though_nothing_happens(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        signs = asyncio.create_task(room.motor._show_signs())
+        assert [message["kind"] for message in await heard(one)] == ["beat"]
+        assert [message["kind"] for message in await heard(one)] == ["beat"]  # and again
+        signs.cancel()
+
+    played(tmp_path, story)
+
+
+def test_a_limit_of_the_device_before_is_not_told_of_the_next_one(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        room.motor._standing.limited_until = 100.0  # its clock was at 99.5 s
+        assert room.motor.state_for(one)["limits"]
+        await room.motor.open(room.motor.experiment)
+        room.loop.tick()  # its clock begins at 0
+        await room.let_news_come()
+        assert room.motor.state_for(one)["limits"] == []
+
+    played(tmp_path, story)
+
+
 def test_the_motor_is_at_zero_volts_as_soon_as_the_operators_page_is_gone(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         one, other = await room.page(), await room.page()

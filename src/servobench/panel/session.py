@@ -9,6 +9,7 @@ from __future__ import annotations
 import asyncio
 from collections.abc import Coroutine, Mapping
 from contextlib import AbstractContextManager
+from itertools import count
 from typing import Any
 
 from servobench.errors import ServobenchError
@@ -31,6 +32,7 @@ from servobench.stopping_rule import parse_wish
 
 OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through to it any more
 SIGN_INTERVAL = 0.1  # s between two signs of life to the loop
+BEAT = 3  # of those there is one to the pages: they call it silence where they hear nothing for 1 s
 STATE_INTERVAL = 0.2  # s between two states where nothing but counts has changed
 
 
@@ -142,10 +144,12 @@ class MotorSession:
             await connection.end()
 
     async def _show_signs(self) -> None:
-        while True:
+        for turn in count():
             connection = self._connection
             if connection is not None and connection.watched and self._may_go_on:
                 connection.loop.here()
+            if turn % BEAT == 0:
+                self.viewers.beat()
             await asyncio.sleep(SIGN_INTERVAL)
 
     @property
@@ -181,6 +185,7 @@ class MotorSession:
         self.lease.end()
         self._put_out_zero()
         if not self._standing.rests:
+            self._standing.stopped = sentence
             self.tell({"kind": "stopped", "sentence": sentence})
         self.show_state()
 
@@ -190,7 +195,7 @@ class MotorSession:
         """Give the loop a command and return its number; raises `Refusal` where no loop goes on."""
         number = self._going_on().command(command)
         if command.enabled:
-            self._standing.last_enable = number
+            self._standing.last_enable, self._standing.stopped = number, ""
         if command.signal is not None:
             self._signal = command.signal
         return number
@@ -199,10 +204,12 @@ class MotorSession:
         """Let the controller's voltage through; the signal begins at its own time 0."""
         return self.command(Command(enabled=True, signal=self._signal))
 
-    def stop(self, sentence: str) -> None:
-        """Put out zero volts, whoever asks."""
-        self._put_out_zero()
+    def stop(self, sentence: str) -> int | None:
+        """Put out zero volts, whoever asks; return the number that the loop acknowledges, None where no loop goes on yet."""
+        number = self._put_out_zero()
+        self._standing.stopped = sentence
         self.tell({"kind": "stopped", "sentence": sentence})
+        return None if self._opening is not None else number
 
     def acknowledge(self) -> int | None:
         """Acknowledge a fault, so that the motor may turn again, once it's started; None where it ended the loop."""
@@ -225,9 +232,8 @@ class MotorSession:
             raise Refusal("no device is open: open one first")
         return self.loop
 
-    def _put_out_zero(self) -> None:
-        if self.loop is not None:
-            self.loop.command(Command(enabled=False))
+    def _put_out_zero(self) -> int | None:
+        return None if self.loop is None else self.loop.command(Command(enabled=False))
 
     # --- what is recorded
 
@@ -336,6 +342,7 @@ class MotorSession:
             "opening": None if self._opening is None else self._opening.state(),
             "closed": self._closed_by,
             "enabled": standing.enabled,
+            "stopped": standing.stopped,
             "taken": self.lease.operator is not None,
             "signal": asked["signal"],
             "controller": asked["controller"],
@@ -345,7 +352,7 @@ class MotorSession:
             "fault": standing.fault,
             "late": standing.late,
             "missed": standing.missed,
-            "limits": standing.limits(self.history.time, self.experiment),
+            "limits": [] if self.loop is None else standing.limits(self.history.time, self.experiment),
             "recording": None if taking is None else taking.state(),
             "command": standing.command,
         }

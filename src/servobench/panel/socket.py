@@ -159,8 +159,7 @@ async def _halt(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
 
 
 async def _stop(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    motor.stop("STOP was pressed; zero volts are put out")
-    return {}
+    return {"number": motor.stop("STOP was pressed; zero volts are put out")}
 
 
 async def _acknowledge(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:

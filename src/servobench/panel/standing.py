@@ -19,7 +19,8 @@ class Standing:
 
     `enabled`: whether it lets the controller's voltage through. `heard` is the number of the last command that it has taken,
     `last_enable` that of the last one that asks for a voltage, `command` of the one in force in the last row that came.
-    `limited_until` is the time [s] until which the limits' light is on.
+    `limited_until` is the time [s] until which the limits' light is on. `stopped` says who or what stopped the motor, until
+    somebody starts it.
     """
 
     enabled: bool = False
@@ -30,6 +31,7 @@ class Standing:
     heard: int = 0
     last_enable: int = 0
     limited_until: float = 0.0
+    stopped: str = ""
 
     @property
     def rests(self) -> bool:

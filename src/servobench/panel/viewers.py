@@ -10,6 +10,7 @@ from typing import Any
 
 from servobench.panel.keys import Role
 
+_BEAT = '{"kind":"beat"}'
 _MOST_TEXTS = 1000  # that may wait; who is behind by more isn't there
 
 
@@ -94,6 +95,11 @@ class Viewers:
         for viewer in self._all:
             own = viewer is operator
             viewer.show("state", as_text({**state, "operator": True}) if own else for_others)
+
+    def beat(self) -> None:
+        """Tell everybody that this goes on, where nothing else is to be told."""
+        for viewer in self._all:
+            viewer.show("beat", _BEAT)
 
     def begin_anew(self) -> None:
         """The rows count from 0 again."""

@@ -3,8 +3,9 @@
 let token = "";
 let largest = Infinity; // bytes that may be sent as a file
 
-export async function session() {
-    const found = await get("/api/session");
+// `patience` [ms]: where nobody answers, a request would wait for minutes.
+export async function session(patience = 60000) {
+    const found = await get("/api/session", patience);
     token = found.token;
     largest = found.largest_upload ?? Infinity;
     return found;
@@ -12,8 +13,9 @@ export async function session() {
 
 export const sessionToken = () => token;
 
-export async function get(path) {
-    return (await checked(await fetch(path, { headers: { Accept: "application/json" } }))).json();
+export async function get(path, patience = null) {
+    const signal = patience === null ? undefined : AbortSignal.timeout(patience);
+    return (await checked(await fetch(path, { headers: { Accept: "application/json" }, signal }))).json();
 }
 
 export async function bytes(path) {

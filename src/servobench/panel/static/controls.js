@@ -3,7 +3,7 @@
 import { announce } from "./announcer.js";
 import { OPENING } from "./device.js";
 import { byId, say } from "./dom.js";
-import { significant } from "./format.js";
+import { significant, words } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
@@ -22,14 +22,16 @@ export function makeStart(store, commands) {
         if (!outcome.accepted) announce(`Refused: ${outcome.why}`);
     });
     store.on("state", (state) => {
-        const turning = state.running && state.enabled;
+        const turning = state.running && state.enabled && !state.unknown;
         say(button, turning ? "Halt" : "Start");
         button.classList.toggle("halts", turning);
         const reason = whyNot(state) || (state.fault ? "Acknowledge the fault first." : "");
         permit(button, reason);
         // What was asked for last is told until something keeps it from being asked for again.
         const closed = state.running || state.opening ? "" : closedSentence(state);
-        if (reason || closed) showStatus(chip, "none", reason || closed);
+        const stopped = state.running && !state.enabled && state.stopped ? `${words(state.stopped)}.` : "";
+        const told = reason || closed || stopped;
+        if (told) showStatus(chip, "none", told);
         else if (chip.dataset.status === "none") showStatus(chip, "none");
     });
 }

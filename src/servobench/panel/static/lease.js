@@ -11,10 +11,14 @@ export function makeLease(store, commands) {
         if (!outcome.accepted) toast(outcome.why);
     };
     button.addEventListener("click", () => ask({ do: store.state.operator ? "release" : "lease" }));
-    store.on("link", (there) => {
-        if (!there) first = true;
+    store.on("link", (status) => {
+        if (status === "lost") first = true;
     });
     store.on("state", (state) => {
+        if (state.unknown) {
+            button.hidden = true;
+            return say(byId("lease-text"), "Nobody knows who drives");
+        }
         if (first && !state.taken && store.mayDrive) ask({ do: "lease" });
         first = false;
         button.hidden = (!state.operator && state.taken) || !store.mayDrive;

@@ -23,19 +23,22 @@ export function makeLights(store, commands) {
     };
     for (const name of Object.keys(NAMES)) show(name, "off", "unknown");
 
-    store.on("link", (there) => {
-        show("link", there ? "ok" : "bad", there ? "connected" : "lost; trying again");
-        if (!there) for (const name of ["stall", "limits", "lateness", "whiteness"]) show(name, "off", "unknown");
-        announce(there ? "Connected" : "The connection is lost; the loop stops the motor by itself");
+    const unknown = (...names) => names.forEach((name) => show(name, "off", "unknown"));
+    store.on("link", (status) => {
+        const texts = { connected: "connected", silent: "nothing is heard", lost: "lost; trying again" };
+        show("link", status === "connected" ? "ok" : "bad", texts[status]);
+        if (status !== "connected") unknown("whiteness");
+        else announce("Connected");
     });
     store.on("state", (state) => {
+        showRun(store, state);
+        if (state.unknown || (!state.running && !state.fault)) return unknown("stall", "limits", "lateness");
         const stalled = state.fault?.code?.includes("stall");
         show("stall", stalled ? "bad" : "ok", stalled ? "the shaft stood still" : "none");
         // Those that hold the voltage back now, each with its sentence.
         const reached = state.limits ?? [];
         show("limits", reached.length ? "warn" : "ok", reached.length ? reached.map((limit) => limit.sentence).join(" ") : "within");
         show("lateness", lateness(state), state.late || state.missed ? `${state.late} late, ${state.missed} missed` : "none");
-        showRun(store, state);
     });
     store.on("live", (live) => {
         const text = { true: "white: the model fits", false: "coloured: the model misses something" }[live.white] ?? "not yet";
@@ -59,7 +62,9 @@ function makeLateness() {
 
 function showRun(store, state) {
     const run = byId("run");
-    const [level, text] = state.fault
+    const [level, text] = state.unknown
+        ? ["off", "Unknown"]
+        : state.fault
         ? ["bad", "Fault"]
         : state.opening
           ? ["off", "Opening …"]
@@ -68,7 +73,7 @@ function showRun(store, state) {
             : state.enabled
               ? ["ok", "Driving"]
               : ["off", "Zero volts"];
-    if (run.dataset.text !== text) announce({ Fault: `Fault: ${state.fault?.sentence}`, Driving: "The motor is driven" }[text] ?? text);
+    if (run.dataset.text !== text) announce({ Unknown: "What the motor does isn't known", Fault: `Fault: ${state.fault?.sentence}`, Driving: "The motor is driven" }[text] ?? text);
     run.dataset.text = text;
     run.dataset.level = level;
     say(byId("run-text"), text);

@@ -11,6 +11,7 @@ import { makeExtras } from "./extras.js";
 import { decode } from "./frames.js";
 import { makeGenerator } from "./generator.js";
 import { makeLease } from "./lease.js";
+import { makeFreshness, makeLink } from "./link.js";
 import { makeLights, makeRecord } from "./lights.js";
 import { makeLive } from "./live.js";
 import { makeOpening } from "./permit.js";
@@ -54,9 +55,9 @@ function makeConnection(scopes) {
             store.emit(message.kind, message);
         },
         onFrame: (buffer) => scopes.take(decode(buffer)),
-        onLink: (there) => {
-            if (!there) commands.lost();
-            store.emit("link", there);
+        onLink: (status) => {
+            if (status === "lost") commands.lost();
+            store.emit("link", status);
         },
     });
     const commands = new Commands((message) => socket.send(message));
@@ -66,7 +67,9 @@ function makeConnection(scopes) {
 async function begin() {
     const scopes = makeScopes();
     const { socket, commands } = makeConnection(scopes);
-    makeStop(socket); // first of all
+    makeStop(store, commands); // first of all
+    makeLink(store);
+    makeFreshness(store, scopes);
     const mountExtra = makeExtras(store, commands);
     const views = makeTabs(byId("views"), (tab) => {
         byId("keep").hidden = tab !== "tab-scopes";

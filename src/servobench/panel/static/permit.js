@@ -5,6 +5,7 @@ import { byId, say } from "./dom.js";
 // The reason why nothing can be set now, or "" where it can.
 export function whyNot(state) {
     if (!state) return "The panel isn't connected yet.";
+    if (state.unknown) return "There is no connection to the panel.";
     if (state.opening) return "The device is being opened.";
     if (!state.operator) return state.taken ? "Somebody else drives; you can watch, and STOP." : "Take control first.";
     return "";
@@ -26,10 +27,10 @@ export function makeOpening(store) {
         const seconds = Math.floor((performance.now() - since) / 1000);
         say(byId("opening-time"), `step ${opening.step} of ${opening.of}  ·  ${seconds} s`);
     };
-    store.on("state", ({ opening }) => {
-        strip.hidden = !opening;
+    store.on("state", ({ opening, unknown = false }) => {
+        strip.hidden = !opening || unknown;
         clearInterval(timer);
-        if (!opening) return;
+        if (strip.hidden) return;
         since = performance.now() - 1000 * opening.seconds;
         say(byId("opening-title"), `Opening ${store.titleOf(opening.device)}`);
         say(byId("opening-text"), `${opening.doing}. The first time this may take minutes, as the motor's equations are compiled; then seconds. All controls wait for it.`);

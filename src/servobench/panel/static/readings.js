@@ -16,10 +16,10 @@ export function makeReadings(scopes) {
     const current = () =>
         scopes.visible().flatMap((scope) =>
             scope.visible().map((trace) => {
-                const y = scopes.ring.view()[trace.column];
+                const y = scopes.newest()[trace.column];
                 const value = y.length ? trace.factor * y[y.length - 1] : NaN;
                 const name = scope.definition.title === trace.title ? trace.title : `${scope.definition.title}, ${trace.title.toLowerCase()}`;
-                return { name, text: Number.isFinite(value) ? `${fixed(value, scope.digits(trace))} ${trace.unit}` : "not measured" };
+                return { name, text: Number.isFinite(value) ? `${fixed(value, scope.digits(trace))} ${trace.unit}` : scopes.old ? "not known now" : "not measured" };
             }),
         );
     speak.addEventListener("click", () => {

@@ -7,6 +7,7 @@ import { Scope } from "./scope.js";
 import { ANGLES, referenceUnit, SCOPES } from "./traces.js";
 import { HISTORY, View } from "./view.js";
 
+const NOTHING = new Ring(1).view();
 const READING_INTERVAL = 200; // ms; digits that change faster can't be read
 
 export class Scopes {
@@ -17,6 +18,8 @@ export class Scopes {
         this.angle = "rad";
         this.changed = true;
         this.read = 0;
+        this.taken = -Infinity; // when rows came last [ms]
+        this.old = false;
         this.onDrawn = () => {};
         this.onView = () => {};
         this.shared = {
@@ -51,6 +54,7 @@ export class Scopes {
     }
 
     take(frame) {
+        this.taken = performance.now();
         const before = this.ring.last;
         this.ring.append(frame);
         if (this.ring.last < before) this.view.swept = null; // another run, with times of its own
@@ -91,6 +95,20 @@ export class Scopes {
         }
         for (const scope of visible) scope.rebuild(scope === visible.at(-1));
         this.changed = true;
+    }
+
+    // What was read last isn't read any more, once it isn't so: nothing new has come.
+    setOld(old) {
+        if (old === this.old) return;
+        this.old = old;
+        byId("old").hidden = !old;
+        for (const scope of this.scopes) scope.read(this.newest());
+        this.onRead?.(this.view.shown(), this.newest());
+    }
+
+    // The rows that readings are taken from; none where they are old.
+    newest() {
+        return this.old ? NOTHING : this.ring.view();
     }
 
     resize() {
@@ -158,7 +176,7 @@ export class Scopes {
         const now = performance.now();
         if (now - this.read < READING_INTERVAL) return;
         this.read = now;
-        const newest = this.ring.view();
+        const newest = this.newest();
         for (const scope of this.visible()) scope.read(newest);
         this.onRead?.(shown, newest);
     }

@@ -1,25 +1,43 @@
-// STOP: the button and Esc, from anywhere on the page, by the socket and by a request, so that either one is enough.
+// STOP: the buttons and Esc, from anywhere on the page, by the socket and by a request, so that either one is enough. It has
+// happened when the loop says so; until then, and where it doesn't, the page says that.
 
 import { post } from "./api.js";
 import { announce, toast } from "./announcer.js";
-import { byId } from "./dom.js";
+import { byId, say } from "./dom.js";
 
-export function makeStop(socket) {
+const PATIENCE = 1000; // ms for the loop's acknowledgement, which takes a tick and a frame
+
+export function makeStop(store, commands) {
+    const place = byId("stop-told");
+    const tell = (sentence) => {
+        say(byId("stop-text"), sentence);
+        place.hidden = !sentence;
+    };
     const stop = async () => {
-        const sent = socket.send({ do: "stop" });
+        for (const dialog of document.querySelectorAll("dialog[open]")) dialog.close(); // what becomes of it is told below
         byId("stop").classList.add("pressed");
         setTimeout(() => byId("stop").classList.remove("pressed"), 400);
-        try {
-            await post("/api/stop");
-        } catch (error) {
-            if (!sent) {
-                toast(`STOP couldn't be sent: ${error.message}. The loop stops the motor by itself when the page is gone.`);
-                announce("STOP couldn't be sent");
-            }
-        }
+        // Whether it worked is told by the loop, whichever way it went.
+        let refused = "";
+        post("/api/stop").catch((error) => (refused = ` (${error.message})`));
+        const outcome = await commands.ask({ do: "stop" }, PATIENCE);
+        if (outcome.accepted) return tell("");
+        tell(`STOP was pressed, but the loop hasn't said that it stopped the motor${refused}. ${andNow(store.state)} If the motor turns, cut its power.`);
+        announce("STOP is not acknowledged. If the motor turns, cut its power.");
     };
-    byId("stop").addEventListener("click", stop);
+    document.addEventListener("click", ({ target }) => target.closest?.("[data-stop]") && stop(), { capture: true });
     // Before anything else that Esc might mean.
     window.addEventListener("keydown", (event) => event.key === "Escape" && !event.repeat && stop(), { capture: true });
-    return stop;
+    byId("stop-close").addEventListener("click", () => tell(""));
+    store.on("applied", ({ accepted, what }) => {
+        if (place.hidden || !accepted || what?.enabled !== false) return;
+        tell("");
+        toast("STOP was acknowledged by the loop: zero volts are put out.");
+    });
+}
+
+// What happens without a word of this page.
+export function andNow(state) {
+    if (!state?.operator) return "The motor is in the hands of whoever drives it.";
+    return "Where nothing is heard of this page, which drives, the loop puts out zero volts by itself within 2 s.";
 }

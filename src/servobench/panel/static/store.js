@@ -3,6 +3,7 @@
 export class Store {
     constructor() {
         this.state = null;
+        this.link = "lost"; // or "connected", or "silent": open, but nothing comes
         this.titles = new Map(); // of devices, by name
         this.mayDrive = true; // whether this page may become the operator's at all
         this.listeners = new Map();
@@ -17,8 +18,18 @@ export class Store {
         this.listeners.get(kind).push(listener);
     }
 
+    // How things are isn't known while nothing is heard. Of a silence that ends what was heard last is still the newest; after a
+    // connection that was lost the next one begins with how things are.
+    turn(link) {
+        const before = this.link;
+        this.link = link;
+        if (!this.state || (link === "connected" && before === "lost")) return;
+        this.emit("state", { ...this.state, unknown: link !== "connected" });
+    }
+
     emit(kind, message) {
         if (kind === "state") this.state = message;
+        if (kind === "link") this.turn(message);
         for (const listener of this.listeners.get(kind) ?? []) listener(message);
     }
 }

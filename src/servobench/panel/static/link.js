@@ -1,0 +1,50 @@
+// Whether the page hears anything: what isn't heard isn't known, and what was known before is no longer told as if it were so now.
+
+import { announce, toast } from "./announcer.js";
+import { byId, say } from "./dom.js";
+import { andNow } from "./stop.js";
+
+const OLD = 1000; // ms without rows; of slow loops three ticks
+
+export function makeLink(store) {
+    const strip = byId("link-told");
+    let lostAt = null;
+    let timer = 0;
+    const seconds = () => Math.max(1, Math.round((performance.now() - lostAt) / 1000));
+    const tell = () => {
+        const why = store.link === "silent" ? "Nothing has been heard from the panel" : "There has been no connection to the panel";
+        say(byId("link-text"), `${why} for ${seconds()} s: what the motor does isn't known here. ${andNow(store.state)}`);
+    };
+    store.on("link", (status) => {
+        if (status === "connected") {
+            clearInterval(timer);
+            strip.hidden = true;
+            return;
+        }
+        if (lostAt === null) {
+            lostAt = performance.now();
+            announce(`No connection: what the motor does isn't known here. ${andNow(store.state)}`);
+        }
+        clearInterval(timer);
+        timer = setInterval(tell, 1000);
+        tell();
+        strip.hidden = false;
+    });
+    store.on("state", (state) => {
+        if (lostAt === null || state.unknown) return;
+        const stands = state.running && !state.enabled ? ` The motor stands${state.stopped ? `: ${state.stopped}` : ""}.` : "";
+        const sentence = `Connected again after ${seconds()} s.${stands}`;
+        lostAt = null;
+        toast(sentence);
+        announce(sentence);
+    });
+}
+
+// Readings whose rows are old are taken away.
+export function makeFreshness(store, scopes) {
+    setInterval(() => {
+        const limit = Math.max(OLD, 3000 * (store.state?.sample_time ?? 0));
+        const old = store.link !== "connected" || store.state?.running === false || performance.now() - scopes.taken > limit;
+        scopes.setOld(old);
+    }, 200);
+}
