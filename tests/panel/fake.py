@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 from starlette.applications import Starlette
 from starlette.middleware import Middleware
 from starlette.requests import Request
@@ -24,7 +25,11 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
+from servobench.errors import UsageError
+from servobench.experiment import Experiment
+from servobench.panel.asked import told
 from servobench.panel.catalogue import catalogue
+from servobench.panel.pages import previewed
 from servobench.signals.base import SIGNALS
 from servobench.signals.square import Square
 
@@ -102,6 +107,7 @@ class Bench:
         self.recording: dict[str, Any] | None = None
         self.refuse = ""
         self.silent = False  # nothing goes out, as on a line that was cut
+        self.compiling = False  # what follows the motor isn't ready
         self.deaf = False  # no STOP reaches the loop
         self.stopped = ""
         self.hold = False
@@ -135,6 +141,7 @@ class Bench:
     def state(self, viewer: WebSocket) -> dict[str, Any]:
         return {
             "kind": "state",
+            "followed": True,
             "running": self.device is not None and self.opening is None and not self.closed,
             "opening": self.opening,
             "closed": self.closed,
@@ -225,8 +232,8 @@ class Bench:
                 given = dict(asked["signal"])
                 self.motor.signal = SIGNALS[given.pop("type")](**given)
                 self.signal, self.motor.since = asked["signal"], self.motor.tick
-            except ValueError as error:
-                return {"ok": False, "error": sentence_of(error)}
+            except ValidationError as error:
+                return {"ok": False, "error": told(error)}
         if "controller" in asked and accepted:
             what, self.controller = "controller", asked["controller"]
         if "chain" in asked and accepted:
@@ -283,7 +290,7 @@ class Bench:
                 if wanted and self.recording["samples"] * SAMPLE_TIME >= wanted:
                     await self.tell({"kind": "recorded", **self.end_recording()})
                     await self.tell({"kind": "library"})
-            if turn % 6 == 0:
+            if turn % 6 == 0 and not self.compiling:
                 await self.tell(self.live(until))
 
     def live(self, samples: int) -> dict[str, Any]:
@@ -320,13 +327,11 @@ def app() -> Starlette:
         return JSONResponse({"token": "fake", "operator": True, **about})
 
     async def preview(request: Request) -> Response:
-        asked = await request.json()
-        given, t = dict(asked["signal"]), np.linspace(0, asked["duration"], 600)
+        experiment = Experiment(controller=bench.controller, sample_time=SAMPLE_TIME)
         try:
-            value = SIGNALS[given.pop("type")](**given)(t)
-        except ValueError as error:
-            return JSONResponse({"error": sentence_of(error)}, status_code=400)
-        return JSONResponse({"t": t.tolist(), "value": value.tolist(), "unit": "V"})
+            return JSONResponse(previewed(await request.json(), experiment))
+        except UsageError as error:
+            return JSONResponse({"error": str(error)}, status_code=400)
 
     async def stop(_: Request) -> Response:
         bench.motor.enabled = bench.motor.enabled and bench.deaf
@@ -465,11 +470,6 @@ class Headers:
             await send(message)
 
         await self.app(scope, receive, with_policy)
-
-
-def sentence_of(error: ValueError) -> str:
-    """The sentence in what pydantic says of a setting."""
-    return str(error).splitlines()[2].split(" [type=")[0].strip().removeprefix("Value error, ")
 
 
 def identified(name: str) -> dict[str, Any]:

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from pydantic import ValidationError
+from pydantic_core import ErrorDetails
 
 from servobench.errors import UsageError
 from servobench.experiment import DeviceChoice, Experiment
@@ -23,7 +24,7 @@ def command_from(given: Mapping[str, Any]) -> Command:
     try:
         command = Command(**{key: value for key, value in given.items() if value is not None})
     except ValidationError as error:
-        raise UsageError(_told(error)) from None
+        raise UsageError(told(error)) from None
     if command.chain is not None:
         speed_chain(command.chain)
     return command
@@ -44,7 +45,7 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
             changed["sample_time"] = sample_time
         asked = for_panel(Experiment(**changed))
     except ValidationError as error:
-        raise UsageError(_told(error)) from None
+        raise UsageError(told(error)) from None
     if now.device.name == ASSIGNED and asked.device != for_panel(now).device:
         raise Refusal("this panel has the motor that is assigned to you; it can't be changed for another")
     connect(asked.device.name, **asked.device.settings)  # not entered: its settings are checked by that
@@ -62,8 +63,16 @@ def for_panel(experiment: Experiment) -> Experiment:
     return experiment.model_copy(update={"device": device, "duration": None, "until": "", "chain": chain})
 
 
-def _told(error: ValidationError) -> str:
-    return "; ".join(
-        f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
-        for each in error.errors(include_url=False)
-    )
+def told(error: ValidationError) -> str:
+    """Return what is wrong with settings, as people say it: which one, what it is, and what is expected."""
+    return "; ".join(_one(each) for each in error.errors(include_url=False))
+
+
+def _one(wrong: ErrorDetails) -> str:
+    place, said = ".".join(map(str, wrong["loc"])), wrong["msg"].removeprefix("Value error, ")
+    expected = said.removeprefix("Input should be ")
+    if expected == said:
+        return f"{place}: {said}" if place else said
+    given = wrong["input"]
+    value = f"{given:g}" if isinstance(given, float) else repr(given)[:60]
+    return f"{place} is {value}; expected: {expected}"

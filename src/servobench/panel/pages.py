@@ -21,9 +21,10 @@ from servobench._version import __version__
 from servobench.channels import DeviceInfo
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
+from servobench.finding import Severity
 from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
-from servobench.panel.asked import ASSIGNED
+from servobench.panel.asked import ASSIGNED, told
 from servobench.panel.bodies import LARGEST_UPLOAD, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
@@ -118,9 +119,7 @@ async def catalogue(request: Request, panel: Panel) -> Response:
 async def preview(request: Request, panel: Panel) -> Response:
     """A signal as it would be."""
     given = await json_object(request)
-    unit = panel.motor.experiment.controller.reference_unit
-    t, value = await asyncio.to_thread(_previewed, given)
-    return as_json({"t": t, "value": value, "unit": unit})
+    return as_json(await asyncio.to_thread(previewed, given, panel.motor.experiment))
 
 
 async def stop(request: Request, panel: Panel) -> Response:
@@ -208,20 +207,21 @@ def _catalogue() -> dict[str, Any]:
     return all_that_can_be_chosen()
 
 
-def _previewed(given: Mapping[str, Any]) -> tuple[list[float], list[float | None]]:
-    """The times and values of a signal over a duration [s]."""
+def previewed(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
+    """Return times and values of a signal over a duration [s], and what an experiment with it can't put out as it is drawn."""
     duration = given.get("duration", 10.0)
     if not isinstance(duration, int | float) or not 0 < duration <= _LONGEST_PREVIEW:
         raise UsageError(f"a preview can't last {duration!r} s; expected a number up to {_LONGEST_PREVIEW:g}")
     try:
         signal = TypeAdapter(AnySignal).validate_python(given.get("signal"))
     except ValidationError as error:
-        raise UsageError(
-            "; ".join(
-                f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
-                for each in error.errors(include_url=False)
-            )
-        ) from None
+        raise UsageError(told(error)) from None
     t = np.linspace(0.0, duration, _MOST_PREVIEWED)
     value = signal(t)
-    return t.tolist(), [v if np.isfinite(v) else None for v in value.tolist()]
+    asked = experiment.model_copy(update={"signal": signal, "duration": None})
+    return {
+        "t": t.tolist(),
+        "value": [v if np.isfinite(v) else None for v in value.tolist()],
+        "unit": experiment.controller.reference_unit,
+        "warnings": [each.sentence for each in asked.findings() if each.severity is Severity.WARNING],
+    }

@@ -338,6 +338,7 @@ class MotorSession:
         standing, taking = self._standing, self.takings.now
         return {
             "kind": "state",
+            "followed": self._connection is not None and self._connection.live is not None,
             "running": self.loop is not None and self._opening is None,
             "opening": None if self._opening is None else self._opening.state(),
             "closed": self._closed_by,

@@ -2,11 +2,12 @@
 
 import { announce } from "./announcer.js";
 import { OPENING } from "./device.js";
-import { byId, say } from "./dom.js";
+import { byId, el, say } from "./dom.js";
 import { significant, words } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
+import { referenceUnit } from "./traces.js";
 
 export function makeStart(store, commands) {
     const button = byId("start");
@@ -38,7 +39,7 @@ export function makeStart(store, commands) {
 
 const closedSentence = ({ closed }) => `${closed ? `Closed: ${closed}. ` : "No device is open. "}Start opens it.`;
 
-export function makeController(store, commands, controllers) {
+export function makeController(store, commands, controllers, scopes) {
     const chip = byId("controller-status");
     const settings = new SettingsForm({ prefix: "controller", label: "Kind of controller", members: controllers, onEdit: () => edited() });
     const applied = new AppliedForm({ form: byId("controller"), chip, settings, title: "Apply controller", send: () => send() });
@@ -46,7 +47,23 @@ export function makeController(store, commands, controllers) {
         applied.touch();
         showStatus(chip, "edited");
     };
-    const send = async () => {
+    const question = el("div", { class: "question", role: "alert", hidden: true });
+    byId("controller").append(question);
+    const ask = () => {
+        const choice = (title, run) => el("button", { type: "button", on: { click: () => ((question.hidden = true), run()) } }, title);
+        const anew = async () => {
+            const { device, sample_time } = store.state;
+            const opened = await track(chip, commands, { do: "open", device: { name: device.name, settings: device.settings }, sample_time }, OPENING);
+            if (opened.accepted) await send(true);
+        };
+        const { sentence } = farAway(store, scopes, settings.value());
+        question.replaceChildren(
+            el("p", {}, sentence),
+            el("div", { class: "row" }, choice("Open the device anew", anew), choice("Apply all the same", () => send(true)), choice("Cancel", () => {})),
+        );
+        question.hidden = false;
+    };
+    const send = async (sure = false) => {
         let controller;
         try {
             controller = settings.value();
@@ -55,6 +72,7 @@ export function makeController(store, commands, controllers) {
             applied.trouble.textContent = error.message;
             return;
         }
+        if (!sure && farAway(store, scopes, controller)) return ask();
         const outcome = await track(chip, commands, { do: "set", controller });
         applied.sent(controller, outcome);
         announce(outcome.accepted ? `Controller applied: ${settings.member.title}` : `Controller refused: ${outcome.why}`);
@@ -70,6 +88,21 @@ export function makeController(store, commands, controllers) {
         permit(applied.set, whyNot(state));
         if (state.controller && applied.follow(state.controller)) showStatus(chip, "applied");
     });
+}
+
+// A controller that is about to follow a position that is more than a turn away: {sentence}; null otherwise.
+function farAway(store, scopes, controller) {
+    if (referenceUnit(controller) !== "rad" || referenceUnit(store.state?.controller) === "rad") return null;
+    const { position, reference } = scopes.newest();
+    const [at, wanted] = [position.at(-1), reference.at(-1)];
+    const away = wanted - at;
+    if (!(Math.abs(away) > 2 * Math.PI)) return null;
+    const turns = significant(Math.abs(away) / (2 * Math.PI), 3);
+    return {
+        sentence:
+            `The shaft is at ${significant(at, 4)} rad, and the signal's numbers, now radians, ask for ${significant(wanted, 3)}: the motor would turn back ` +
+            `over ${turns} turns, as fast as it can. Opened anew, a device counts from where it stands.`,
+    };
 }
 
 const LOWPASS = /lowpass\s+([0-9.]+)\s*(rad\/s|Hz)?/;

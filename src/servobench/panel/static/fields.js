@@ -1,6 +1,6 @@
 // Form fields made from the catalogue: each setting with its label, unit, limits and meaning.
 
-import { el, slug } from "./dom.js";
+import { el, say, slug } from "./dom.js";
 import { meaning, words } from "./format.js";
 
 // A value as a number, whether it came as one or as a text with its unit.
@@ -15,11 +15,19 @@ export function makeField(prefix, field) {
     made.input.id = id;
     const hint = el("p", { class: "hint", id: `${id}-hint` }, meaning(field.sentence));
     if (hint.textContent) made.input.setAttribute("aria-describedby", hint.id);
-    const unit = field.unit ? el("span", { class: "unit", "aria-hidden": "true" }, field.unit) : null;
-    const label = el("label", { for: id }, words(field.name), field.unit ? el("span", { class: "hide" }, ` in ${field.unit}`) : null);
+    const unit = field.unit ? el("span", { class: "unit", "aria-hidden": "true" }) : null;
+    const spoken = el("span", { class: "hide" });
+    const label = el("label", { for: id }, words(field.name), field.unit ? spoken : null);
+    // A signal is in the unit of what follows it, which another controller changes.
+    const measure = (unitOf) => {
+        if (!unit) return;
+        say(unit, unitOf(field.unit));
+        say(spoken, ` in ${unitOf(field.unit)}`);
+    };
+    measure((name) => name);
     const element = el("div", { class: "field" }, label, el("span", { class: "entry" }, made.input, unit), hint);
     made.write(field.default);
-    return { name: field.name, element, read: made.read, write: made.write };
+    return { name: field.name, element, measure, read: made.read, write: made.write };
 }
 
 function kindOf(field) {
@@ -49,6 +57,7 @@ function number(_, field) {
     const input = el("input", { type: "number", step: "any", min: field.minimum, max: field.maximum, placeholder: "not set", inputmode: "decimal" });
     const read = () => {
         if (input.validity.badInput) throw new Error(`${words(field.name)}: not a number`);
+        if (input.value === "" && field.default != null) throw new Error(`${words(field.name)}: nothing is filled in; ${plain(field.default)}, for instance, is a number`);
         return input.value === "" ? undefined : Number(input.value);
     };
     return { input, read, write: (value) => (input.value = value == null ? "" : String(plain(value))) };
@@ -69,6 +78,15 @@ function list(_, field) {
     return { input, read, write: (values) => (input.value = (values ?? []).map(plain).join(", ")) };
 }
 
+// Where a text isn't as it has to be, as far as the browser tells.
+function unread(text, { message }) {
+    const at = Number(/position (\d+)/.exec(message)?.[1] ?? text.length);
+    const before = text.slice(0, at).trimEnd();
+    const near = before.split("\n").at(-1).trim().slice(-24);
+    const line = before.split("\n").length;
+    return `a comma, a quotation mark or a bracket is missing, or one too many, in line ${line}, after “${near}”. Back brings the last one that was applied`;
+}
+
 // Signals within a signal: as the text that a file would have.
 function tables(_, field) {
     const input = el("textarea", { rows: 5, spellcheck: "false" });
@@ -76,7 +94,7 @@ function tables(_, field) {
         try {
             return JSON.parse(input.value);
         } catch (error) {
-            throw new Error(`${words(field.name)}: ${error.message}`, { cause: error });
+            throw new Error(`${words(field.name)}: ${unread(input.value, error)}`, { cause: error });
         }
     };
     return { input, read, write: (value) => (input.value = JSON.stringify(value, null, 1)) };

@@ -2,11 +2,12 @@
 
 import { post } from "./api.js";
 import { announce } from "./announcer.js";
-import { byId, el } from "./dom.js";
+import { byId, el, shape } from "./dom.js";
 import { significant } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
+import { referenceUnit } from "./traces.js";
 
 const WAIT = 150; // ms after the last change, before a preview is asked for
 const [WIDTH, HEIGHT, PAD] = [280, 60, 6];
@@ -58,7 +59,15 @@ export function makeGenerator(store, commands, signals) {
         // Of what turns, nothing changes before somebody has looked at it.
         if (store.state?.operator && !store.state.enabled) send();
     });
+    let unit = "V";
+    const follow = (now) => {
+        if (now === unit) return;
+        unit = now;
+        settings.measure((own) => own.replace(/^V(?!\w)/, now));
+        draw();
+    };
     store.on("state", (state) => {
+        follow(referenceUnit(state.controller));
         permit(applied.set, whyNot(state));
         if (state.signal && applied.follow(state.signal)) {
             showStatus(chip, "applied");
@@ -89,7 +98,8 @@ class Preview {
         this.zero.setAttribute("class", "zero");
         this.line = this.drawing.appendChild(document.createElementNS(SVG, "path"));
         this.caption = el("figcaption", {});
-        this.element = el("figure", { class: "preview" }, this.drawing, this.caption);
+        this.warnings = el("ul", { class: "doubts", role: "status" });
+        this.element = el("figure", { class: "preview" }, this.drawing, this.caption, this.warnings);
         this.turn = 0;
     }
 
@@ -104,7 +114,8 @@ class Preview {
             return turn === this.turn ? error.message : null;
         }
         if (turn !== this.turn) return null;
-        const { t, unit } = found;
+        const { t, unit, warnings } = found;
+        this.warnings.replaceChildren(...warnings.map((each) => el("li", { "data-level": "warn" }, shape(), el("span", {}, each))));
         const value = found.value.map((v) => v ?? NaN); // JSON has no word for what isn't finite
         const finite = value.filter(Number.isFinite);
         const [low, high] = [Math.min(...finite), Math.max(...finite)];

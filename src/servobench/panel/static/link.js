@@ -2,7 +2,6 @@
 
 import { announce, toast } from "./announcer.js";
 import { byId, say } from "./dom.js";
-import { andNow } from "./stop.js";
 
 const OLD = 1000; // ms without rows; of slow loops three ticks
 
@@ -38,6 +37,12 @@ export function makeLink(store) {
         toast(sentence);
         announce(sentence);
     });
+}
+
+// What happens without a word of this page.
+function andNow(state) {
+    if (!state?.operator) return "The motor is in the hands of whoever drives it.";
+    return "Where nothing is heard of this page, which drives, the loop puts out zero volts by itself within 2 s.";
 }
 
 // Readings whose rows are old are taken away.

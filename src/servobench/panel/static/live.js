@@ -11,7 +11,12 @@ const NARROWEST = 0.001;
 export function makeLive(store, commands) {
     const rows = new Map();
     const list = el("ul", { class: "parameters" });
-    const empty = el("p", { class: "quiet" }, "Start the motor: gain and time constant appear here while it turns.");
+    const empty = el("p", { class: "quiet", role: "status" });
+    let heard = -Infinity; // when it last said how far it is [ms]
+    let ended = "";
+    const tellEmpty = () => say(empty, ended || whyEmpty(store.state, performance.now() - heard));
+    setInterval(tellEmpty, 500);
+    tellEmpty();
     const samples = el("p", { class: "quiet number" });
     const { element: wish, light } = makeWish(store, commands);
     byId("live").append(empty, list, samples, wish);
@@ -39,12 +44,24 @@ export function makeLive(store, commands) {
     store.on("live", (live) => {
         const names = Object.keys(live.parameters);
         empty.hidden = names.length > 0;
-        if (live.ended) say(empty, live.ended);
+        heard = performance.now();
+        ended = live.ended ?? "";
+        tellEmpty();
         for (const [name, row] of rows) row.element.hidden = !names.includes(name);
         for (const name of names) showRow(rowOf(name), live.parameters[name]);
         say(samples, names.length ? `from ${live.samples.toLocaleString("en")} samples` : "");
         light(live.enough);
     });
+}
+
+const SILENT = 1500; // ms; it says something five times a second once it is ready
+
+// Why nothing is known of the motor yet.
+function whyEmpty(state, silent) {
+    if (!state?.running || state.unknown) return "Gain and time constant appear here while the motor turns.";
+    if (!state.followed) return "This device doesn't say what it measures, so that it can't be identified while it runs: record, and identify the recording.";
+    if (silent > SILENT && state.enabled) return "Preparing to follow the motor. The first time this may take a minute, as what computes it is compiled; it loses nothing that you record.";
+    return state.enabled ? "The motor turns; too little has been seen of it yet." : "Start the motor: gain and time constant appear here while it turns.";
 }
 
 function showRow(row, { value, interval, unit }) {

@@ -89,7 +89,7 @@ async function begin() {
         store.mayDrive = (await session()).operator;
         const catalogue = await get("/api/catalogue");
         makeGenerator(store, commands, catalogue.signals);
-        makeController(store, commands, catalogue.controllers);
+        makeController(store, commands, catalogue.controllers, scopes);
         makeDevice(store, commands, catalogue.devices);
     } catch (error) {
         toast(`The panel can't begin: ${error.message}`);

@@ -12,6 +12,7 @@ export class SettingsForm {
         this.sentence = el("p", { class: "hint", id: `${prefix}-sentence` });
         this.choice.setAttribute("aria-describedby", this.sentence.id);
         this.fields = [];
+        this.unitOf = (unit) => unit;
         this.body = el("div", { class: "fields" });
         const top = el("div", { class: "field type" }, el("label", { for: `${prefix}-type`, class: "hide" }, label), this.choice);
         top.append(this.sentence);
@@ -31,10 +32,17 @@ export class SettingsForm {
     build() {
         this.sentence.textContent = this.member.sentence;
         this.fields = this.member.fields.map((field) => makeField(this.prefix, field));
+        this.measure(this.unitOf);
         const elements = this.fields.map((field) => field.element);
         const more = elements.slice(AT_ONCE);
         this.body.replaceChildren(...elements.slice(0, AT_ONCE));
         if (more.length) this.body.append(el("details", {}, el("summary", {}, "More settings"), more));
+    }
+
+    // Tell the fields' units as `unitOf` says.
+    measure(unitOf) {
+        this.unitOf = unitOf;
+        for (const field of this.fields) field.measure(unitOf);
     }
 
     // {type, settings...}; throws what is wrong with a field's text.

@@ -22,7 +22,7 @@ export function makeStop(store, commands) {
         post("/api/stop").catch((error) => (refused = ` (${error.message})`));
         const outcome = await commands.ask({ do: "stop" }, PATIENCE);
         if (outcome.accepted) return tell("");
-        tell(`STOP was pressed, but the loop hasn't said that it stopped the motor${refused}. ${andNow(store.state)} If the motor turns, cut its power.`);
+        tell(`STOP was pressed, but the loop hasn't said that it stopped the motor${refused}. If the motor turns, cut its power.`);
         announce("STOP is not acknowledged. If the motor turns, cut its power.");
     };
     document.addEventListener("click", ({ target }) => target.closest?.("[data-stop]") && stop(), { capture: true });
@@ -34,10 +34,4 @@ export function makeStop(store, commands) {
         tell("");
         toast("STOP was acknowledged by the loop: zero volts are put out.");
     });
-}
-
-// What happens without a word of this page.
-export function andNow(state) {
-    if (!state?.operator) return "The motor is in the hands of whoever drives it.";
-    return "Where nothing is heard of this page, which drives, the loop puts out zero volts by itself within 2 s.";
 }

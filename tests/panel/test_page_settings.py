@@ -1,0 +1,113 @@
+"""What is set on the page: its unit, what is wrong with it, and what it would lead to."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import pytest
+
+from tests.panel.browser import chromium, served
+
+pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
+pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
+
+from tests.panel.fake import app
+from tests.panel.test_page import Panel
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    with chromium() as found:
+        yield found
+
+
+@pytest.fixture
+def panel(browser: Any) -> Iterator[Panel]:
+    made = app()
+    with served(made) as address:
+        panel = Panel(browser, address, made.state.bench)
+        yield panel
+        panel.context.close()
+
+
+def wrong(panel: Panel, text: str) -> None:
+    panel.page.locator("#signal .trouble").get_by_text(text).wait_for()
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "sentence"),
+    [("High", "100", "the limit is 10 V"), ("Frequency", "5000", "faster than the sample time of 0.001 s")],
+)
+def test_a_signal_that_cannot_be_put_out_as_it_is_says_so_before_it_is_applied(
+    panel: Panel, field: str, value: str, sentence: str
+) -> None:
+    panel.page.get_by_role("spinbutton", name=field).fill(value)
+    panel.page.locator("#signal .doubts").get_by_text(sentence).wait_for()
+    panel.button("Back").click()
+    panel.until(lambda: panel.page.locator("#signal .doubts li").count() == 0)
+
+
+def test_a_field_that_was_left_empty_is_not_filled_in_behind_its_back(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="High").fill("")
+    wrong(panel, "High: nothing is filled in")
+    panel.button("Apply signal").click()
+    panel.page.wait_for_timeout(300)
+    assert not [asked for asked in panel.bench.received if asked["do"] == "set"]
+
+
+def test_what_is_wrong_with_a_number_is_said_with_the_number(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="Frequency").fill("-1")
+    wrong(panel, "frequency is -1; expected: greater than 0")
+
+
+def test_a_bracket_that_is_missing_is_told_by_its_line(panel: Panel) -> None:
+    panel.page.get_by_label("Kind of signal").select_option("sum")
+    panel.page.get_by_label("Parts").fill('[{"type": "square"},\n {"type": "sine",}]')
+    wrong(panel, "in line 2")
+
+
+def test_the_signal_is_in_the_unit_of_what_follows_it(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="High in V").wait_for()
+    panel.bench.controller = {"type": "pid", "output": "position"}
+    panel.page.get_by_role("spinbutton", name="High in rad", exact=True).wait_for()
+    panel.page.locator("#signal figcaption").get_by_text("rad over").wait_for()
+    panel.bench.controller = {"type": "pid", "output": "speed"}
+    panel.page.get_by_role("spinbutton", name="High in rad/s").wait_for()
+    panel.page.get_by_role("spinbutton", name="Frequency in Hz").wait_for()
+
+
+def test_a_position_that_is_far_away_is_asked_about_before_the_motor_turns_back(panel: Panel) -> None:
+    panel.bench.motor.state = (2800.0, 0.0, 0.0, 2800.0)
+    panel.page.locator("#readings").get_by_text("2800").wait_for(state="attached")
+    panel.page.get_by_label("Kind of controller").select_option("pid")
+    question = panel.page.locator("#controller .question")
+
+    panel.button("Apply controller").click()
+    question.get_by_text("The shaft is at 2800 rad").wait_for()
+    assert "turns, as fast as it can" in question.inner_text()
+    panel.button("Cancel").last.click()
+    assert panel.bench.controller == {"type": "open_loop"}
+
+    panel.button("Apply controller").click()
+    panel.button("Apply all the same").click()
+    panel.until(lambda: panel.bench.controller["type"] == "pid")
+
+
+def test_a_position_that_is_near_is_followed_without_a_question(panel: Panel) -> None:
+    panel.page.get_by_label("Kind of controller").select_option("pid")
+    panel.button("Apply controller").click()
+    panel.until(lambda: panel.bench.controller["type"] == "pid")
+    assert not panel.page.locator("#controller .question").is_visible()
+
+
+def test_what_follows_the_motor_says_that_it_is_not_ready_yet(panel: Panel) -> None:
+    panel.bench.compiling = True
+    panel.page.reload()
+    panel.page.get_by_text("Start the motor: gain and time constant").wait_for()
+    panel.page.get_by_text("You drive").wait_for()
+    panel.button("Start").click()
+    panel.page.get_by_text("Preparing to follow the motor").wait_for()
+    panel.bench.compiling = False
+    panel.page.get_by_text("Coulomb voltage").first.wait_for()
+    assert not panel.page.get_by_text("Preparing").is_visible()
