@@ -245,6 +245,7 @@ class Bench:
     def acknowledge(self, what: dict[str, Any], accepted: bool = True) -> None:
         """The loop's word on the last command."""
         acknowledged = {"number": self.motor.number, "tick": self.motor.tick, "accepted": accepted}
+        acknowledged["time"] = self.motor.tick * SAMPLE_TIME
         self.pending = {"kind": "applied", **acknowledged, "what": what, "why": self.refuse or None}
 
     def end_recording(self) -> dict[str, Any]:

@@ -210,6 +210,22 @@ def test_the_address_opens_a_session_and_is_not_kept_in_the_bar(served: Served) 
         assert told["token"] not in cookie
 
 
+@pytest.mark.parametrize("path", ["/", "/?token=wrong"])
+def test_a_person_without_a_key_reads_a_page_and_a_program_an_error(served: Served, path: str) -> None:
+    with served.client() as client:
+        page = client.get(path, headers={"accept": "text/html,*/*"})
+        assert page.status_code == 401
+        assert page.headers["content-type"].startswith("text/html")
+        assert "Open that address, all of it." in page.text
+        assert "REASON" not in page.text
+        assert "default-src 'self'" in page.headers["content-security-policy"]
+        program = client.get(path)
+        assert program.status_code == 401
+        assert program.json()["error"] in page.text.replace("&#x27;", "'").replace(
+            "The token", "the token"
+        ).replace("No session", "no session")
+
+
 def test_two_panels_of_one_host_do_not_log_each_other_out(served: Served, tmp_path: Path) -> None:
     """Cookies know no ports: a browser that is let in to both sends each both."""
 

@@ -103,7 +103,7 @@ def test_a_setting_is_applied_only_when_the_loop_has_said_so(panel: Panel) -> No
     panel.page.wait_for_timeout(300)
     assert chip.inner_text() == "Pending"
     panel.bench.hold = False
-    panel.until(lambda: chip.inner_text().startswith("Applied: tick "))
+    panel.until(lambda: chip.inner_text().startswith("Applied at "))
 
 
 def test_a_refusal_is_shown_with_its_reason(panel: Panel) -> None:
@@ -660,10 +660,10 @@ def test_nothing_lies_over_anything_else_however_much_is_shown(
 EXERCISE = """export function mount(element, api) {
     const load = document.createElement("button");
     load.textContent = "Load";
-    load.addEventListener("click", () => api.set({
+    load.addEventListener("click", async () => (document.title = await api.set({
         signal: {type: "sine", amplitude: 2}, controller: {type: "pid", kp: 2}, chain: "derivative | lowpass 80 rad/s",
         duration: 7, sample_time: 0.002,
-    }));
+    })));
     element.append(load);
 }"""
 
@@ -686,6 +686,7 @@ def test_an_exercise_puts_its_experiment_before_the_operator(exercise: Panel) ->
     assert bench.signal["amplitude"] == bench.controller["kp"] == 2
     assert [asked["sample_time"] for asked in bench.received if asked["do"] == "open"] == [0.002]
     assert exercise.page.get_by_label("Length").input_value() == "7"
+    exercise.until(lambda: "sampled at 500 Hz, not at 1000 Hz any more" in exercise.page.title())
 
 
 def test_an_exercise_changes_nothing_that_turns(exercise: Panel) -> None:

@@ -241,3 +241,31 @@ def test_why_nothing_can_be_set_is_told_in_a_sentence(call: Call) -> None:
 def test_steps_of_an_axis_are_written_in_full(call: Call) -> None:
     steps = [100, 5, 2.5, 1, 0.5, 0.25, 0.1, 0.002, 0.1 + 0.2]
     assert call("format", "(m, g) => g.map(m.decimals)", steps) == [0, 0, 1, 0, 1, 2, 1, 3, 1]
+
+
+@pytest.mark.parametrize(
+    ("text", "what", "fitting"),
+    [
+        ("first run", "can't have a space in it", "first-run"),
+        ("ünï 日本.1", "can't have “ü”, “ï”, a space, “日”, “本” in it", "uni-.1"),
+        ("_a", "can't begin with “_”", "a"),
+    ],
+)
+def test_what_keeps_a_text_from_being_a_name_is_said_and_one_like_it_offered(
+    call: Call, text: str, what: str, fitting: str
+) -> None:
+    trouble = call("lights", "(m, text) => m.nameTrouble(text)", text)
+    assert what in trouble["sentence"]
+    assert trouble["fitting"] == fitting
+    assert call("lights", "(m, text) => m.nameTrouble(text)", fitting) is None
+    assert call("lights", "(m, text) => m.nameTrouble(text)", "") is None
+
+
+def test_recordings_that_begin_where_the_voltage_changes_keep_one_row_before_it(call: Call) -> None:
+    cut = """(m) => {
+        const found = m.fromFirstChange({ t: Float64Array.of(0, 1, 2, 3), applied: Float32Array.of(0, 0, 3, 3) });
+        return [[...found.t], [...found.applied]];
+    }"""
+    assert call("compare", cut) == [[1, 2, 3], [0, 3, 3]]
+    still = "(m) => [...m.fromFirstChange({ t: Float64Array.of(0, 1), applied: Float32Array.of(2, 2) }).t]"
+    assert call("compare", still) == [0, 1]

@@ -111,3 +111,55 @@ def test_what_follows_the_motor_says_that_it_is_not_ready_yet(panel: Panel) -> N
     panel.bench.compiling = False
     panel.page.get_by_text("Coulomb voltage").first.wait_for()
     assert not panel.page.get_by_text("Preparing").is_visible()
+
+
+def test_sentences_stand_below_each_other_and_what_went_wrong_stays_until_it_is_closed(panel: Panel) -> None:
+    panel.page.get_by_label("Name of the recording").fill("first run")
+    panel.button("Record").click()
+    panel.page.locator("#toast").get_by_text(
+        "“first run”: a recording's name can't have a space in it"
+    ).wait_for()
+    panel.tab("Recordings")
+    panel.button("square-1-3").click()
+    panel.page.get_by_label("Notes on square-1-3").fill("with the disc")
+    panel.page.get_by_label("Notes on square-1-3").blur()
+    panel.page.locator("#toast").get_by_text("The note on square-1-3 is saved").wait_for()
+    assert panel.page.locator("#toast .toast").count() == 2
+    panel.button("Take first-run").click()
+    assert panel.page.get_by_label("Name of the recording").input_value() == "first-run"
+    panel.button("Record").click()
+    panel.until(lambda: (panel.bench.recording or {}).get("name") == "first-run")
+
+
+def test_a_third_recording_takes_a_place_and_says_whose(panel: Panel) -> None:
+    panel.until(lambda: panel.bench.motor.tick > 500)
+    panel.tab("Recordings")
+    for name in ("square-1-3", "prbs-disc", "chirp-slow"):
+        panel.page.get_by_label(f"Compare {name}").check()
+    panel.page.locator("#toast").get_by_text("Two at a time: square-1-3 made room for chirp-slow").wait_for()
+
+
+def test_a_device_offers_the_motors_that_are_known_and_sets_nothing_that_nobody_set(panel: Panel) -> None:
+    panel.page.locator("#device").click()
+    motor = panel.page.locator("#device-motor")
+    assert motor.locator("option").all_inner_texts() == ["Qube servo 2", "Qube servo 3"]
+    assert (
+        panel.page.get_by_label("Resistance in ohm", exact=True).get_attribute("placeholder") == "data sheet"
+    )
+    motor.select_option("qube_servo_3")
+    panel.button("Open").click()
+    panel.until(lambda: panel.bench.device["settings"] == {"motor": "qube_servo_3"})
+
+
+def test_on_a_phone_the_scopes_begin_in_the_upper_half_and_no_tool_is_cut_off(browser: Any) -> None:
+    made = app()
+    with served(made) as address:
+        phone = {"viewport": {"width": 390, "height": 844}, "has_touch": True}
+        panel = Panel(browser, address, made.state.bench, **phone)
+        assert panel.page.locator("#tools").bounding_box()["y"] < 844 / 2
+        for tool in panel.page.locator("#tools :is(button, select)").all():
+            box = tool.bounding_box()
+            assert box["x"] >= 0
+            assert box["x"] + box["width"] <= 390, tool.inner_text()
+        assert not panel.page.locator("#stop kbd").is_visible()
+        panel.context.close()

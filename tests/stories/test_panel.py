@@ -51,7 +51,7 @@ def choose_square_wave(page: Page) -> None:
     for name, value in (("Low", "1"), ("High", "3"), ("Frequency", "0.4")):
         page.page.get_by_role("spinbutton", name=name).fill(value)
     page.button("Apply signal").click()
-    page.page.locator("#signal-status").get_by_text(re.compile(r"Applied: tick \d+")).wait_for()
+    page.page.locator("#signal-status").get_by_text(re.compile(r"Applied at \d+")).wait_for()
 
 
 def painted(page: Page, scope: str, trace: str) -> float:
@@ -135,7 +135,7 @@ def moves_the_cutoff(page: Page) -> None:
     slider.focus()
     for _ in range(5):
         page.page.keyboard.press("ArrowRight")
-    page.until(lambda: page.text("#cutoff-status").startswith("Applied: tick "))
+    page.until(lambda: page.text("#cutoff-status").startswith("Applied at "))
     assert page.text("#cutoff-value").startswith("55 rad/s")
     page.tab("Block diagram")
     page.page.locator("#diagram").get_by_text(re.compile("55")).first.wait_for()  # it draws what the loop has

@@ -13,6 +13,10 @@ from pydantic.fields import FieldInfo
 from servobench.settings import unit_of
 
 _UNITS = {"encoder": ["counts", "deg", "rad"]}
+_ON_DATA_SHEETS = {
+    *("resistance", "inductance", "motor_constant", "rotor_inertia", "hub_inertia", "disc_inertia"),
+    *("amplifier_limit", "dead_band", "counts_per_rev", "counter_bits"),
+}
 _INITIALS = ("pid", "prbs")
 
 
@@ -25,9 +29,24 @@ def catalogue() -> dict[str, Any]:
     return {
         "signals": [member(name, SIGNALS[name], SIGNALS[name]) for name in SIGNALS.names()],
         "controllers": [member(name, CONTROLLERS[name], CONTROLLERS[name]) for name in CONTROLLERS.names()],
-        "devices": [member(name, DEVICES[name], DEVICES[name].Settings) for name in DEVICES.names()],
+        "devices": [_device(member(name, DEVICES[name], DEVICES[name].Settings)) for name in DEVICES.names()],
         "units": _UNITS,
     }
+
+
+def _device(known: dict[str, Any]) -> dict[str, Any]:
+    """A device, with the motors and solvers that there are to choose from, and what its data sheet says where nothing is set."""
+    from servobench.motor.parameters import DATA_SHEETS
+    from servobench.motor.solvers.base import SOLVERS
+
+    choices = {"motor": list(DATA_SHEETS), "solver": list(SOLVERS.names())}
+    fields = {field["name"]: field for field in known["fields"]}
+    for name in choices.keys() & fields.keys():
+        fields[name]["choices"] = choices[name]
+    for name in _ON_DATA_SHEETS & fields.keys():
+        if "motor" in fields and fields[name]["default"] is None:
+            fields[name]["unset"] = "data sheet"
+    return known
 
 
 def member(name: str, kind: type, settings: Any) -> dict[str, Any]:

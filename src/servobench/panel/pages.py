@@ -7,6 +7,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
+from html import escape
 from importlib.metadata import PackageNotFoundError, files
 from importlib.resources import files as resources
 from pathlib import Path
@@ -62,7 +63,26 @@ class Panel:
 
 
 async def front(request: Request, panel: Panel) -> Response:
-    """The page; with a key in the address, the way in. Raises `Refused` for a key that is wrong or over."""
+    """The page; with a key in the address, the way in. Who isn't let in reads why: a person as a page.
+
+    Raises `Refused` where a program asks.
+    """
+    try:
+        return await _let_in(request, panel)
+    except Refused as refused:
+        if "text/html" not in request.headers.get("accept", ""):
+            raise
+        page = (await asyncio.to_thread(packaged, "refused.html")).body
+        told = bytes(page).replace(b"REASON", escape(_as_sentence(refused.sentence)).encode())
+        return Response(told, status_code=refused.status, media_type=_TYPES[".html"])
+
+
+def _as_sentence(text: str) -> str:
+    return f"{text[:1].upper()}{text[1:]}."
+
+
+async def _let_in(request: Request, panel: Panel) -> Response:
+    """The page, or the way in. Raises `Refused` for a key that is wrong or over, and as `Door.admit`."""
     key = request.query_params.get("token")
     if key is None:
         panel.door.admit(request.headers, Asks())

@@ -79,6 +79,7 @@ def applied(event: Notice) -> dict[str, Any]:
         "kind": "applied",
         "number": about["number"],
         "tick": event.tick,
+        "time": event.time,
         "accepted": about["accepted"],
         "what": about["what"],
         "why": about["why"],

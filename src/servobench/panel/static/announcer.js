@@ -1,6 +1,6 @@
 // What is told to who can't see the page: one sentence at a time, not more often than every second, the last one wins.
 
-import { byId } from "./dom.js";
+import { byId, el } from "./dom.js";
 
 const PAUSE = 1000; // ms
 let waiting = null;
@@ -18,22 +18,32 @@ function tell() {
     byId("announcer").textContent = waiting;
 }
 
-// A sentence for everybody, for some seconds, maybe with one thing to do about it.
-let hiding = 0;
+const MOST = 4; // sentences at once; the oldest goes
+
+// A sentence for everybody, below those that are there: for some seconds, maybe with one thing to do about it.
 export function toast(sentence, action = null) {
-    const place = byId("toast");
-    place.replaceChildren(sentence);
-    if (action) {
-        const button = document.createElement("button");
-        button.type = "button";
-        button.textContent = action.title;
-        button.addEventListener("click", () => {
-            place.hidden = true;
-            action.run();
-        });
-        place.append(button);
-    }
-    place.hidden = false;
-    clearTimeout(hiding);
-    hiding = setTimeout(() => (place.hidden = true), action ? 12000 : 6000);
+    const place = show(sentence, action);
+    setTimeout(() => place.remove(), action ? 12000 : 6000);
+}
+
+// A sentence about what went wrong: there until it's closed, as it says what to do.
+export function complain(sentence, action = null) {
+    show(sentence, action).classList.add("wrong");
+}
+
+function show(sentence, action) {
+    const stack = byId("toast");
+    const same = [...stack.children].find((each) => each.firstChild.textContent === sentence);
+    same?.remove();
+    const button = (title, run, extra = {}) => el("button", { type: "button", on: { click: () => (place.remove(), run()) }, ...extra }, title);
+    const place = el(
+        "div",
+        { class: "toast" },
+        el("span", {}, sentence),
+        action ? button(action.title, action.run) : null,
+        button("×", () => {}, { class: "square", "aria-label": "Close this message" }),
+    );
+    stack.append(place);
+    while (stack.children.length > MOST) stack.firstChild.remove();
+    return place;
 }

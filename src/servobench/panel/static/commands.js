@@ -11,7 +11,7 @@ export class Commands {
         this.early = new Map(); // number -> acknowledgement that came before the answer
     }
 
-    // Resolves to {accepted, tick, why}; never rejects, as a refusal is a result.
+    // Resolves to {accepted, tick, time, why}, with the time of the run [s]; never rejects, as a refusal is a result.
     ask(message, patience = this.patience) {
         const id = ++this.last;
         return new Promise((resolve) => {
@@ -38,7 +38,7 @@ export class Commands {
     }
 
     applied(word) {
-        const outcome = { accepted: word.accepted, tick: word.tick, why: word.why };
+        const outcome = { accepted: word.accepted, tick: word.tick, time: word.time, why: word.why };
         const finish = this.given.get(word.number);
         if (finish) {
             this.given.delete(word.number);

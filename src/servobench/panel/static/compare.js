@@ -1,5 +1,6 @@
 // Two recordings over each other, each from its own beginning.
 
+import { toast } from "./announcer.js";
 import { bytes } from "./api.js";
 import { byId, el } from "./dom.js";
 import { decode } from "./frames.js";
@@ -30,6 +31,14 @@ export function aligned(recordings, column, since = false) {
     return [all, ...columns];
 }
 
+// The rows of a recording from the last one before its voltage changes, all where it never does.
+export function fromFirstChange(recording) {
+    const { applied } = recording;
+    const change = applied.findIndex((value, k) => k > 0 && value !== applied[k - 1] && Number.isFinite(value));
+    if (change < 1) return recording;
+    return Object.fromEntries(Object.entries(recording).map(([name, values]) => [name, values.subarray(change - 1)]));
+}
+
 export function makeCompare(show) {
     const chosen = [];
     const kept = new Map();
@@ -44,13 +53,15 @@ export function makeCompare(show) {
         toggle: async (name) => {
             if (chosen.includes(name)) chosen.splice(chosen.indexOf(name), 1);
             else chosen.push(name);
-            if (chosen.length > 2) chosen.shift();
+            if (chosen.length > 2) toast(`Two at a time: ${chosen.shift()} made room for ${name}.`);
             compare.onChange();
             if (chosen.length) show();
             await draw();
         },
     };
     const place = byId("compare");
+    const together = el("input", { type: "checkbox", id: "compare-together", on: { change: () => draw() } });
+    const choice = el("label", { class: "inline" }, together, el("span", {}, "Begin each where its voltage changes first"));
     let plots = [];
     const draw = async () => {
         const names = [...chosen];
@@ -66,8 +77,9 @@ export function makeCompare(show) {
         plots = [];
         const keys = names.map((name, k) => el("span", { class: `key key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name));
         const hint = el("p", { class: "quiet none" }, "Tick one or two recordings to see them here.");
-        place.replaceChildren(names.length ? el("p", { class: "keys" }, keys) : hint);
-        if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, recordings));
+        place.replaceChildren(names.length ? el("div", { class: "row between" }, el("p", { class: "keys" }, keys), choice) : hint);
+        const drawn = together.checked ? recordings.map(fromFirstChange) : recordings;
+        if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, drawn));
     };
     document.addEventListener("theme", draw);
     new ResizeObserver(() => plots.forEach((each) => each.setSize({ width: place.clientWidth - 2, height: each.height }))).observe(place);

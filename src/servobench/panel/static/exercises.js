@@ -7,6 +7,7 @@ const KEPT = new Set([
   "P", "H1", "H2", "H3", "H4", "H5", "H6", "UL", "OL", "LI", "STRONG", "EM", "CODE", "PRE", "BLOCKQUOTE", "HR", "BR", "A",
   "TABLE", "THEAD", "TBODY", "TR", "TH", "TD",
 ]);
+const CHECK = "Check the answers";
 let mounted = 0;
 
 // Shows the exercises in an element. `api` has `get(path)` and `post(path, body)`, which resolve to the answer's JSON and reject
@@ -51,8 +52,8 @@ async function show(view, name) {
 
 async function loaded(view, exercise, told) {
   try {
-    await view.api.set(exercise.experiment);
-    told.textContent = "The experiment is loaded; start it when you are ready.";
+    const changed = await view.api.set(exercise.experiment);
+    told.textContent = ["The experiment is loaded; start it when you are ready.", changed].filter(Boolean).join(" ");
   } catch (error) {
     told.textContent = `It can't be loaded: ${error.message}`;
   }
@@ -78,7 +79,7 @@ function form(view, exercise) {
     rows.set(blank.id, { row, input, said });
     questions.append(row);
   }
-  const check = html("button", { class: "exercises-check", type: "submit" }, "Check the answers");
+  const check = html("button", { class: "exercises-check", type: "submit" }, CHECK);
   const failed = html("p", { class: "exercises-failed", role: "alert" });
   questions.append(check, failed);
   questions.addEventListener("submit", (event) => {
@@ -93,6 +94,7 @@ async function checked(view, exercise, rows, button, failed) {
   failed.textContent = given.length ? "" : "Enter an answer first.";
   if (!given.length) return;
   button.disabled = true;
+  button.textContent = "Checking …"; // the motor is simulated for it
   try {
     const path = `/api/exercises/${encodeURIComponent(exercise.name)}/check`;
     const { answers } = await view.api.post(path, { answers: Object.fromEntries(given) });
@@ -105,6 +107,7 @@ async function checked(view, exercise, rows, button, failed) {
     failed.textContent = `The answers can't be checked: ${error.message}`;
   } finally {
     button.disabled = false;
+    button.textContent = CHECK;
   }
 }
 

@@ -6,16 +6,21 @@ import { byId, el } from "./dom.js";
 
 const EXTRAS = { "tab-diagram": "diagram", "tab-exercises": "exercises" };
 
-// Put an experiment before the operator. What turns isn't changed: there, signal and controller wait to be applied.
+const rate = (sampleTime) => `${Number((1 / sampleTime).toPrecision(4))} Hz`;
+
+// Put an experiment before the operator; resolves to what else was changed for it. What turns isn't changed: there, signal and controller wait to be applied.
 async function propose(store, commands, experiment) {
     const { operator, enabled, device, sample_time } = store.state ?? {};
     const wanted = experiment.sample_time;
+    let set = "";
     if (operator && !enabled && wanted && wanted !== sample_time) {
         const asked = { do: "open", device: { name: device.name, settings: device.settings }, sample_time: wanted };
         const outcome = await commands.ask(asked, OPENING);
         if (!outcome.accepted) throw new Error(outcome.why);
+        set = `It is sampled at ${rate(wanted)}, not at ${rate(sample_time)} any more; the device was opened anew for that.`;
     }
     store.emit("proposed", experiment);
+    return set;
 }
 
 export function makeExtras(store, commands) {

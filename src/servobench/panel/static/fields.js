@@ -40,11 +40,12 @@ function kindOf(field) {
 }
 
 function choice(_, field) {
-    const input = el("select", {}, field.choices.map((each) => el("option", { value: String(each) }, words(String(each)))));
+    const none = field.default === null ? [el("option", { value: "" }, field.unset ?? "not set")] : [];
+    const input = el("select", {}, none, field.choices.map((each) => el("option", { value: String(each) }, words(String(each)))));
     return {
         input,
         read: () => field.choices.find((each) => String(each) === input.value),
-        write: (value) => (input.value = String(value ?? field.choices[0])),
+        write: (value) => (input.value = String(value ?? (none.length ? "" : field.choices[0]))),
     };
 }
 
@@ -54,7 +55,7 @@ function truth() {
 }
 
 function number(_, field) {
-    const input = el("input", { type: "number", step: "any", min: field.minimum, max: field.maximum, placeholder: "not set", inputmode: "decimal" });
+    const input = el("input", { type: "number", step: "any", min: field.minimum, max: field.maximum, placeholder: field.unset ?? "not set", inputmode: "decimal" });
     const read = () => {
         if (input.validity.badInput) throw new Error(`${words(field.name)}: not a number`);
         if (input.value === "" && field.default != null) throw new Error(`${words(field.name)}: nothing is filled in; ${plain(field.default)}, for instance, is a number`);

@@ -48,5 +48,8 @@ export function words(name) {
     return text.charAt(0).toUpperCase() + text.slice(1);
 }
 
+// A sentence with names from the library as words, too: first_order_one_way → first order one way.
+export const plainly = (sentence) => sentence.replace(/\b[a-z]+(?:_[a-z0-9]+)+\b/g, (name) => name.replaceAll("_", " "));
+
 // The meaning of a setting without the unit at its end, which stands beside the field.
 export const meaning = (sentence) => (sentence ?? "").replace(/ \[[^\]]*\]\.?$/, ".");

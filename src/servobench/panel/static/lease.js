@@ -1,14 +1,14 @@
 // Who drives: one operator at a time. A page that comes to a free panel takes it; a later one watches, and may STOP.
 
 import { byId, say } from "./dom.js";
-import { toast } from "./announcer.js";
+import { complain } from "./announcer.js";
 
 export function makeLease(store, commands) {
     const button = byId("lease");
     let first = true;
     const ask = async (message) => {
         const outcome = await commands.ask(message);
-        if (!outcome.accepted) toast(outcome.why);
+        if (!outcome.accepted) complain(outcome.why);
     };
     button.addEventListener("click", () => ask({ do: store.state.operator ? "release" : "lease" }));
     store.on("link", (status) => {

@@ -1,12 +1,12 @@
 // The lights: each a shape, a word and its reason, so that nobody needs to see a colour. Also the fault, and what to do about it.
 
-import { announce } from "./announcer.js";
+import { announce, complain, toast } from "./announcer.js";
 import { byId, el, say, shape } from "./dom.js";
 import { clock, significant } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 
 const LIT_FOR = 5000; // ms
-const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Whiteness" };
+const NAMES = { link: "Link", stall: "Stall", limits: "Limits", lateness: "Lateness", whiteness: "Model" };
 
 export function makeLights(store, commands) {
     const lights = {};
@@ -41,7 +41,7 @@ export function makeLights(store, commands) {
         show("lateness", lateness(state), state.late || state.missed ? `${state.late} late, ${state.missed} missed` : "none");
     });
     store.on("live", (live) => {
-        const text = { true: "white: the model fits", false: "coloured: the model misses something" }[live.white] ?? "not yet";
+        const text = { true: "fits what is measured", false: "misses something: residuals aren't noise" }[live.white] ?? "not known yet";
         show("whiteness", live.white === true ? "ok" : live.white === false ? "warn" : "off", text);
     });
     makeFault(store, commands);
@@ -104,16 +104,18 @@ function makeFault(store, commands) {
     byId("acknowledge").addEventListener("click", () => acknowledge([]));
     byId("go-on").addEventListener("click", () => acknowledge([{ do: "start" }]));
 }
-export function makeRecord(store, commands, toast) {
+
+export function makeRecord(store, commands) {
     const button = byId("record");
     const name = byId("record-name");
     button.addEventListener("click", async () => {
         const asked = store.state?.recording
             ? { do: "end_record" }
             : { do: "record", name: name.value || name.placeholder, duration: Number(byId("record-length").value) || null };
-        if (!name.checkValidity()) return toast("A recording's name has letters, digits, and . _ - after the first one.");
+        const wrong = asked.do === "record" && nameTrouble(name.value);
+        if (wrong) return complain(wrong.sentence, wrong.fitting && { title: `Take ${wrong.fitting}`, run: () => (name.value = wrong.fitting) });
         const outcome = await commands.ask(asked);
-        if (!outcome.accepted) toast(`Not recorded: ${outcome.why}`);
+        if (!outcome.accepted) complain(`Not recorded: ${outcome.why}`);
         else announce(asked.do === "record" ? `Recording ${asked.name}` : "Recording ended");
     });
     store.on("state", (state) => {
@@ -133,7 +135,7 @@ export function makeRecord(store, commands, toast) {
         if (!duration) return;
         const length = byId("record-length");
         if (![...length.options].some((option) => Number(option.value) === duration)) {
-            length.append(el("option", { value: duration }, `${significant(duration, 4)} s`));
+            length.append(el("option", { value: duration }, `${Number(duration.toPrecision(4))} s`));
         }
         length.value = String(duration);
     });
@@ -148,6 +150,17 @@ export function makeRecord(store, commands, toast) {
         toast(sentence);
         announce(sentence);
     });
+}
+
+// What keeps a text from being a recording's name: {sentence, fitting}, a name like it that would do; null where nothing does.
+export function nameTrouble(text) {
+    const bad = [...new Set(text.match(/[^A-Za-z0-9._-]/gu) ?? [])].map((each) => (/\s/.test(each) ? "a space" : `“${each}”`));
+    const begins = /^[._-]/.test(text);
+    if (!bad.length && !begins) return null;
+    const what = bad.length ? `can't have ${bad.join(", ")} in it` : `can't begin with “${text[0]}”`;
+    const plain = text.normalize("NFKD").replace(/\p{M}/gu, "");
+    const fitting = plain.replace(/[^A-Za-z0-9._-]+/g, "-").replace(/^[._-]+|[.-]+$/g, "").slice(0, 64);
+    return { sentence: `“${text}”: a recording's name ${what}; letters a to z, digits, and . _ - can.`, fitting };
 }
 
 // What became of a recording: its length, and why it is shorter than was asked for, where it is.

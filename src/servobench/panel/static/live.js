@@ -3,7 +3,7 @@
 import { byId, el, say, shape } from "./dom.js";
 import { significant, words } from "./format.js";
 import { permit, whyNot } from "./permit.js";
-import { toast } from "./announcer.js";
+import { complain } from "./announcer.js";
 
 const WIDEST = 0.3; // of the value: half the width of a whisker that fills its line
 const NARROWEST = 0.001;
@@ -104,7 +104,7 @@ function makeWish(store, commands) {
         event.preventDefault();
         const outcome = await commands.ask({ do: "wish", until: `${name.value}=${Number(share.value)}%` });
         wished ||= outcome.accepted;
-        if (!outcome.accepted) toast(outcome.why);
+        if (!outcome.accepted) complain(outcome.why);
     });
     const light = (enough) => {
         state.dataset.level = enough ? "ok" : wished ? "warn" : "off";

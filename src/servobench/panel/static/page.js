@@ -1,7 +1,7 @@
 // The page: what belongs to what.
 
 import { get, session } from "./api.js";
-import { toast } from "./announcer.js";
+import { complain, toast } from "./announcer.js";
 import { Commands } from "./commands.js";
 import { makeCompare } from "./compare.js";
 import { makeController, makeCutoff, makeStart } from "./controls.js";
@@ -80,7 +80,7 @@ async function begin() {
     const loadRecordings = makeRecordings(store, compare);
     makeOpening(store);
     makeLights(store, commands);
-    makeRecord(store, commands, toast);
+    makeRecord(store, commands);
     makeLive(store, commands);
     makeStart(store, commands);
     makeCutoff(store, commands);
@@ -92,7 +92,7 @@ async function begin() {
         makeController(store, commands, catalogue.controllers, scopes);
         makeDevice(store, commands, catalogue.devices);
     } catch (error) {
-        toast(`The panel can't begin: ${error.message}`);
+        complain(`The panel can't begin: ${error.message}`);
         return;
     }
     makeLease(store, commands);

@@ -1,9 +1,9 @@
 // The recordings: found, annotated, compared, identified, taken away, deleted and brought back.
 
 import { get, largestUpload, post, upload } from "./api.js";
-import { toast } from "./announcer.js";
+import { complain, toast } from "./announcer.js";
 import { byId, el, icon, shape, slug } from "./dom.js";
-import { readable, significant, words } from "./format.js";
+import { plainly, readable, significant, words } from "./format.js";
 import { makeProgress, megabytes, uploadProgress, workProgress } from "./progress.js";
 
 const DELETED = "/deleted"; // no recording's name has a slash
@@ -20,7 +20,7 @@ export function makeRecordings(store, compare) {
         try {
             all = await get("/api/recordings");
         } catch (error) {
-            return toast(`The recordings can't be listed: ${error.message}`);
+            return complain(`The recordings can't be listed: ${error.message}`);
         }
         store.emit("library-names", new Set(all.map((each) => each.name)));
         show();
@@ -29,7 +29,7 @@ export function makeRecordings(store, compare) {
         try {
             return await post(`/api/recordings/${encodeURIComponent(name)}/${what}`, body);
         } catch (error) {
-            toast(`${words(what.split("/").at(-1))}: ${error.message}`);
+            complain(`${words(what.split("/").at(-1))}: ${error.message}`);
             return null;
         }
     };
@@ -41,6 +41,9 @@ export function makeRecordings(store, compare) {
         compare.drop(name);
         await load();
         toast(`Deleted ${name}`, { title: "Undo", run: () => bringBack(name) });
+    };
+    const note = async (name, notes) => {
+        if (await act(name, "notes", { notes })) toast(`The note on ${name} is saved`);
     };
     const identify = async (name) => {
         const result = await act(name, "identify", { structure: "auto" });
@@ -59,7 +62,7 @@ export function makeRecordings(store, compare) {
         working.get(name).show(workProgress(message));
         if (begins) show();
     });
-    const actions = { act, remove, bringBack, identify, open, results, working, compare, load };
+    const actions = { act, note, remove, bringBack, identify, open, results, working, compare, load };
     const show = () => {
         // A note that is being written isn't taken from under a person's hands.
         if (list.contains(document.activeElement) && document.activeElement.tagName === "TEXTAREA") return;
@@ -188,7 +191,7 @@ function details(recording, id, actions) {
         rows: 2,
         placeholder: "Notes",
         set: { value: recording.notes ?? "" },
-        on: { change: () => actions.act(name, "notes", { notes: notes.value }) },
+        on: { change: () => actions.note(name, notes.value) },
     });
     const going = actions.working.get(name);
     const identify = el("button", { type: "button", class: "plain", id: `${id}-identify`, "aria-disabled": String(Boolean(going)) }, going ? "Identifying …" : "Identify");
@@ -220,7 +223,7 @@ function identified(recording, result) {
         );
     });
     const findings = (result.findings ?? []).map(({ severity, sentence }) =>
-        el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, sentence)),
+        el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, plainly(sentence))),
     );
     return el(
         "div",
