@@ -10,6 +10,7 @@ import pytest
 
 from servobench.cli import main, panel
 from servobench.errors import UsageError
+from servobench.panel.library import Library
 from servobench.panel.server import PORT, listening
 
 
@@ -78,6 +79,37 @@ def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alo
     with listening("127.0.0.1", None) as first, listening("127.0.0.1", None) as second:
         assert first.getsockname()[1] != second.getsockname()[1]
         assert PORT not in (second.getsockname()[1],)
+
+
+@pytest.mark.skipif(
+    sys.platform == "win32", reason="Windows frees a port at once, and has another meaning for the option"
+)
+def test_the_port_of_a_panel_that_was_killed_is_free_at_once() -> None:
+    with listening("127.0.0.1", 0) as first:
+        port = first.getsockname()[1]
+        page = socket.create_connection(("127.0.0.1", port))
+        served, _ = first.accept()
+        served.close()  # the panel's end is closed first, as where it's killed; the line then lingers
+        page.close()
+    with listening("127.0.0.1", port) as second:
+        assert second.getsockname()[1] == port
+
+
+def test_a_second_panel_on_the_same_folder_is_refused_and_told_where_the_first_is(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    library = Library(tmp_path)
+    library.prepare()
+    words = ["panel", "--no-open", "--port", "0", "--folder", str(tmp_path)]
+    with library.held("http://127.0.0.1:8765/"):
+        status = main(words)
+
+    said = capsys.readouterr().err
+    assert status == 2
+    assert "in use by another panel (http://127.0.0.1:8765/)" in said
+    assert "--folder" in said
+    with library.held("http://127.0.0.1:8766/"):  # it is free again
+        assert library.list() == []
 
 
 def test_the_sockets_that_it_takes_are_of_tcp_by_their_own_word() -> None:

@@ -99,6 +99,9 @@ class LoopDouble:
         self.ring.push([*row, *[0.0] * (COLUMNS - len(row))])
         self._tick += 1
 
+    def ready_recorder(self) -> None:
+        """Get nothing ready."""
+
     def record_from(
         self, first: int, path: str, experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:

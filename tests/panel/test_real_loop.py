@@ -12,7 +12,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Awaitable, Callable, Iterator
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -24,6 +24,8 @@ from websockets.asyncio.client import ClientConnection, connect
 from websockets.exceptions import ConnectionClosed
 
 from servobench.panel.frames import COLUMNS
+from servobench.panel.leftovers import complete_leftovers
+from servobench.panel.library import Library
 from servobench.recording.reader import read
 from tests.processes import children
 
@@ -376,3 +378,121 @@ def test_the_servers_death_ends_the_loop_and_what_identifies_it(tmp_path: Path) 
     finally:
         process.kill()
         process.communicate()
+
+
+@contextmanager
+def panel_in(folder: Path) -> Iterator[Program]:
+    """A panel of its own for a test that kills it."""
+    command = [sys.executable, "-m", "servobench", "panel", "--no-open", "--port", "0"]
+    process = subprocess.Popen(
+        [*command, "--folder", str(folder / "recordings")],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        cwd=folder,
+    )
+    try:
+        base, _, key = lines(process, r"(http://\S+)").partition("/?token=")
+        yield Program(process, base, key, folder / "recordings")
+    finally:
+        process.kill()
+        process.communicate()
+
+
+async def killed_and_outlived(program: Program) -> None:
+    """Kill a panel, and wait until all that it has started have ended."""
+    names = ("recording_process", "loop.child", "live_process")
+    handles = [os.pidfd_open(each) for name in names for each in children(program.process.pid, name)]
+    program.process.kill()
+    for handle in handles:
+        assert (await asyncio.to_thread(select.select, [handle], [], [], PATIENCE))[0], "it goes on"
+        os.close(handle)
+
+
+@pytest.mark.promise("S25")
+def test_a_recording_of_which_the_panel_is_killed_is_finished_by_its_recorder(tmp_path: Path) -> None:
+    seen: dict[str, Any] = {}
+
+    async def story(sockets: list[Any]) -> None:
+        page = await program.page(sockets)
+        assert (await page.say(do="lease"))["ok"]
+        (ready,) = children(program.process.pid, "recording_process")
+        assert (await page.say(do="record", name="first"))["ok"]
+        assert children(program.process.pid, "recording_process") == [
+            ready
+        ]  # the one that was there beforehand
+        await page.listen_until(lambda: (page.state["recording"] or {"samples": 0})["samples"] > 300)
+
+        seen["told"] = page.state["recording"]["samples"]
+        seen["t"] = page.column("t")
+        await killed_and_outlived(program)
+
+    with panel_in(tmp_path) as program:
+        played(story)
+        memory = [*Path("/dev/shm").glob(f"servobench-*-{program.process.pid}-*")]
+
+    folder = program.folder / "first"
+    (recording,) = read(folder / "recording.mcap")  # a whole file
+    (t,) = {id(each.t): each.t for each in recording.series}.values()
+    assert t is not None
+    assert len(t) >= seen["told"]
+    # What a page has seen that is older than 250 ms is there, from the take's first row on.
+    old = seen["t"][(seen["t"] >= t[0]) & (seen["t"] < seen["t"][-1] - 0.25)]
+    assert len(old) > 100
+    assert np.isin(old, t).all()
+    assert "the program that started the run is gone" in recording.stopped.sentence
+    assert memory == []
+
+
+@pytest.mark.promise("S25")
+def test_a_recorder_that_isn_t_ready_when_the_panel_is_killed_still_records(tmp_path: Path) -> None:
+    async def story(sockets: list[Any]) -> None:
+        page = await program.page(sockets)
+        assert (await page.say(do="lease"))["ok"]
+        (ready,) = children(program.process.pid, "recording_process")
+        handle = os.pidfd_open(ready)
+        os.kill(ready, signal.SIGKILL)
+        assert (await asyncio.to_thread(select.select, [handle], [], [], PATIENCE))[0]
+        os.close(handle)
+        assert (await page.say(do="record", name="late"))["ok"]
+        await killed_and_outlived(program)  # its recorder has hardly begun to load what it needs
+
+    with panel_in(tmp_path) as program:
+        played(story)
+
+    (recording,) = read(program.folder / "late" / "recording.mcap")
+    assert len(recording["applied"].values) > 0
+    assert "the program that started the run is gone" in recording.stopped.sentence
+    # The next panel tells of it as of any other.
+    complete_leftovers(Library(program.folder), None)
+    (told,) = Library(program.folder).list()
+    assert told["samples"] == len(recording["applied"].values)
+    assert told["signal"] == "square"
+
+
+@pytest.mark.parametrize("how", ["stop", "leave"])
+def test_a_recording_ends_where_the_motor_is_stopped_and_says_why(program: Program, how: str) -> None:
+    async def story(sockets: list[Any]) -> None:
+        onlooker, page = await program.page(sockets), await program.page(sockets)
+        assert (await page.say(do="lease"))["ok"]
+        assert (await page.say(do="record", name=f"ended-by-{how}", duration=600.0))["ok"]
+        await page.listen_until(lambda: (page.state["recording"] or {"samples": 0})["samples"] > 0)
+        if how == "stop":
+            await onlooker.say(do="stop")
+        else:
+            page.socket.transport.abort()
+        await onlooker.listen_until(lambda: any(each["kind"] == "recorded" for each in onlooker.heard))
+
+        (said,) = [each for each in onlooker.heard if each["kind"] == "recorded"]
+        assert (
+            said["early"]
+            == {
+                "stop": "STOP was pressed; zero volts are put out",
+                "leave": "the operator's page is gone; zero volts are put out",
+            }[how]
+        )
+        assert said["length"] < 600.0
+        if how == "stop":
+            await page.say(do="release")
+
+    played(story)

@@ -136,17 +136,18 @@ def panel(
                 _open(f"{base}?token={keys.new('operator', once=True)}")
 
         try:
-            run(
-                Panel(
-                    motor=MotorSession(asked, library),
-                    library=library,
-                    door=door,
-                    exercises=(exercises or FOLDER).resolve(),
-                ),
-                listener,
-                tls,
-                begun,
-            )
+            with library.held(base):
+                run(
+                    Panel(
+                        motor=MotorSession(asked, library),
+                        library=library,
+                        door=door,
+                        exercises=(exercises or FOLDER).resolve(),
+                    ),
+                    listener,
+                    tls,
+                    begun,
+                )
         except KeyboardInterrupt:
             say(console, "\nthe motor is at rest")
 

@@ -40,7 +40,7 @@ from servobench.loop.place import Place
 from servobench.loop.references import References
 from servobench.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
 from servobench.loop.schedule import real_time
-from servobench.loop.spec import COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
+from servobench.loop.spec import ASKED, COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
 from servobench.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stopped_by
 from servobench.recording.recording import Stopped
 
@@ -83,8 +83,9 @@ def main() -> int:
             return DeviceError.exit_status
         finally:
             rows.set(LOOP_STATE, ENDED)
-            for ring in (rows, commands, events):
-                ring.clear_up()
+            if rows.get(RECORDER_STATE) != ASKED:  # one that was asked to record clears up itself
+                for ring in (rows, commands, events):
+                    ring.clear_up()
     return 0
 
 

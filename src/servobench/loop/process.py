@@ -32,7 +32,7 @@ from servobench.loop.ring import (
     RowReader,
     RowRing,
 )
-from servobench.loop.spec import COLUMNS, FAILED, NO_RECORDER, STARTING, LoopSpec, WhenFaulted
+from servobench.loop.spec import ASKED, COLUMNS, FAILED, STARTING, LoopSpec, WhenFaulted
 from servobench.recording.recording import Recording, Stopped
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
@@ -92,6 +92,9 @@ class LoopProcess:
         self._told_open: Notice | None = None
         self._ended: Notice | None = None
         self._giving = Lock()  # one at a time writes to a ring, whatever threads there are
+        self._ready: RecorderProcess | None = None  # a recorder that waits to be needed
+        self._readying = Lock()
+        self._over = False
 
     def __enter__(self) -> Self:
         """Start it, and wait until the run begins."""
@@ -104,6 +107,7 @@ class LoopProcess:
             self._process = self._started_loop()
             self._recording = self._started_recorder(stack)
             stack.callback(self._end)  # before the recorder's own end, which waits for this
+            stack.callback(self._dismiss_the_ready)
             self.info = self._opened()
             self.recording = opening(self.experiment, self.info, commanded_live=True, timing=self.info.timing)
             self._stack = stack.pop_all()
@@ -145,6 +149,12 @@ class LoopProcess:
         """Show that the operator is there."""
         self.ring.set(OPERATOR_HEARTBEAT, time.monotonic_ns())
 
+    def ready_recorder(self) -> None:
+        """Start a recorder for the next `record_from`, which takes it a second or more: that one begins at once then."""
+        with self._readying:
+            if self._ready is None and not self._over:
+                self._ready = RecorderProcess()
+
     def record_from(
         self, first: int, path: str | os.PathLike[str], experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:
@@ -153,21 +163,39 @@ class LoopProcess:
         `experiment` is what the recording is to say that was asked for. One at a time. The loop doesn't look at how it goes:
         whoever asked sees it by the words `RECORDER_STATE` and `ROWS_KEPT` of `ring`.
         """
-        self.ring.set(RECORDER_STATE, NO_RECORDER)
+        late = Late(row=first, event=self._events.written, info=info_to_json(self.info), duration=duration)
+        spec = RecorderSpec(
+            rows=self.ring.name,
+            events=self._events.name,
+            path=os.fspath(path),
+            experiment=experiment.to_toml(),
+            loop=self._process.pid,
+            late=late,
+            commands=self._commands.name,
+        )
         self.ring.set(RECORD_UNTIL, 0)
         self.ring.set(ROWS_KEPT, first)
-        return RecorderProcess(
-            RecorderSpec(
-                rows=self.ring.name,
-                events=self._events.name,
-                path=os.fspath(path),
-                experiment=experiment.to_toml(),
-                loop=self._process.pid,
-                late=Late(
-                    row=first, event=self._events.written, info=info_to_json(self.info), duration=duration
-                ),
-            )
-        )
+        self.ring.set(RECORDER_STATE, ASKED)
+        recorder = self._taken_recorder()
+        recorder.begin(spec)
+        return recorder
+
+    def _taken_recorder(self) -> RecorderProcess:
+        """The recorder that is ready, or a new one."""
+        with self._readying:
+            ready, self._ready = self._ready, None
+        if ready is not None and ready.running:
+            return ready
+        if ready is not None:
+            ready.dismiss()
+        return RecorderProcess()
+
+    def _dismiss_the_ready(self) -> None:
+        with self._readying:
+            self._over = True
+            ready, self._ready = self._ready, None
+        if ready is not None:
+            ready.dismiss()
 
     def end_recording(self) -> None:
         """Let the recorder that `record_from` started end with the last row that there is now."""

@@ -1,7 +1,8 @@
 """The recorder, a process of its own: it reads the loop's rings and writes the native file; `python -m` this module.
 
-It gets one line of JSON on standard input (`RecorderSpec`), and says how it went in one line of JSON on standard output. The end
-of its input means that nobody is left to tell it anything. It publishes its state, a heartbeat and how far the rows are safe as
+It gets one line of JSON on standard input (`RecorderSpec`), and says how it went in one line of JSON on standard output. What it
+needs is loaded before that line is read, so that one that was started beforehand begins at once. The end of its input means that
+nobody is left to tell it anything. It publishes its state, a heartbeat and how far the rows are safe as
 words of the ring of rows, at which the loop looks: where nothing can be written the loop hears of it first of all.
 """
 
@@ -37,6 +38,7 @@ from servobench.loop.ring import (
     MessageRing,
     RowRing,
 )
+from servobench.loop.ring import load as load_rings
 from servobench.loop.spec import DONE, ENDED, FAILED, RECORDING
 from servobench.recording.recording import Stopped
 
@@ -282,7 +284,11 @@ def _first_line() -> bytes:
 
 def main() -> int:
     """Record as the line on standard input says; say in one line how it went, and return the exit status."""
-    spec = RecorderSpec.from_line(_first_line())
+    _load()
+    line = _first_line()
+    if not line:  # nothing was to be recorded
+        return 0
+    spec = RecorderSpec.from_line(line)
     signs = _Process(spec.loop)
     status = 0
     try:
@@ -299,6 +305,12 @@ def main() -> int:
     return status
 
 
+def _load() -> None:
+    """Load and compile what a recording needs, which takes longer than to begin one."""
+    load_rings()
+    read_experiment(Experiment().to_toml(), "the usual experiment")
+
+
 def _clear_up(rows: RowRing, events: MessageRing, commands: str) -> None:
     """Remove the memory of a run of which nobody else is left to do so."""
     rows.clear_up()
@@ -310,10 +322,12 @@ def _clear_up(rows: RowRing, events: MessageRing, commands: str) -> None:
 class RecorderProcess:
     """A recorder that runs beside this process; leaving its context lets it finish, and kills it where it doesn't.
 
-    It is in a session of its own: what a terminal sends to its processes reaches the loop, which then says how it ended.
+    Without a `spec` it gets ready and waits for `begin`, after which it begins within milliseconds; `dismiss` ends one that
+    wasn't needed. It is in a session of its own: what a terminal sends to its processes reaches the loop, which then says how
+    it ended.
     """
 
-    def __init__(self, spec: RecorderSpec) -> None:
+    def __init__(self, spec: RecorderSpec | None = None) -> None:
         self._went: Recorded | None = None
         self._errors = TemporaryFile()  # noqa: SIM115 - closed in `wait`
         self._process = subprocess.Popen(
@@ -323,9 +337,20 @@ class RecorderProcess:
             stderr=self._errors,
             start_new_session=True,
         )
-        with suppress(BrokenPipeError):  # it is dead already, which `wait` tells
+        if spec is not None:
+            self.begin(spec)
+
+    def begin(self, spec: RecorderSpec) -> None:
+        """Let it record, once; where it is dead already `wait` tells."""
+        with suppress(BrokenPipeError):
             _input(self._process).write(spec.line().encode())
             _input(self._process).flush()
+
+    def dismiss(self) -> None:
+        """End one that was never told to begin: it has nothing to lose."""
+        self._process.kill()
+        self._process.communicate()
+        self._errors.close()
 
     def __enter__(self) -> Self:
         return self

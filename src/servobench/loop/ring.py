@@ -19,7 +19,7 @@ from servobench.errors import UsageError
 from servobench.loop.segment import HEADER, SLOTS, WIDTH, WORDS, Memory, Segment, attached, created, integers
 
 # The words of a ring, which any process may set and get.
-RECORDER_STATE = 0  # 0 none, 1 recording, 2 failed, 3 done
+RECORDER_STATE = 0  # 0 none, 1 recording, 2 failed, 3 done, 4 asked to begin
 RECORDER_HEARTBEAT = 1  # monotonic time [ns]
 ROWS_KEPT = 2  # rows that are safe in the file
 OPERATOR_HEARTBEAT = 3  # monotonic time [ns]
@@ -220,6 +220,11 @@ class MessageReader:
         return [
             record[1:].tobytes()[: record[0]].decode("utf-8", "surrogatepass") for record in out[begin:end]
         ]
+
+
+def load() -> None:
+    """Load and compile what rings need, so that the first one is there at once."""
+    _kernels()
 
 
 @cache

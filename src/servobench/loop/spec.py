@@ -10,7 +10,8 @@ WhenFaulted = Literal["end", "hold"]
 COLUMNS = 16  # of the ring; a row fills the first of them
 
 # What the words RECORDER_STATE and LOOP_STATE of the ring say.
-NO_RECORDER, RECORDING, FAILED, DONE = 0, 1, 2, 3
+# ASKED: a recorder was told to begin and isn't attached yet; until it is, nobody else removes the memory.
+NO_RECORDER, RECORDING, FAILED, DONE, ASKED = 0, 1, 2, 3, 4
 STARTING, RUNNING, ENDED = 0, 1, 2
 
 

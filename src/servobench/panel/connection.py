@@ -39,7 +39,8 @@ class Connection:
         wish: Mapping[str, float],
         take: Callable[[Loop, News], None],
     ) -> None:
-        """Have the motor identified from now on, and what is new handed on to `take`, in this thread."""
+        """Have the motor identified from now on, a recorder ready, and what is new handed on to `take`, in this thread."""
+        await asyncio.to_thread(self.loop.ready_recorder)
         hand_on = partial(_to_thread_of, asyncio.get_running_loop(), partial(take, self.loop))
         self.live = await asyncio.to_thread(live_of, self.loop, experiment.sample_time, wish)
         self.pump = await asyncio.to_thread(

@@ -7,6 +7,7 @@ import os
 import re
 import shutil
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
 from pathlib import Path
@@ -15,6 +16,7 @@ from threading import Lock
 from typing import Any
 
 from servobench.errors import StorageError, UnknownName, UsageError
+from servobench.recording.lease import hold
 
 RECORDING = "recording.mcap"
 EXPERIMENT = "experiment.toml"
@@ -22,6 +24,7 @@ RESULT = "result.json"
 REPORT = "report.html"
 ABOUT = "about.json"
 TRASH = ".trash"
+LEASE = ".panel"  # held by the panel that has the folder; says at which address that is
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 _LONGEST_NOTES = 10_000
@@ -75,6 +78,36 @@ class Library:
                 f"the folder for recordings {self.folder} can't be made: {error.strerror or error}; give another --folder"
             ) from error
 
+    @contextmanager
+    def held(self, address: str) -> Iterator[None]:
+        """Keep all other panels out of the folder; `address` is where they are told to look.
+
+        However this process ends, the folder is free again then. Raises `UsageError` where another panel has it, and
+        `StorageError` where that can't be known.
+        """
+        path = self.folder / LEASE
+        try:
+            path.touch()
+            file = path.open("r+b")
+        except OSError as error:
+            raise StorageError(
+                f"{path} can't be written: {error.strerror or error}; give another --folder"
+            ) from error
+        with file:
+            if not hold(file):
+                where = file.read(200).decode("utf-8", "replace").strip()
+                raise UsageError(
+                    f"{self.folder} is in use by another panel{f' ({where})' if where else ''}: use its page, or end it first, "
+                    "or give another --folder"
+                )
+            file.truncate()
+            file.write(address.encode())
+            file.flush()
+            try:
+                yield
+            finally:
+                file.truncate(0)
+
     def new(self, name: str | None = None) -> Path:
         """Make a folder for a new recording, called `name` or after the time, and return it.
 
@@ -107,6 +140,10 @@ class Library:
             if _file(folder, RECORDING) is not None
         ]
         return sorted(found, key=lambda each: (str(each["created"]), str(each["name"])), reverse=True)
+
+    def folders(self) -> Iterator[Path]:
+        """Return the folders of all recordings that weren't deleted."""
+        return self._entries(self.folder)
 
     def folder_of(self, name: object) -> Path:
         """Return the folder of a recording that wasn't deleted; raises `UsageError`, `UnknownName` where there is none."""

@@ -65,6 +65,10 @@ class Loop(Protocol):
         """Show that the operator is there."""
         ...
 
+    def ready_recorder(self) -> None:
+        """Start a recorder for the next `record_from`."""
+        ...
+
     def record_from(
         self, first: int, path: str, experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:

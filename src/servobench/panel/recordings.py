@@ -16,6 +16,7 @@ from starlette.responses import FileResponse, Response
 from servobench.errors import UsageError
 from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
 from servobench.panel.gate import REPORT_POLICY, Refused
+from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import (
     RECORDING,
     REPORT,
@@ -31,7 +32,8 @@ _SUFFIXES = 16  # characters of a file's ending that matter to what it is
 
 
 async def listed(request: Request, panel: Panel) -> Response:
-    """All recordings."""
+    """All recordings, those among them that a killed panel left."""
+    await asyncio.to_thread(complete_leftovers, panel.library, panel.motor.takings.name)
     return as_json(await asyncio.to_thread(panel.library.list))
 
 

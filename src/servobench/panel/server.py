@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import socket
+import sys
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
@@ -92,6 +93,9 @@ def listening(host: str, port: int | None) -> socket.socket:
         try:
             if socket.has_dualstack_ipv6() and family == socket.AF_INET6:
                 found.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
+            if sys.platform != "win32":
+                # The port of a panel that was killed is free at once; on Windows the option would share one that is in use.
+                found.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
             found.bind((host, wanted))
             found.listen(128)
             return found

@@ -184,6 +184,7 @@ class MotorSession:
     def _without_operator(self, sentence: str) -> None:
         self.lease.end()
         self._put_out_zero()
+        self.takings.end(sentence)
         if not self._standing.rests:
             self._standing.stopped = sentence
             self.tell({"kind": "stopped", "sentence": sentence})
@@ -208,6 +209,10 @@ class MotorSession:
         """Put out zero volts, whoever asks; return the number that the loop acknowledges, None where no loop goes on yet."""
         number = self._put_out_zero()
         self._standing.stopped = sentence
+    def stop(self, sentence: str) -> None:
+        """Put out zero volts, whoever asks, and end what is being recorded."""
+        self._put_out_zero()
+        self.takings.end(sentence)
         self.tell({"kind": "stopped", "sentence": sentence})
         return None if self._opening is not None else number
 
@@ -254,6 +259,8 @@ class MotorSession:
             self._fail("recording-failed", f"{error}; zero volts are put out")
         else:
             self.tell({"kind": "recorded", **taking.outcome()})
+        if taking.loop is self.loop:
+            self._later(asyncio.to_thread(taking.loop.ready_recorder))
         self.tell({"kind": "library"})
         self.show_state()
 
@@ -286,6 +293,7 @@ class MotorSession:
                 self.experiment = with_changes(self.experiment, taken)
         elif event.kind == "fault":
             self._fail(event.about["code"], event.about["sentence"], tick=event.tick, time=event.time)
+            self.takings.end(event.about["sentence"])
         elif event.kind == "acknowledged":
             self._standing.fault = None
         else:

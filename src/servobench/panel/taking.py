@@ -38,6 +38,8 @@ class Taking:
     async def begin(self) -> None:
         """Start the recorder; raises `StorageError`."""
         self._recorder = await asyncio.to_thread(self._started)
+        if self._ended_by:  # it was ended meanwhile
+            self.loop.end_recording()
 
     def _started(self) -> RecorderProcess:
         replace_file(self.folder / EXPERIMENT, self._experiment.to_toml())
@@ -46,9 +48,12 @@ class Taking:
         )
 
     def end(self, why: str) -> None:
-        """Let it end with the row that is the last one now; the first reason that is given counts."""
-        self._ended_by = self._ended_by or why
-        self.loop.end_recording()
+        """Let it end with the row that is the last one now; the first time counts."""
+        if self._ended_by:
+            return
+        self._ended_by = why
+        if self._recorder is not None:
+            self.loop.end_recording()
 
     def outcome(self) -> dict[str, Any]:
         """Return what became of it, once it is finished: its length [s], the one that was asked for, and why it is shorter."""

@@ -1,0 +1,55 @@
+"""What a panel left that was killed while it recorded: made whole, and told of as any other recording."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from datetime import datetime
+from pathlib import Path
+
+from servobench.errors import FormatError, ServobenchError, UsageError
+from servobench.experiment import read_experiment
+from servobench.panel.library import ABOUT, EXPERIMENT, RECORDING, Library, keep_about
+from servobench.panel.taking import about
+from servobench.recording.lease import is_held
+from servobench.recording.mcap_file import PART
+
+
+def complete_leftovers(library: Library, being_made: str | None) -> None:
+    """Complete all recordings that nobody makes any more; `being_made` is the name of the one that this panel makes.
+
+    A part that a recorder still writes is left to it, and one that can't be read to `servobench recover`, which says why.
+    Raises `StorageError` where nothing can be written.
+    """
+    for folder in library.folders():
+        if folder.name != being_made and not (folder / ABOUT).exists():
+            with suppress(FormatError, UsageError):
+                _complete(folder)
+
+
+def _complete(folder: Path) -> None:
+    from servobench.recording.recover import make_whole
+
+    recording = folder / RECORDING
+    part = recording.with_name(f"{RECORDING}{PART}")
+    if part.exists():
+        if is_held(part):
+            return
+        make_whole(recording)
+    if recording.is_file() and not recording.is_symlink():
+        keep_about(folder, about(recording, _begun(folder), _signal(folder)))
+
+
+def _begun(folder: Path) -> str:
+    """When it was begun, in local time: the experiment is written just before, and never again."""
+    experiment = folder / EXPERIMENT
+    file = experiment if experiment.exists() else folder / RECORDING
+    return datetime.fromtimestamp(file.stat().st_mtime).isoformat(timespec="seconds")
+
+
+def _signal(folder: Path) -> str:
+    """The kind of the signal that was asked for; empty where nobody says."""
+    try:
+        text = (folder / EXPERIMENT).read_text(encoding="utf-8")
+        return str(read_experiment(text, EXPERIMENT).model_dump()["signal"]["type"])
+    except (OSError, ValueError, ServobenchError):
+        return ""
