@@ -228,7 +228,10 @@ def _catalogue() -> dict[str, Any]:
 
 
 def previewed(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    """Return times and values of a signal over a duration [s], and what an experiment with it can't put out as it is drawn."""
+    """Return times and values of a signal over a duration [s], and what an experiment with it can't put out as it is drawn.
+
+    Raises `UsageError` for a duration or a signal that can't be.
+    """
     duration = given.get("duration", 10.0)
     if not isinstance(duration, int | float) or not 0 < duration <= _LONGEST_PREVIEW:
         raise UsageError(f"a preview can't last {duration!r} s; expected a number up to {_LONGEST_PREVIEW:g}")

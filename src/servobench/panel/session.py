@@ -206,12 +206,12 @@ class MotorSession:
         return self.command(Command(enabled=True, signal=self._signal))
 
     def stop(self, sentence: str) -> int | None:
-        """Put out zero volts, whoever asks; return the number that the loop acknowledges, None where no loop goes on yet."""
+        """Put out zero volts, whoever asks, and end what is being recorded.
+
+        Returns the number that the loop acknowledges, None where no loop goes on yet.
+        """
         number = self._put_out_zero()
         self._standing.stopped = sentence
-    def stop(self, sentence: str) -> None:
-        """Put out zero volts, whoever asks, and end what is being recorded."""
-        self._put_out_zero()
         self.takings.end(sentence)
         self.tell({"kind": "stopped", "sentence": sentence})
         return None if self._opening is not None else number
