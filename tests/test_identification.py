@@ -7,14 +7,20 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from servobench.devices.base import connect
 from servobench.errors import UnknownName, UsageError
+from servobench.experiment.experiment import Experiment
 from servobench.finding import Severity, Verdict
 from servobench.identification import identify
+from servobench.loop.run import run
 from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
+from servobench.measurement.measure import measure
+from servobench.missing_terms import TERMS
 from servobench.models.nominal import nominal_values
 from servobench.motor.parameters import QUBE_SERVO_2
 from servobench.result import Result
+from servobench.signals.prbs import PRBS
 from tests.datasets import QUANTUM, dataset
 from tests.motor.reference import Truth
 
@@ -289,3 +295,20 @@ def test_a_position_that_was_unwrapped_is_judged_as_one_that_never_wrapped(torqu
     # Another order of additions, and no more: far below what the search itself leaves open.
     np.testing.assert_allclose((other.fit.model.theta - one.fit.model.theta) / sd, 0.0, atol=1e-3)
     assert [finding.code for finding in other.findings] == [finding.code for finding in one.findings]
+
+
+def test_what_an_untold_filter_may_feign_is_no_doubt_of_its_own() -> None:
+    """The tutorial's logger filters the speed of the simulated motor, whose friction is the same at all speeds."""
+    steps = PRBS(low=-3, high=3, order=7, bit_time="80 ms")
+    with connect("twin", disc_inertia="40 g*cm^2") as motor:
+        speed = measure(
+            run(Experiment(signal=steps, duration="10 s"), motor), "derivative | lowpass 50 rad/s"
+        )
+    untold = identify(replace(speed, applied=Chain(), chain_known=False))
+    missing = {term.code for term in TERMS}
+    feigned = [finding for finding in untold.findings if finding.code in missing]
+
+    assert feigned
+    assert {finding.severity for finding in feigned} == {Severity.INFO}
+    assert all("filter of which nobody told" in finding.sentence for finding in feigned)
+    assert "chain-unknown" in {f.code for f in untold.findings if f.severity == Severity.WARNING}

@@ -170,6 +170,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
     if data.input_unit != "V" or data.position_unit != "rad":
         raise UsageError(
             f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave nominal out"
+            + (", or say the counts in a turn (--counts-per-rev)" if data.position_unit == "counts" else "")
         )
     estimates = fit.estimates
     return tuple(

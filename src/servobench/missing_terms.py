@@ -156,9 +156,17 @@ def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
         before = strongest.get(one.term.code)
         if one.size > max(one.term.limit, before.size if before else 0.0):
             strongest[one.term.code] = one
-    return [
-        warning(code, _sentence(one), parameters=("gain", "time_constant")) for code, one in strongest.items()
-    ]
+    return [_finding(code, one) for code, one in strongest.items()]
+
+
+def _finding(code: str, shown: Shown) -> Finding:
+    """What a missing term is to the user: a doubt, unless a filter that nobody told of may be what makes it up."""
+    concerned = ("gain", "time_constant")
+    data = [record.data for record in shown.fit.records]
+    if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
+        told = f"{_sentence(shown)} That may all come from a filter of which nobody told: say first how the speed was measured."
+        return info(code, told, parameters=concerned)
+    return warning(code, _sentence(shown), parameters=concerned)
 
 
 def superfluous_terms(fit: Fit) -> list[Finding]:

@@ -411,11 +411,21 @@ def _found(rung: _Rung, plain: Fit, fit: Fit) -> Finding:
     """The finding that a rung is kept: how large the term is, what it explains, and what the gain would be without it."""
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
     sizes = ", ".join(f"{n} {_estimate(rung.fit, n)}" for n in new)
-    sentence = (
-        f"{_SAYS[rung.term]}: {sizes}. Without it the simulation explains {plain.fit_percent:.2f} % of the output, with it "
-        f"{rung.plain.fit_percent:.2f} %, and the gain would be {fit['gain'].value:.4g} instead of {rung.fit['gain'].value:.4g}."
-    )
+    sentence = f"{_SAYS[rung.term]}: {sizes}. {_what_for(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
+
+
+def _what_for(rung: _Rung, plain: Fit, fit: Fit) -> str:
+    """What a rung is worth; two numbers that are printed alike would say nothing."""
+    percents = [f"{one.fit_percent:.2f}" for one in (plain, rung.plain)]
+    gains = [f"{one['gain'].value:.4g}" for one in (fit, rung.fit)]
+    if percents[0] == percents[1] and gains[0] == gains[1]:
+        left = 100 * (1 - rung.plain.residual_sd / plain.residual_sd)
+        return f"That is small: with it {left:.2g} % less is left over, and the gain stays {gains[0]} to four digits."
+    return (
+        f"Without it the simulation explains {percents[0]} % of the output, with it {percents[1]} %, and the gain would be "
+        f"{gains[0]} instead of {gains[1]}."
+    )
 
 
 def _estimate(fit: Fit, name: str) -> str:
