@@ -19,8 +19,10 @@ object `a`, and `a.*.b` that of each object in `a`.
 
 FROM = {
     "design-1": "[`servobench design --json`](commands.md#design)",
+    "handed-out-1": "[`servobench lab --assess ... --out --json`](commands.md#lab)",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",
     "lab-1": "[`servobench lab --json`](commands.md#lab)",
+    "marks-1": "[`servobench lab --assess ... --marks --json`](commands.md#lab)",
     "result-1": "[`servobench run --json`](commands.md#run), [`identify --json`](commands.md#identify) and a run's `result.json`",
     "tuning-1": "[`servobench tune --json`](commands.md#tune)",
     "why-1": "[`servobench why --json`](commands.md#why)",

@@ -116,6 +116,8 @@ class Bench:
         self.closed = ""
         self.working: dict[str, Any] | None = None  # what an identification says of itself until it's None
         self.uploads: list[tuple[str, int]] = []
+        self.unclear: dict[str, Any] | None = None  # what is asked about the next upload
+        self.said: dict[str, Any] = {}
         self.received: list[dict[str, Any]] = []
         self.loop: asyncio.AbstractEventLoop
         self.pending: dict[str, Any] | None = None
@@ -367,7 +369,20 @@ def app() -> Starlette:
         bench.uploads.append((request.query_params["name"], len(await request.body())))
         while bench.hold:
             await asyncio.sleep(0.01)
-        return JSONResponse({"name": "uploaded"})
+        if bench.unclear is None:
+            return JSONResponse({"name": "uploaded", "open": False})
+        entry = {"name": "theirs", "created": "2026-11-21T10:00:00", "duration": 0.0, "samples": 1000}
+        more = {"signal": "", "notes": "", "verdict": "", "deleted": False, "columns": "open"}
+        bench.recordings["theirs"] = {**entry, **more}
+        return JSONResponse({"name": "theirs", "open": True})
+
+    async def columns(request: Request) -> Response:
+        entry = bench.recordings[request.path_params["name"]]
+        if request.method == "GET":
+            return JSONResponse({**(bench.unclear or {}), "said": bench.said})
+        bench.said = await request.json()
+        entry["columns"], entry["duration"] = "said", 4.995
+        return JSONResponse({})
 
     async def rows(_: Request) -> Response:
         return Response(frame(0, bench.kept), media_type="application/octet-stream")
@@ -435,6 +450,7 @@ def app() -> Starlette:
         Route("/api/preview", preview, methods=["POST"]),
         Route("/api/stop", stop, methods=["POST"]),
         Route("/api/recordings", recordings),
+        Route("/api/recordings/{name}/columns", columns, methods=["GET", "POST"]),
         Route("/api/recordings/{name}/rows", rows),
         Route("/api/recordings/{name}/download", download),
         Route("/api/recordings/{name}/identify/end", ended, methods=["POST"]),

@@ -207,7 +207,7 @@ def test_a_recording_is_uploaded_noted_deleted_and_downloaded(served: Served, tm
         "/api/upload?name=mine.csv", headers=upload, content=(tmp_path / "mine.csv").read_bytes()
     )
 
-    assert answer.json() == {"name": "mine"}
+    assert answer.json() == {"name": "mine", "open": False}
     assert (
         http.post("/api/recordings/mine/notes", headers=headers, json={"notes": "Übung 1"}).status_code == 200
     )

@@ -570,6 +570,52 @@ def test_a_file_tells_how_far_it_is_while_it_is_sent_and_can_be_ended(panel: Pan
     assert going.count() == 0
 
 
+def test_a_file_that_is_unclear_is_asked_about_and_identified_then(panel: Panel) -> None:
+    column = {"unit": None, "samples": 1000}
+    nothing = {"column": None, "unit": None}
+    panel.bench.unclear = {
+        "open": True,
+        "columns": [
+            {"name": "time", "first": [0.0, 5.0, 10.0], **column},
+            {"name": "voltage", "first": [-6.0, -6.0, None], **column},
+            {"name": "angle", "first": [0.0, -2.461, -9.844], **column},
+        ],
+        "own_times": False,
+        "time": {"column": "time", "unit": None},
+        "input": {"column": "voltage", "unit": "V"},
+        "output": nothing,
+        "chain": "",
+    }
+    panel.tab("Recordings")
+    chosen(panel, 1000)
+    form = panel.page.get_by_role("form", name="Columns of theirs")
+    form.get_by_text("angle 0 -2.461 -9.844 …").wait_for()  # spaces count once
+    asks = panel.page.locator("li.recording", has_text="theirs")
+    asks.get_by_text("columns not known yet").wait_for()
+
+    save = form.get_by_role("button", name="Use these columns")
+    save.click()
+    form.get_by_text("In which unit is time?").wait_for()  # nobody takes them for seconds
+    form.get_by_label("Unit of the time").select_option("ms")
+    form.get_by_text("the first two samples are 5 ms apart").wait_for()
+    save.click()
+    form.get_by_text("position, or its speed? Choose one").wait_for()
+    form.get_by_label("Which column was measured").select_option("angle")
+    form.get_by_label("Unit of the output").select_option("deg")
+    save.click()
+
+    panel.until(lambda: form.count() == 0)
+    assert panel.bench.said == {"time": "time:ms", "input": "voltage:V", "output": "angle:deg", "chain": ""}
+    # What was said is shown again, and can be changed to an even spacing.
+    panel.button("Columns of theirs").click()
+    form.get_by_label("Which column is the time?").select_option("none: evenly spaced")
+    form.get_by_label("Time between two samples").fill("5 ms")
+    assert form.get_by_label("Unit of the output").input_value() == "deg"
+    save.click()
+    panel.until(lambda: panel.bench.said.get("sample_time") == "5 ms")
+    assert "time" not in panel.bench.said
+
+
 def test_two_recordings_are_laid_over_each_other(panel: Panel) -> None:
     panel.until(lambda: panel.bench.motor.tick > 500)
     panel.tab("Recordings")

@@ -6,7 +6,8 @@ import json
 import os
 import re
 import shutil
-from collections.abc import Iterator, Mapping
+import unicodedata
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from datetime import datetime
@@ -21,6 +22,7 @@ from servobench.recording.lease import hold
 RECORDING = "recording.mcap"
 EXPERIMENT = "experiment.toml"
 RESULT = "result.json"
+MAPPING = "mapping.toml"
 REPORT = "report.html"
 ABOUT = "about.json"
 TRASH = ".trash"
@@ -28,6 +30,7 @@ LEASE = ".panel"  # held by the panel that has the folder; says at which address
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,63}")
 _DEVICES = re.compile(r"(con|prn|aux|nul|com[0-9]|lpt[0-9])(\..*)?", re.IGNORECASE)
 _LONGEST_NOTES = 10_000
+_LONGEST_FITTED = 56  # letters, so that a number fits behind it
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -40,6 +43,8 @@ class About:
     signal: str = ""
     notes: str = ""
     verdict: str = ""
+    columns: str = ""
+    """Of an imported file: "open" where somebody has to say what its columns are, "said" or "known" where that is known."""
 
 
 def checked_name(name: object) -> str:
@@ -59,6 +64,15 @@ def checked_name(name: object) -> str:
             "a letter or a digit"
         )
     return name
+
+
+def fitting_name(text: str) -> str:
+    """Return the name of a recording that is nearest to a text: letters without their accents, `-` for what can't stand there."""
+    plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
+    name = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).lstrip("._-")[:_LONGEST_FITTED].rstrip("._-")
+    if not name or _DEVICES.fullmatch(name):
+        name = f"import-{name}".rstrip("-")
+    return checked_name(name)
 
 
 class Library:
@@ -113,7 +127,26 @@ class Library:
 
         Raises `UsageError` for a name that can't be or is taken, `StorageError` where the folder can't be made.
         """
-        candidates = [checked_name(name)] if name else _times()
+        made = self._made([checked_name(name)] if name else _times())
+        if made is None:
+            raise UsageError(
+                f"there is a recording called {name!r} already, maybe a deleted one; give another name"
+            )
+        return made
+
+    def new_like(self, text: str) -> Path:
+        """Make a folder for a new recording, with a name near to `text` that isn't taken yet.
+
+        Raises `StorageError`, and `UsageError` where a thousand are called so.
+        """
+        name = fitting_name(text)
+        made = self._made([name, *(f"{name}-{again}" for again in range(2, 1000))])
+        if made is None:
+            raise UsageError(f"there are a thousand recordings called {name!r} already; rename the file")
+        return made
+
+    def _made(self, candidates: Iterable[str]) -> Path | None:
+        """Make a folder with the first of some names that isn't taken; None where all are."""
         taken = {each.name.casefold() for each in (*self._entries(self.folder), *self._entries(self._trash))}
         for candidate in candidates:
             if candidate.casefold() in taken:
@@ -127,9 +160,7 @@ class Library:
                     f"{self.folder / candidate} can't be made: {error.strerror or error}"
                 ) from error
             return self.folder / candidate
-        raise UsageError(
-            f"there is a recording called {name!r} already, maybe a deleted one; give another name"
-        )
+        return None
 
     def list(self) -> list[dict[str, object]]:
         """Return what is known of each recording, the newest first, those that were deleted as well."""
@@ -167,6 +198,11 @@ class Library:
         """Keep what was identified from the recording in a folder; raises `StorageError`."""
         replace_file(folder / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
         self._revise(folder, verdict=str(result["verdict"]))
+
+    def say_columns(self, folder: Path, mapping: str, length: float, samples: int) -> None:
+        """Keep which columns of the recording in a folder are what, as TOML; raises `StorageError`."""
+        replace_file(folder / MAPPING, mapping)
+        self._revise(folder, columns="said", duration=length, samples=samples, verdict="")
 
     def _revise(self, folder: Path, **known: Any) -> None:
         with self._noting:

@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import json
 import os
+import re
+import tomllib
+from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -15,15 +19,19 @@ from starlette.responses import FileResponse, Response
 
 from servobench.errors import UsageError
 from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
+from servobench.panel.columns import QUESTIONS
 from servobench.panel.gate import REPORT_POLICY, Refused
 from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import (
+    MAPPING,
     RECORDING,
     REPORT,
     About,
     about_in,
     checked_name,
+    fitting_name,
     keep_about,
+    replace_file,
 )
 from servobench.panel.pages import Panel, as_json
 from servobench.panel.replayed import frame_of
@@ -93,7 +101,10 @@ async def rows(request: Request, panel: Panel) -> Response:
 
 
 async def identified(request: Request, panel: Panel) -> Response:
-    """What one says about the motor. Raises `UsageError` for a structure that is no name."""
+    """What one says about the motor.
+
+    Raises `UsageError` for a structure that is no name, `Refused` where nobody has said what its columns are.
+    """
     given = await json_object(request)
     structure = given.get("structure", "auto")
     if not isinstance(structure, str):
@@ -103,6 +114,8 @@ async def identified(request: Request, panel: Panel) -> Response:
     page = native.parent / REPORT
     asked = {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
     known = await asyncio.to_thread(about_in, native.parent)
+    if known.columns == "open":
+        raise Refused(409, f"what the columns of {name} are has to be said first: choose Columns there")
     answer = await panel.jobs.identify(panel.work, panel.motor.tell, name, asked, known.samples)
     result: dict[str, Any] = answer["result"]
     await asyncio.to_thread(panel.library.judge, native.parent, result)
@@ -126,31 +139,67 @@ async def report(request: Request, panel: Panel) -> Response:
 
 
 async def uploaded(request: Request, panel: Panel) -> Response:
-    """A file that somebody has, as a recording."""
+    """A file that somebody has, as a recording; its name is made to fit, and what its columns are may have to be said."""
     stem, suffix = _stem_and_suffix(request.query_params.get("name", ""))
-    folder = await asyncio.to_thread(panel.library.new, stem)
+    folder = await asyncio.to_thread(panel.library.new_like, stem)
     try:
         place = await asyncio.to_thread(TemporaryDirectory, prefix=".", dir=folder)
         try:
             file = Path(place.name) / f"upload{suffix}"
             await _kept(request, file)
-            known = await panel.work(
-                {
-                    "do": "import",
-                    "file": os.fspath(file),
-                    "name": stem + suffix,
-                    "to": os.fspath(folder / RECORDING),
-                    "created": datetime.now().isoformat(timespec="seconds"),
-                }
-            )
+            asked = {
+                "do": "import",
+                "file": os.fspath(file),
+                "name": f"{fitting_name(stem)}{suffix}",
+                "to": os.fspath(folder / RECORDING),
+                "created": datetime.now().isoformat(timespec="seconds"),
+            }
+            found = await panel.work(asked)
         finally:
             await asyncio.to_thread(place.cleanup)
-        await asyncio.to_thread(keep_about, folder, About(**known))
+        await asyncio.to_thread(_described, folder, found)
     except BaseException:
         await asyncio.to_thread(panel.library.forget, folder)
         raise
     panel.motor.tell({"kind": "library"})
-    return as_json({"name": folder.name})
+    return as_json({"name": folder.name, "open": found["questions"]["open"]})
+
+
+async def columns(request: Request, panel: Panel) -> Response:
+    """What is asked about an imported file's columns, with what was answered already."""
+    return as_json(await asyncio.to_thread(_questions, panel, _name(request)))
+
+
+def _questions(panel: Panel, name: str) -> dict[str, Any]:
+    asked: dict[str, Any] = json.loads(panel.library.file(name, QUESTIONS).read_text(encoding="utf-8"))
+    said = panel.library.folder_of(name) / MAPPING
+    asked["said"] = tomllib.loads(said.read_text(encoding="utf-8")) if said.is_file() else {}
+    return asked
+
+
+async def columns_said(request: Request, panel: Panel) -> Response:
+    """What somebody answers to that: kept with the recording, where the file is as they say."""
+    given = await json_object(request)
+    native = await asyncio.to_thread(panel.library.file, _name(request), RECORDING)
+    await asyncio.to_thread(
+        panel.library.file, _name(request), QUESTIONS
+    )  # or else it says itself what it holds
+    said = await panel.work({"do": "map", "file": os.fspath(native), "said": given})
+    await asyncio.to_thread(
+        panel.library.say_columns, native.parent, said["mapping"], said["length"], said["samples"]
+    )
+    return _changed(panel)
+
+
+def _described(folder: Path, found: dict[str, Any]) -> None:
+    """Keep what is known of an imported file, and what is asked about it."""
+    replace_file(folder / QUESTIONS, json.dumps(found["questions"]))
+    known = About(**found["about"])
+    # How long it is isn't known where nobody knows what its times are.
+    asked = found["questions"]["open"]
+    keep_about(
+        folder, replace(known, columns="open", duration=0.0) if asked else replace(known, columns="known")
+    )
 
 
 async def _kept(request: Request, file: Path) -> None:
@@ -167,13 +216,13 @@ async def _kept(request: Request, file: Path) -> None:
 
 
 def _stem_and_suffix(name: str) -> tuple[str, str]:
-    """The name of the recording that a file becomes, and the file's ending; raises `UsageError` for names that can't be."""
-    stem, dot, suffix = checked_name(name).rpartition(".")
-    if not stem or len(suffix) > _SUFFIXES:
+    """The name of a file without its ending, and the ending; raises `UsageError` where it has none that could be one."""
+    stem, dot, suffix = name.rpartition(".")
+    if not stem or not re.fullmatch(f"[A-Za-z0-9]{{1,{_SUFFIXES}}}", suffix):
         raise UsageError(
-            f"{name!r} has no ending that says what kind of file it is; expected one such as .csv"
+            f"{name[:80]!r} has no ending that says what kind of file it is; expected one such as .csv"
         )
-    return checked_name(stem), dot + suffix.lower()
+    return stem, dot + suffix.lower()
 
 
 def _name(request: Request) -> str:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,7 +10,9 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.experiment import read_experiment
+from servobench.panel.columns import mapped
 from servobench.panel.frames import COLUMNS, Scope, encode
+from servobench.panel.library import MAPPING
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording
 
@@ -19,6 +22,12 @@ MOST_ROWS = 20_000
 def frame_of(path: Path) -> bytes:
     """Return the frame of the recording in a native file, thinned to 20,000 rows; raises `UsageError` where it has no times."""
     recording = read(path)[0]
+    if (path.parent / MAPPING).is_file():
+        recording = mapped(recording, path.parent)
+        roles = {recording.input, recording.output, recording.reference}
+        recording = replace(
+            recording, series=tuple(each for each in recording.series if each.channel.name in roles)
+        )
     return encode(0, thinned(shown(recording)))
 
 

@@ -63,6 +63,8 @@ TABLE = (
         asks=CHANGES,
         answer=recordings.identification_ended,
     ),
+    Way(method="GET", path="/api/recordings/{name}/columns", asks=READS, answer=recordings.columns),
+    Way(method="POST", path="/api/recordings/{name}/columns", asks=CHANGES, answer=recordings.columns_said),
     Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),
     Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.uploaded),
     Way(method="GET", path="/api/diagram", asks=READS, answer=pages.drawn),

@@ -144,14 +144,17 @@ def _say(doing: str) -> None:
 
 def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Identify the recording `file` with the model `structure`, and write the page `report`; return the result."""
+    from pathlib import Path
+
     from servobench.experiment import read_experiment
     from servobench.identification import identify
     from servobench.measurement.measure import measure
+    from servobench.panel.columns import mapped
     from servobench.recording.reader import read
     from servobench.report.document import Report
 
     _say(READING)
-    recording = read(asked["file"])[0]
+    recording = mapped(read(asked["file"])[0], Path(asked["file"]).parent)
     chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
     data = measure(recording, chain)
     _say(IDENTIFYING)
@@ -164,7 +167,7 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Read the file `file` of any format, and write its recording to the native file `to`; return what is to be known of it.
+    """Read the file `file` of any format, and write its recording to the native file `to`; return what is asked about it.
 
     Raises `UsageError` for a file that doesn't hold one recording.
     """
@@ -172,6 +175,7 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
     from pathlib import Path
 
     from servobench.formats.base import load, save
+    from servobench.panel.columns import questions
     from servobench.panel.taking import about
 
     recordings = load(asked["file"])
@@ -179,7 +183,26 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
         raise UsageError(f"the file holds {len(recordings)} recordings; upload a file with one")
     source = replace(recordings[0].source, name=asked["name"])
     save(replace(recordings[0], source=source), asked["to"])
-    return asdict(about(Path(asked["to"]), asked["created"], ""))
+    about_it = asdict(about(Path(asked["to"]), asked["created"], ""))
+    return {"about": about_it, "questions": questions(recordings[0])}
+
+
+def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
+    """Look at the recording `file` as the answers `said` want it; return the mapping that they are, and what comes of it.
+
+    That is its length [s] and how many samples of the output there are. Raises `UsageError` for fewer than two, and what
+    `mapping_of` and `assign` raise.
+    """
+    from servobench.panel.columns import mapping_of
+    from servobench.recording.reader import read
+
+    mapping = mapping_of(asked["said"])
+    found = mapping.assigned(read(asked["file"])[0])
+    series = found[found.output or ""]
+    t = series.t
+    if t is None or len(t) < 2:
+        raise UsageError("fewer than two samples have a time and a value there; choose other columns")
+    return {"mapping": mapping.toml(), "length": float(t[-1] - t[0]), "samples": len(t)}
 
 
 def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -229,6 +252,7 @@ def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
 PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
     "identify": identified,
     "import": imported,
+    "map": mapped_as,
     "convert": converted,
     "exercise": exercise_results,
     "facts": exercise_facts,

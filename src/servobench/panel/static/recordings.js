@@ -2,6 +2,7 @@
 
 import { get, largestUpload, post, upload } from "./api.js";
 import { complain, toast } from "./announcer.js";
+import { columnsForm } from "./columns.js";
 import { byId, el, icon, shape, slug } from "./dom.js";
 import { plainly, readable, significant, words } from "./format.js";
 import { makeProgress, megabytes, uploadProgress, workProgress } from "./progress.js";
@@ -14,6 +15,7 @@ export function makeRecordings(store, compare) {
     const open = new Set(); // names whose details are open
     const results = new Map(); // name -> what an identification said
     const working = new Map(); // name -> the progress of its identification
+    const forms = new Map(); // name -> the form for its columns
     let all = [];
 
     const load = async () => {
@@ -45,7 +47,27 @@ export function makeRecordings(store, compare) {
     const note = async (name, notes) => {
         if (await act(name, "notes", { notes })) toast(`The note on ${name} is saved`);
     };
+    // The form for the columns of an imported file, opened where it is needed; it lives on while the list is made anew.
+    const askColumns = async (name) => {
+        if (forms.delete(name)) return show();
+        try {
+            const send = (answers) => post(`/api/recordings/${encodeURIComponent(name)}/columns`, answers);
+            forms.set(name, await columnsForm(name, send, () => {
+                document.activeElement.blur(); // or else the list would wait for what is being written there
+                forms.delete(name);
+                results.delete(name);
+                toast(`The columns of ${name} are known now: it can be identified`);
+                load();
+            }));
+        } catch (error) {
+            return complain(`Columns of ${name}: ${error.message}`);
+        }
+        open.add(name);
+        show();
+        forms.get(name).querySelector("select").focus();
+    };
     const identify = async (name) => {
+        if (all.find((each) => each.name === name)?.columns === "open") return forms.has(name) || askColumns(name);
         const result = await act(name, "identify", { structure: "auto" });
         if (result) results.set(name, result);
         await load();
@@ -62,10 +84,10 @@ export function makeRecordings(store, compare) {
         working.get(name).show(workProgress(message));
         if (begins) show();
     });
-    const actions = { act, note, remove, bringBack, identify, open, results, working, compare, load };
+    const actions = { act, note, remove, bringBack, identify, askColumns, forms, open, results, working, compare, load };
     const show = () => {
         // A note that is being written isn't taken from under a person's hands.
-        if (list.contains(document.activeElement) && document.activeElement.tagName === "TEXTAREA") return;
+        if (list.contains(document.activeElement) && document.activeElement.matches("textarea, form.columns *")) return;
         const focus = list.contains(document.activeElement) ? document.activeElement.id : null;
         const sought = search.value.trim().toLowerCase();
         const found = all.filter((each) => !each.deleted && `${each.name} ${each.notes ?? ""} ${signalName(each)}`.toLowerCase().includes(sought));
@@ -75,7 +97,10 @@ export function makeRecordings(store, compare) {
         if (deleted.length) list.append(deletedOnes(deleted, actions));
         if (focus) byId(focus)?.focus();
     };
-    makeImport(load);
+    makeImport(async ({ name, open: unclear }) => {
+        await load();
+        if (unclear) await askColumns(name);
+    });
     search.addEventListener("input", show);
     store.on("library", load);
     store.on("recorded", load);
@@ -84,7 +109,7 @@ export function makeRecordings(store, compare) {
 }
 
 // A file of somebody else's becomes a recording.
-function makeImport(load) {
+function makeImport(imported) {
     const file = byId("import-file");
     byId("import").addEventListener("click", () => file.click());
     file.addEventListener("change", async () => {
@@ -103,9 +128,10 @@ function makeImport(load) {
         told(0, chosen.size);
         byId("import").disabled = true;
         try {
-            await sending.done;
-            toast(`Imported ${chosen.name}`);
-            await load();
+            const made = await sending.done;
+            const renamed = made.name && made.name !== chosen.name.replace(/\.[^.]*$/, "");
+            toast(`Imported ${chosen.name}${renamed ? ` as ${made.name}` : ""}${made.open ? "; say what its columns are" : ""}`);
+            await imported(made);
         } catch (error) {
             toast(`${chosen.name}: ${error.message}`);
         } finally {
@@ -172,7 +198,8 @@ function deletedOnes(recordings, actions) {
 function factsOf(recording) {
     const created = new Date(recording.created);
     const when = Number.isNaN(created.valueOf()) ? "" : created.toLocaleString(undefined, { dateStyle: "short", timeStyle: "short" });
-    return [signalName(recording), `${significant(recording.duration, 3)} s`, when].filter(Boolean).join("  ·  ");
+    const length = recording.columns === "open" ? "columns not known yet" : `${significant(recording.duration, 3)} s`;
+    return [signalName(recording), length, when].filter(Boolean).join("  ·  ");
 }
 
 const SEVERITIES = { warning: "warn", refusal: "bad" };
@@ -200,11 +227,12 @@ function details(recording, id, actions) {
         "div",
         { class: "row" },
         identify,
+        recording.columns ? el("button", { type: "button", class: "plain", id: `${id}-columns`, "aria-label": `Columns of ${name}`, "aria-expanded": String(actions.forms.has(name)), on: { click: () => actions.askColumns(name) } }, "Columns") : null,
         el("a", { class: "plain", href: `${path}?as=mcap`, download: true, "aria-label": `Download ${name} as MCAP` }, "MCAP"),
         el("a", { class: "plain", href: `${path}?as=csv`, download: true, "aria-label": `Download ${name} as CSV` }, "CSV"),
         el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
     );
-    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
+    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, actions.forms.get(name), going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
 }
 
 // What the identification said; a recording that was identified before still has its report.
