@@ -186,6 +186,7 @@ def stops_by_escape(page: Page, program: Program) -> None:
         if held_up != len(page.held_up):
             page.start()
 
+    assert not page.page.locator("#stop-told").is_visible()  # the loop has acknowledged it
     voltage, counts = rows(program, name, "applied"), rows(program, name, "counts")
     driven = np.flatnonzero(voltage)
     after = driven[-1] + 1
