@@ -176,6 +176,7 @@ def at_work(browser: Any, panel: Served) -> Iterator[Any]:
     page = context.new_page()
     page.goto(f"{panel.origin}/?token={panel.keys.new('operator')}")
     page.get_by_text("You drive").wait_for()
+    page.wait_for_load_state("networkidle")  # what the page itself asks for at its beginning is over
     yield context
     context.close()
 

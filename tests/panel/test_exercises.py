@@ -237,7 +237,7 @@ def test_a_study_that_can_not_be_carried_out_is_told_with_its_line(folder: Path)
     status, said = ask("GET", "/api/exercises/mine/results")
 
     assert status == 400
-    assert "mine.md:7: the study 'twice': no fact called 'counts_a_rev'" in said["error"]
+    assert "mine.md:7: the study 'twice': `2 * counts_a_rev`: no fact called 'counts_a_rev'" in said["error"]
 
 
 @pytest.mark.parametrize("found", exercises(), ids=lambda e: e.name)

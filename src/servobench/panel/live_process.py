@@ -210,13 +210,14 @@ def main() -> int:
     Thread(target=_await_the_end_of_input, args=(gone,), daemon=True).start()
     live = LiveFit(info_from_json(spec.info), spec.sample_time, spec.wish)
     with ExitStack() as stack:
-        rows = stack.enter_context(RowRing.attach(spec.rows)).reader()
+        # Its own rings first: where the panel was killed meanwhile the loop's are gone, and these are still to be cleared up.
         seen = stack.enter_context(RowRing.attach(spec.seen))
         messages = stack.enter_context(MessageRing.attach(spec.messages))
         wishes = stack.enter_context(MessageRing.attach(spec.wishes))
         wished = wishes.reader(0)
         for ring in (seen, messages, wishes):
             stack.callback(ring.clear_up)
+        rows = stack.enter_context(RowRing.attach(spec.rows)).reader()
         beat = Beat(LEAD)
         while not gone.wait(beat.wait()):
             for wish in wished.read():

@@ -34,7 +34,10 @@ _NEVER = (
 
 @dataclass(frozen=True, kw_only=True)
 class Slope:
-    """The slope of the output over a part of a stretch, and half of its 95 % interval, in the output's unit per second."""
+    """The slope of the output over a part of a stretch, and half of its 95 % interval, in the output's unit per second.
+
+    `value` is the slope, `half` what is to be added and taken off for the interval's ends.
+    """
 
     value: float
     half: float
