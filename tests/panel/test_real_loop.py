@@ -441,7 +441,7 @@ def test_a_recording_of_which_the_panel_is_killed_is_finished_by_its_recorder(tm
     assert len(old) > 100
     assert np.isin(old, t).all()
     assert "the program that started the run is gone" in recording.stopped.sentence
-    assert memory == []
+    assert memory == [], sorted((each.name, each.stat().st_size) for each in memory)
 
 
 @pytest.mark.promise("S25")

@@ -8,6 +8,7 @@ whoever makes the next frame finds it.
 from __future__ import annotations
 
 import json
+import os
 import subprocess
 import sys
 import time
@@ -36,6 +37,8 @@ PATIENCE = 0.012  # s; how long a frame waits for a look that is late
 _AGAIN = 0.002  # s between two looks at whether it has come
 _SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
+_DYING = 0.1  # s; a process that is killed takes much less to be gone
+_SERVER = os.getppid()
 _LOOKED_AT = ("t", "applied", "counts", "handed", "written")
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
@@ -225,6 +228,7 @@ def main() -> int:
             told = looked(live, rows, spec.columns, seen)
             if told is not None:
                 messages.push(json.dumps(finite(told), allow_nan=False, separators=(",", ":")))
+        _await_another_parent()
     return 0
 
 
@@ -241,6 +245,13 @@ def looked(
     for record in Seen(reached=reached, first=first, residuals=live.residuals(first, reached)).records():
         to.push(record.tolist())
     return told
+
+
+def _await_another_parent() -> None:
+    """Wait a moment for the server to be dead, where it is about to be: its files are closed before its children lose it."""
+    until = time.monotonic() + _DYING
+    while os.getppid() == _SERVER and time.monotonic() < until:
+        time.sleep(_AGAIN)
 
 
 def _await_the_end_of_input(gone: Event) -> None:
