@@ -92,7 +92,8 @@ def half_of_the_way() -> float:
 
 def test_it_is_shown_in_the_terminal_and_answers_are_checked(folder: Path, tmp_path: Path) -> None:
     listed = terminal("lab", "--folder", str(folder))
-    shown = terminal("lab", "half", "--folder", str(folder), "--out", str(tmp_path / "page.html"))
+    page = str(tmp_path / "page.html")
+    shown = terminal("lab", "half", "--folder", str(folder), "--studies", "--out", page)
     given = [f"half={half_of_the_way():.1f} ms", f"half={0.72 * half_of_the_way():.1f}"]
     right, wrong = (terminal("lab", "half", "--folder", str(folder), "--answers", each) for each in given)
 
