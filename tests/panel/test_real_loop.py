@@ -470,29 +470,17 @@ def test_a_recorder_that_isn_t_ready_when_the_panel_is_killed_still_records(tmp_
     assert told["signal"] == "square"
 
 
-@pytest.mark.parametrize("how", ["stop", "leave"])
-def test_a_recording_ends_where_the_motor_is_stopped_and_says_why(program: Program, how: str) -> None:
+def test_a_recording_ends_where_its_operator_leaves_and_says_why(program: Program) -> None:
     async def story(sockets: list[Any]) -> None:
         onlooker, page = await program.page(sockets), await program.page(sockets)
         assert (await page.say(do="lease"))["ok"]
-        assert (await page.say(do="record", name=f"ended-by-{how}", duration=600.0))["ok"]
+        assert (await page.say(do="record", name="ended-by-leave", duration=600.0))["ok"]
         await page.listen_until(lambda: (page.state["recording"] or {"samples": 0})["samples"] > 0)
-        if how == "stop":
-            await onlooker.say(do="stop")
-        else:
-            page.socket.transport.abort()
+        page.socket.transport.abort()
         await onlooker.listen_until(lambda: any(each["kind"] == "recorded" for each in onlooker.heard))
 
         (said,) = [each for each in onlooker.heard if each["kind"] == "recorded"]
-        assert (
-            said["early"]
-            == {
-                "stop": "STOP was pressed; zero volts are put out",
-                "leave": "the operator's page is gone; zero volts are put out",
-            }[how]
-        )
+        assert said["early"] == "the operator's page is gone; zero volts are put out"
         assert said["length"] < 600.0
-        if how == "stop":
-            await page.say(do="release")
 
     played(story)

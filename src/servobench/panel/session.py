@@ -206,13 +206,12 @@ class MotorSession:
         return self.command(Command(enabled=True, signal=self._signal))
 
     def stop(self, sentence: str) -> int | None:
-        """Put out zero volts, whoever asks, and end what is being recorded.
+        """Put out zero volts, whoever asks; return the number that the loop acknowledges, None where no loop goes on yet.
 
-        Returns the number that the loop acknowledges, None where no loop goes on yet.
+        What is being recorded goes on: how the shaft comes to rest is what shows that it was stopped.
         """
         number = self._put_out_zero()
         self._standing.stopped = sentence
-        self.takings.end(sentence)
         self.tell({"kind": "stopped", "sentence": sentence})
         return None if self._opening is not None else number
 
