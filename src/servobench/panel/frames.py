@@ -13,10 +13,11 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.measurement.base import Chain
-from servobench.measurement.continued import continued, differences
+from servobench.measurement.continued import continued
 from servobench.measurement.derivative import Derivative
 from servobench.measurement.scale import Scale
 from servobench.measurement.unwrap import Unwrap
+from servobench.panel.kernels import BEFORE, shown_block
 from servobench.recording.recording import Recording
 
 COLUMNS = (
@@ -110,33 +111,27 @@ class Scope:
         names = ["t", *(series.channel.name for series in opened.series)]
         self._counts = names.index("counts")
         recorded = [name for name in ("t", *_AS_RECORDED) if name in names]
-        self._from = [names.index(name) for name in recorded]
-        self._to = [COLUMNS.index(name) for name in recorded]
+        self._columns = np.array([[of.index(name) for name in recorded] for of in (names, COLUMNS)])
         counter = opened["counts"].channel
         self._radians = 2 * math.pi / counter.counts_per_rev if counter.counts_per_rev else math.nan
-        unwrap = () if counter.counter_bits is None else (Unwrap.parse((str(counter.counter_bits), "bit")),)
-        self._unwrap = _Through(Chain(unwrap))
-        self._raw = _Through(Chain((Derivative(),)))
+        self._modulus = 0.0 if counter.counter_bits is None else 2.0**counter.counter_bits
+        self._before = np.full(BEFORE, math.nan)
         self._speed = _Through(speed_chain(chain))
-        self._before: float | None = None
         self._seen: deque[tuple[Array, Array]] = deque()
 
     def take(self, rows: Array) -> Array:
         """Return what rows (N, C) of the ring show, (N, 13) in the order of `COLUMNS`."""
-        shown = np.full((len(rows), len(COLUMNS)), math.nan)
+        shown = np.empty((len(rows), len(COLUMNS)))
         if not len(rows):
             return shown
-        shown[:, self._to] = rows[:, self._from]
-        t = shown[:, 0].copy()
-        dt = differences(t, t[0] if self._before is None else self._before)
-        self._before = float(t[-1])
+        position, slope, dt = shown_block(
+            rows, self._columns, self._counts, self._modulus, self._radians, shown, self._before
+        )
         if math.isnan(self._radians):
             return shown
-        position = self._radians * self._unwrap(rows[:, self._counts], dt)
-        shown[:, _POSITION] = position
-        shown[:, _SPEED_RAW] = self._raw(position, dt)
+        shown[:, _POSITION], shown[:, _SPEED_RAW] = position, slope
         shown[:, _SPEED] = self._speed_of(position, dt)
-        self._remember(t, position)
+        self._remember(shown[:, 0], position)
         return shown
 
     def look_through(self, chain: str) -> None:

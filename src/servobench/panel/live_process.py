@@ -38,7 +38,6 @@ _AGAIN = 0.002  # s between two looks at whether it has come
 _SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
 _DYING = 0.1  # s; a process that is killed takes much less to be gone
-_SERVER = os.getppid()
 _LOOKED_AT = ("t", "applied", "counts", "handed", "written")
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
@@ -69,7 +68,7 @@ class Seen:
     @classmethod
     def of(cls, record: Array) -> Seen:
         """Return what a record (64,) says."""
-        reached, first, count = (int(x) for x in record[:3])
+        reached, first, count = record[:3].astype(np.int64).tolist()
         return cls(reached=reached, first=first, residuals=record[3 : 3 + count])
 
 
@@ -205,6 +204,7 @@ def _pipe(end: IO[bytes] | None) -> IO[bytes]:
 
 def main() -> int:
     """Identify as the line on standard input says, until its end."""
+    server = os.getppid()
     give_way()
     from servobench.panel.live import LiveFit
 
@@ -228,7 +228,7 @@ def main() -> int:
             told = looked(live, rows, spec.columns, seen)
             if told is not None:
                 messages.push(json.dumps(finite(told), allow_nan=False, separators=(",", ":")))
-        _await_another_parent()
+        _await_another_parent(server)
     return 0
 
 
@@ -247,10 +247,10 @@ def looked(
     return told
 
 
-def _await_another_parent() -> None:
+def _await_another_parent(server: int) -> None:
     """Wait a moment for the server to be dead, where it is about to be: its files are closed before its children lose it."""
     until = time.monotonic() + _DYING
-    while os.getppid() == _SERVER and time.monotonic() < until:
+    while os.getppid() == server and time.monotonic() < until:
         time.sleep(_AGAIN)
 
 

@@ -163,7 +163,7 @@ class Pump(Thread):
         ]
         seen = [] if self._live is None else self._live.look()
         rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
-        first, values = self._rows.next - len(rows), self._shown(rows[:, : self._loop.width])
+        first, values = self._rows.next - len(rows), self._shown(rows)
         _put_residuals(seen, first, values)
         return News(
             events=events,
@@ -211,7 +211,7 @@ class Pump(Thread):
 
     def _count(self, rows: Array) -> None:
         """Count ticks that were late, and those that were missed between two rows."""
-        self._late += int(rows[:, self._late_flag].sum())
+        self._late += int(np.count_nonzero(rows[:, self._late_flag]))
         tick = round(float(rows[-1, self._scheduled]) / self._sample_time)
         self._missed += tick - self._tick - len(rows)
         self._tick = tick

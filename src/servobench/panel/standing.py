@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice
 from servobench.panel.pump import News
@@ -48,9 +50,9 @@ class Standing:
     def see(self, news: News) -> None:
         """Take note of rows, of which there is one at least."""
         self.command = int(news.values[-1, -1])
-        saturated = news.values[:, _SATURATED] > 0
-        if saturated.any():
-            self.limited_until = float(news.values[saturated][-1, 0]) + _LIMITED_FOR
+        saturated = np.flatnonzero(news.values[:, _SATURATED] == 1.0)
+        if len(saturated):
+            self.limited_until = float(news.values[saturated[-1], 0]) + _LIMITED_FOR
 
     def hear(self, event: Notice) -> Command | None:
         """Take note of the loop's answer to a command; return what is in force from there on, None where it was refused."""
