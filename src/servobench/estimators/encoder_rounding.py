@@ -28,6 +28,12 @@ def is_rounded(data: Dataset) -> bool:
     return bool(data.quantum) and data.kind == "position"
 
 
+def shares(noise: float = 0.0) -> Array:
+    """Return what part of Q² is in each sine of the rounding error (8,): e^(-(2πm)² noise)/(2π²m²); `noise` is s²/Q²."""
+    periods = 2 * np.pi * np.arange(1, SINES + 1)
+    return np.asarray(np.exp(-(periods**2) * noise) * 2 / periods**2, dtype=np.float64)
+
+
 def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) -> tuple[Array, Array]:
     """Return what the sines of the rounding error make of C'e, and the covariance of what is white, for columns C (M, P).
 
@@ -36,12 +42,12 @@ def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) ->
     the variance s²/Q² before the rounding.
     """
     once = np.exp(2j * np.pi * path / quantum)
-    turning, sines, white = np.ones_like(once), [], 1 / 12 + noise
-    for m in range(1, SINES + 1):
+    found = shares(noise)
+    turning, sines = np.ones_like(once), []
+    for share in found:
         turning = turning * once
-        share = float(np.exp(-((2 * np.pi * m) ** 2) * noise)) / (2 * np.pi**2 * m**2)
         sines.append(np.sqrt(share) * np.column_stack([turning.real, turning.imag]).T @ columns)
-        white -= share
+    white = 1 / 12 + noise - float(found.sum())
     return quantum * np.vstack(sines), quantum**2 * white * columns.T @ columns
 
 

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.estimators.encoder_rounding import SINES
+from servobench.estimators.encoder_rounding import SINES, shares
 from servobench.estimators.recursion import kernels
 
 LEVELS_APART = 0.7  # in ln(q/r): a level in between makes less than a tenth of a standard deviation
@@ -132,9 +132,9 @@ class Bank:
         That is H⁻¹ (S'S + white) H⁻¹ of output error; see `encoder_rounding`.
         """
         inverse, _ = _inverses(full(self.products[0])[np.ix_(informed, informed)][None])
-        sizes = np.repeat(1 / (np.sqrt(2) * np.pi * np.arange(1, SINES + 1)), 2)[:, None]
-        moved_by = quantum * sizes * self.sines[:, informed] @ inverse[0]
-        white = quantum**2 * (1 / 12 - 0.5 * float(np.sum(sizes**2)))
+        found = shares()
+        moved_by = quantum * np.sqrt(np.repeat(found, 2))[:, None] * self.sines[:, informed] @ inverse[0]
+        white = quantum**2 * (1 / 12 - float(found.sum()))
         return _in_place(moved_by.T @ moved_by + white * inverse[0], informed)
 
     def _watched(self, best: int, n: int, change: Array) -> dict[str, Any]:
@@ -168,11 +168,11 @@ class Bank:
         products = full(self.products)
         own = np.array([5, 6])
         rest = np.setdiff1d(np.arange(kernels.WIDTH), own)
-        inverse, _ = _inverses(products[0][np.ix_(own, own)][None])
-        self.sines[:, :5] -= self.sines[:, own] @ inverse[0] @ products[0][np.ix_(own, np.arange(5))]
-        self.sines[:, own] = 0.0
         for f, m in enumerate(products):
             inverse, information = _inverses(m[np.ix_(own, own)][None])
+            if f == 0:  # that of output error, whose residuals the sines are multiplied by
+                self.sines[:, :5] -= self.sines[:, own] @ inverse[0] @ m[np.ix_(own, np.arange(5))]
+                self.sines[:, own] = 0.0
             swept = m[np.ix_(rest, rest)] - m[np.ix_(rest, own)] @ inverse[0] @ m[np.ix_(own, rest)]
             self.products[f] = 0.0
             self.products[f][np.ix_(rest, rest)] = swept
