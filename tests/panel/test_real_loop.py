@@ -5,12 +5,10 @@ from __future__ import annotations
 import asyncio
 import json
 import os
-import re
 import select
 import signal
 import subprocess
 import sys
-import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
@@ -28,6 +26,7 @@ from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import Library
 from servobench.recording.reader import read
 from tests.processes import children
+from tests.stories.program import running, started
 
 PATIENCE = 20.0  # s; the first loop compiles its kernels, maybe on a busy machine
 SAMPLE_TIME = 0.002
@@ -114,49 +113,11 @@ class Program:
         return page
 
 
-def lines(process: subprocess.Popen[str], wanted: str) -> str:
-    """Wait for a line on standard error that a pattern is found in; return what its group found."""
-    said = ""
-    assert process.stderr is not None
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until and process.poll() is None:
-        if select.select([process.stderr], [], [], 1.0)[0]:
-            said += process.stderr.readline()
-            if found := re.search(wanted, said):
-                return found[1]
-    raise AssertionError(said)
-
-
 @pytest.fixture(scope="module")
 def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
     folder = tmp_path_factory.mktemp("panel")
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "servobench",
-            "panel",
-            "--no-open",
-            "--port",
-            "0",
-            "--folder",
-            str(folder / "recordings"),
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        cwd=folder,
-        start_new_session=True,
-    )
-    try:
-        address = lines(process, r"(http://\S+)")
-        base, _, key = address.partition("/?token=")
-        yield Program(process, base, key, folder / "recordings")
-    finally:
-        process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=PATIENCE)[1]
-    assert process.returncode == 0, said
-    assert "the motor is at rest" in said
+    with running(folder) as found:
+        yield Program(found.process, found.base, found.key, found.folder)
 
 
 def played(story: Callable[[list[Any]], Awaitable[None]]) -> None:
@@ -342,58 +303,30 @@ def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
 
 
 def test_the_servers_death_ends_the_loop_and_what_identifies_it(tmp_path: Path) -> None:
-    process = subprocess.Popen(
-        [
-            sys.executable,
-            "-m",
-            "servobench",
-            "panel",
-            "--no-open",
-            "--port",
-            "0",
-            "--folder",
-            str(tmp_path / "r"),
-        ],
-        stderr=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        cwd=tmp_path,
-    )
-    try:
-        base, _, key = lines(process, r"(http://\S+)").partition("/?token=")
+    with panel_in(tmp_path) as program:
 
         async def story(sockets: list[Any]) -> None:
-            page = await Program(process, base, key, tmp_path).page(sockets)
+            page = await program.page(sockets)
             await turning(page)
 
         played(story)
         handles = {}
         for name in ("servobench.loop.child", "servobench.panel.live_process"):
-            (found,) = children(process.pid, name)
+            (found,) = children(program.process.pid, name)
             handles[name] = os.pidfd_open(found)
-        process.kill()
+        program.process.kill()
         for name, handle in handles.items():
             assert select.select([handle], [], [], PATIENCE)[0], f"{name} goes on without anybody"
             os.close(handle)
-    finally:
-        process.kill()
-        process.communicate()
 
 
 @contextmanager
 def panel_in(folder: Path) -> Iterator[Program]:
     """A panel of its own for a test that kills it."""
-    command = [sys.executable, "-m", "servobench", "panel", "--no-open", "--port", "0"]
-    process = subprocess.Popen(
-        [*command, "--folder", str(folder / "recordings")],
-        stderr=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        cwd=folder,
-    )
+    found = started(folder)
+    process = found.process
     try:
-        base, _, key = lines(process, r"(http://\S+)").partition("/?token=")
-        yield Program(process, base, key, folder / "recordings")
+        yield Program(process, found.base, found.key, found.folder)
     finally:
         process.kill()
         process.communicate()

@@ -35,9 +35,8 @@ class Program:
         return int(self.base.rpartition(":")[2])
 
 
-@contextmanager
-def running(folder: Path, *options: str) -> Iterator[Program]:
-    """Run `servobench panel` as a person would, and end it with Ctrl-C; it has to end well, with the motor at rest."""
+def started(folder: Path, *options: str) -> Program:
+    """Start `servobench panel` with a folder of recordings in a folder, and return it once its pages can be loaded."""
     recordings = folder / "recordings"
     command = [
         sys.executable,
@@ -51,11 +50,29 @@ def running(folder: Path, *options: str) -> Iterator[Program]:
         str(recordings),
     ]
     process = subprocess.Popen(
-        [*command, *options], stderr=subprocess.PIPE, text=True, cwd=folder, start_new_session=True
+        [*command, *options],
+        stderr=subprocess.PIPE,
+        text=True,
+        bufsize=1,
+        cwd=folder,
+        start_new_session=True,
     )
     try:
         base, _, key = _address(process).partition("/?token=")
-        yield Program(base, key, recordings, process)
+    except BaseException:
+        process.kill()
+        process.communicate()
+        raise
+    return Program(base, key, recordings, process)
+
+
+@contextmanager
+def running(folder: Path, *options: str) -> Iterator[Program]:
+    """Run `servobench panel` as a person would, and end it with Ctrl-C; it has to end well, with the motor at rest."""
+    program = started(folder, *options)
+    process = program.process
+    try:
+        yield program
     finally:
         process.send_signal(signal.SIGINT)
         try:

@@ -1,4 +1,4 @@
-"""The figure of an exercise's own run: voltage, speed behind the chain, and position, with the reference where there is one."""
+"""The courses of runs: of an exercise's own, with the reference where there is one, and of a study's, from rest at angle 0."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from servobench.errors import MissingInformation, NotIdentifiable
+from servobench.lab.graphs import curve, panel
+from servobench.lab.motion import motion_of, speed_of
 from servobench.measurement.base import Chain
 from servobench.measurement.measure import measure
 from servobench.report import figures
@@ -43,6 +45,20 @@ def course_of(recording: Recording, chain: str) -> Illustration | None:
         caption=f"Recorded{name}.{behind}",
         description=_in_words(position, shown),
         draw=partial(figures.time_courses, (Course(panels=tuple(panels)),)),
+    )
+
+
+def from_rest(recording: Recording, title: str) -> Course:
+    """Return voltage, speed behind a filter at 50 rad/s, and the angle since the start, under a title."""
+    motion = motion_of(recording)
+    t, speed = speed_of(recording, "derivative | lowpass 50 rad/s")
+    return Course(
+        title=title,
+        panels=(
+            panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
+            panel("Speed", "rad/s", curve(t, speed, "measured")),
+            panel("Angle", "rad", curve(motion.t, motion.angle, "model")),
+        ),
     )
 
 

@@ -9,12 +9,12 @@ from pydantic import Field
 
 from servobench.errors import NotIdentifiable
 from servobench.experiment import Experiment
-from servobench.lab.graphs import curve, over_time, panel
+from servobench.lab.course import from_rest
+from servobench.lab.graphs import over_time
 from servobench.lab.known import known
-from servobench.lab.motion import Motion, motion_of, speed_of
+from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
-from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Settings, Voltage
@@ -126,20 +126,10 @@ def _moving(motion: Motion, pulse: Push, start: float) -> tuple[float, float]:
 
 
 def _figure(first: Recording, last: Recording, pulses: tuple[Push, ...]) -> Illustration:
-    courses = []
-    for run, pulse in ((first, pulses[0]), (last, pulses[-1])):
-        motion = motion_of(run)
-        t, speed = speed_of(run, "derivative | lowpass 50 rad/s")
-        courses.append(
-            Course(
-                title=f"{plain(pulse.voltage)} V for {plain(pulse.width)} s",
-                panels=(
-                    panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
-                    panel("Speed", "rad/s", curve(t, speed, "measured")),
-                    panel("Angle", "rad", curve(motion.t, motion.angle, "model")),
-                ),
-            )
-        )
+    courses = [
+        from_rest(run, f"{plain(pulse.voltage)} V for {plain(pulse.width)} s")
+        for run, pulse in ((first, pulses[0]), (last, pulses[-1]))
+    ]
     angles = (float(motion_of(run).angle[-1]) for run in (first, last))
     return over_time(
         "pulses",

@@ -11,12 +11,12 @@ from pydantic import Field
 
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
-from servobench.lab.graphs import curve, over_time, panel
+from servobench.lab.course import from_rest
+from servobench.lab.graphs import over_time
 from servobench.lab.known import known
-from servobench.lab.motion import Motion, motion_of, speed_of
+from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.recording.recording import Recording
-from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import PositiveFrequency, PositiveVoltage, Settings, Voltage
@@ -169,20 +169,10 @@ def _answer(motion: Motion, wave: Wave) -> _Answer:
 
 
 def _figure(first: Recording, last: Recording, waves: tuple[Wave, ...]) -> Illustration:
-    courses = []
-    for run, wave in ((first, waves[0]), (last, waves[-1])):
-        motion = motion_of(run)
-        t, speed = speed_of(run, "derivative | lowpass 50 rad/s")
-        courses.append(
-            Course(
-                title=f"{plain(wave.amplitude)} V about {plain(wave.offset)} V",
-                panels=(
-                    panel("Voltage", "V", curve(motion.t, motion.voltage, "input"), height=90.0),
-                    panel("Speed", "rad/s", curve(t, speed, "measured")),
-                    panel("Angle", "rad", curve(motion.t, motion.angle, "model")),
-                ),
-            )
-        )
+    courses = [
+        from_rest(run, f"{plain(wave.amplitude)} V about {plain(wave.offset)} V")
+        for run, wave in ((first, waves[0]), (last, waves[-1]))
+    ]
     ends = [float(motion_of(run).angle[-1]) for run in (first, last)]
     return over_time(
         "waves",
