@@ -19,7 +19,7 @@ from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
 from servobench.panel.socket import ACTIONS, _answered
 from servobench.panel.taking import BY_HAND, Taking
-from servobench.panel.viewers import Viewer
+from servobench.panel.viewers import Viewer, Viewers
 from servobench.recording.recording import Stopped
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
@@ -219,6 +219,19 @@ def test_pages_hear_something_though_nothing_happens(tmp_path: Path) -> None:
         signs.cancel()
 
     played(tmp_path, story)
+
+
+def test_rows_tell_that_it_goes_on_and_where_they_end_something_else_does() -> None:
+    async def story() -> None:
+        viewers, one = Viewers(), Viewer("operator")
+        viewers.add(one)
+        viewers.show_news("", True)
+        viewers.beat()
+        assert await heard(one) == []  # the rows woke it, and are all there is
+        viewers.beat()
+        assert [message["kind"] for message in await heard(one)] == ["beat"]
+
+    asyncio.run(asyncio.wait_for(story(), 60))
 
 
 def test_a_limit_of_the_device_before_is_not_told_of_the_next_one(tmp_path: Path) -> None:

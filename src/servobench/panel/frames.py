@@ -37,6 +37,8 @@ COLUMNS = (
 )
 _POSITION, _SPEED_RAW, _SPEED = (COLUMNS.index(name) for name in ("position", "speed_raw", "speed"))
 MAGIC = 0x31425653  # "SVB1"
+_HEADER = struct.Struct("<IIIId")
+_TIMES, _OTHERS = np.dtype("<f8"), np.dtype("<f4")
 KEPT = 10.0  # s; what a new viewer sees at once
 _AS_RECORDED = ("reference", "commanded", "applied", "counts", "current", "late", "saturated", "command")
 _SETTLING = (
@@ -50,9 +52,9 @@ def encode(first: int, values: Array) -> bytes:
 
     u32 magic, u32 N, u32 13, u32 0, f64 `first`; then the times as f64 (N,), and each other column of `COLUMNS` as f32 (N,).
     """
-    header = struct.pack("<IIIId", MAGIC, len(values), len(COLUMNS), 0, float(first))
-    rest = np.ascontiguousarray(values[:, 1:].T, dtype="<f4")
-    return header + values[:, 0].astype("<f8").tobytes() + rest.tobytes()
+    header = _HEADER.pack(MAGIC, len(values), len(COLUMNS), 0, first)
+    others = np.ascontiguousarray(values[:, 1:].T, _OTHERS)
+    return header + values[:, 0].astype(_TIMES).tobytes() + others.tobytes()
 
 
 def speed_chain(text: str) -> Chain:
@@ -121,17 +123,17 @@ class Scope:
 
     def take(self, rows: Array) -> Array:
         """Return what rows (N, C) of the ring show, (N, 13) in the order of `COLUMNS`."""
-        shown = np.empty((len(rows), len(COLUMNS)))
+        found = np.empty((len(COLUMNS) + 3, len(rows)))
+        shown = found[: len(COLUMNS)].T
         if not len(rows):
             return shown
-        position, slope, dt = shown_block(
-            rows, self._columns, self._counts, self._modulus, self._radians, shown, self._before
-        )
+        shown_block(rows, self._columns, self._counts, self._modulus, self._radians, self._before, found)
         if math.isnan(self._radians):
             return shown
-        shown[:, _POSITION], shown[:, _SPEED_RAW] = position, slope
-        shown[:, _SPEED] = self._speed_of(position, dt)
-        self._remember(shown[:, 0], position)
+        position, dt = found[-3], found[-1]
+        found[_POSITION : _SPEED_RAW + 1] = found[-3:-1]
+        found[_SPEED] = self._speed_of(position, dt)
+        self._remember(found[0], position)
         return shown
 
     def look_through(self, chain: str) -> None:

@@ -17,7 +17,7 @@ from contextlib import ExitStack, suppress
 from dataclasses import asdict, dataclass
 from tempfile import TemporaryFile
 from threading import Event, Thread
-from typing import IO, TYPE_CHECKING, Any, Protocol, cast
+from typing import IO, TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
@@ -42,8 +42,7 @@ _LOOKED_AT = ("t", "applied", "counts", "handed", "written")
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class Seen:
+class Seen(NamedTuple):
     """What a look came to.
 
     Residuals (N,) of rows from number `first` on [rad], NaN where there are none; `reached` is the number of the first row that

