@@ -10,6 +10,7 @@ import pytest
 
 from servobench.channels import Timing
 from servobench.clock import HostClock, Missed, Phase
+from servobench.devices.guarded import Guarded
 from servobench.experiment import Experiment, WhenLate
 from servobench.loop.run import run
 from servobench.measurement.lateness import lateness, written
@@ -35,7 +36,12 @@ def stalled(asked: Experiment, stall: Callable[[int], float]) -> Recording:
     clock = HostClock(
         missed=asked.when_late.missed, phase=asked.when_late.phase, now=time.now, sleep=time.sleep
     )
-    return run(asked, Shaft("host", on_write=busy), clock=clock)
+    return run(asked, guarded(Shaft("host", on_write=busy), asked, time), clock=clock)
+
+
+def guarded(device: Shaft, asked: Experiment, time: FakeTime) -> Guarded:
+    """A device whose watchdog goes by the time that is made, too: by the wall's a busy machine would stop the motor."""
+    return Guarded(device, asked.limits, now=lambda: time.seconds)
 
 
 @pytest.mark.parametrize(("missed", "phase"), RULES)
@@ -68,8 +74,8 @@ def test_every_tick_is_accounted_for_whatever_happens(missed: Missed, phase: Pha
     """100 % of the missed ticks are counted: samples and missed ticks are all ticks, or those up to the last sample's."""
     random = np.random.default_rng(4)
     asked = experiment(duration=20.0, when_late=WhenLate(missed=missed, phase=phase))
-    device = Shaft("host")
     time = FakeTime()
+    device = guarded(Shaft("host"), asked, time)
     numbers: list[int] = []
 
     class Noted(HostClock):
