@@ -1,4 +1,4 @@
-"""Check that every public name says what it is: docstrings and errors everywhere; fields, shapes and units in the reference.
+"""Check that every public name says what it is: docstrings, errors, sources; fields, shapes and units in the reference.
 
 Public is what no underscore hides. Everything is read from the source, nothing imported. Prints one line for each fault and
 exits with status 1. In all of the package:
@@ -16,6 +16,14 @@ In what the reference shows (the modules and names in docs/reference/python; wit
 - A parameter or a result that is an `Array` has its shape told, such as `(N,)`, in the docstring of the function or the class,
   or in that of the method of the same name in the kind's `base.py`, which says it for all members.
 - A float that is a quantity by its name (`voltage`, `sample_time`, ...) has a unit there: in square brackets, or as a word.
+
+In the folders of methods (`LAWS`) and in the modules beside them:
+
+- A module whose public docstrings hold a formula says in one of them where it comes from; in `METHODS`, where each file is a
+  method, with or without a formula. What a folder's `base.py` asks of its members is no law. A source is one of these:
+  an author with a year, "Van Loan 1978"; a standard, "JCGM 101:2008"; "section II.D of the paper" that this project starts from;
+  a record or page of ours that is there, "docs/decisions/0006-intervals.md"; "by definition", "by algebra" or "follows from",
+  in a docstring that holds the formula, too; or "source: see `filters.response`", a module that has one itself.
 """
 
 import ast
@@ -40,6 +48,26 @@ QUANTITIES = {
     "t", "time", "voltage", "sample_time", "duration", "delay", "frequency", "cutoff", "speed", "position", "angle", "current",
     "resistance", "inductance", "inertia", "torque", "start", "end", "dt", "h", "tau", "omega", "timeout", "period", "reference",
 }  # fmt: skip
+
+METHODS = {"estimators", "filters", "stability_analysis", "tuning", "motor/solvers"}
+LAWS = METHODS | {
+    "", "control", "design", "estimators/instruments", "estimators/interval", "estimators/recursion", "estimators/spectral",
+    "measurement", "models", "models/nonlinear", "models/position_loop", "models/rational", "models/second_order", "motor",
+    "motor_parameters", "signals",
+}  # fmt: skip
+FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|[∫Σ≈]")
+_AUTHOR = (
+    r"[A-ZÅÄÖ][^\W\d_]+(?:-[A-Z][^\W\d_]+)*(?:'s [a-z]+(?: [a-z]+)?)?"  # "Schwarz's criterion (1978)", too
+)
+_YEAR = r"(?:1[6-9]\d\d|20[0-2]\d)\b(?! (?:counts|samples|points|lines|steps|times))"
+SOURCES = re.compile(
+    rf"\b{_AUTHOR}(?:,? and {_AUTHOR}|, {_AUTHOR})*(?: et al\.)?(?:, [A-Z][^;:()=]{{0,70}},?)? \(?{_YEAR}"
+    r"|\b(?:ISO|IEC|IEEE|DIN|JCGM|RFC) \d+"
+    r"|\b(?:[Ss]ection|[Tt]able|[Ee]xercise|[Ee]quations?) [IVX\d][\w.-]* of the paper\b"
+)
+DERIVED = re.compile(r"\b[Bb]y (?:definition|algebra)\b|\b[Ff]ollows? from\b")
+PAGE = re.compile(r"\bdocs/[\w/-]+\.md\b")
+SEE = re.compile(r"\b[Ss]ources?: see `([\w.]+)`")
 
 
 @dataclass
@@ -92,7 +120,49 @@ def of_file(file: Path, source: Path = SOURCE, shown: set[str] | None = None) ->
     told = Told(file=file.relative_to(source.parent).as_posix(), module=name, base=base, shown=shown)
     if tree.body and not ast.get_docstring(tree):
         yield f"{told.file}:1: the module has no docstring"
+    if _states_a_law(file, tree, source) and not has_source(tree, source):
+        yield f"{told.file}:1: nothing says where the law or method comes from; expected an author and a year, or a derivation"
     yield from _members(tree.body, told)
+
+
+def has_source(tree: ast.Module, source: Path = SOURCE) -> bool:
+    """Return whether a module names a source, or another module that does."""
+    docstrings = _public_docstrings(tree)
+    if any(_names_source(text) for text in docstrings):
+        return True
+    for name in SEE.findall(" ".join(docstrings)):
+        file = source.joinpath(*name.split(".")).with_suffix(".py")
+        if file.exists() and any(
+            map(_names_source, _public_docstrings(ast.parse(file.read_text(encoding="utf-8"))))
+        ):
+            return True
+    return False
+
+
+def _names_source(text: str) -> bool:
+    derived = bool(DERIVED.search(text) and FORMULA.search(text))
+    return derived or bool(SOURCES.search(text)) or any((ROOT / page).exists() for page in PAGE.findall(text))
+
+
+def _states_a_law(file: Path, tree: ast.Module, source: Path) -> bool:
+    folder = file.parent.relative_to(source).as_posix().removeprefix(".")
+    if file.name in {"__init__.py", "base.py"} or folder not in LAWS:
+        return False
+    return folder in METHODS or any(FORMULA.search(text) for text in _public_docstrings(tree))
+
+
+def _public_docstrings(tree: ast.Module) -> list[str]:
+    """What a module, its public classes and what is public in them say, each in one line and without its examples."""
+
+    def inside(node: ast.Module | ast.ClassDef) -> Iterator[str]:
+        yield re.sub(r"^>>>.*$", "", ast.get_docstring(node) or "", flags=re.MULTILINE)
+        for inner in node.body:
+            if isinstance(inner, ast.ClassDef) and not inner.name.startswith("_"):
+                yield from inside(inner)
+            elif isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef) and _speaks(inner):
+                yield ast.get_docstring(inner) or ""
+
+    return [" ".join(text.split()) for text in inside(tree)]
 
 
 def _is_public(file: Path, source: Path) -> bool:

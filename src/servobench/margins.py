@@ -1,6 +1,6 @@
 """How far a feedback loop is from instability: gain, phase and delay margin of its open loop.
 
-L(s) = C(s) G(s),   closed loop L / (1 + L)
+L(s) = C(s) G(s),   closed loop L / (1 + L)      (Åström and Murray 2008, chapter 9)
 """
 
 from __future__ import annotations

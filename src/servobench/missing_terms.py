@@ -224,7 +224,8 @@ def fast_pole_doubt(fit: Fit) -> Array:
 
     A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, c = d²/2 times
     its second derivative by d, and the parameters are off by φ b, b = (J'J)⁻¹ J'c. What the innovations say of φ is a normal
-    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay.
+    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay
+    (docs/decisions/0006-intervals.md).
     """
     shared = len(fit.model.theta)
     none = np.zeros((shared, shared))

@@ -1,6 +1,7 @@
 """Intervals carried on: from the parameters of a fit to whatever is computed from them.
 
-To first order the variance of f(θ) is g Σ g', with the gradient g of f by the parameters and their covariance Σ. Whether that is
+To first order the variance of f(θ) is g Σ g', with the gradient g of f by the parameters and their covariance Σ (JCGM 100:2008,
+section 5.2; the draws below: JCGM 101:2008). Whether that is
 enough is tried: parameters are drawn from what the fit says of them, and where f of these draws has other quantiles than its
 tangent plane has, f's own quantiles are the interval. That is so for a margin that is infinite for a part of the draws, for a
 bend within the interval, and for a parameter whose interval isn't symmetric.

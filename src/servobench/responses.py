@@ -19,7 +19,11 @@ _SETTLED = 12.0  # slowest time constants; e^-12 is 6e-6 of a step
 
 
 def step_response(system: TransferFunction, t: Array) -> Array:
-    """Return the response (N,) to a unit step at t = 0, from rest, at times t (N,) [s]; exact at any times."""
+    """Return the response (N,) to a unit step at t = 0, from rest, at times t (N,) [s]; exact at any times.
+
+    By algebra y(t) = y(0) + Σ N(p)/(p D'(p)) (e^(pt) - 1) over the poles p of N/D; where two of them nearly meet, by a matrix
+    exponential (Van Loan 1978).
+    """
     later = t - system.delay
     course = _step_course(system, system.poles)
     return np.where(later >= 0, course(np.maximum(later, 0.0)), 0.0)

@@ -13,7 +13,7 @@ from servobench.errors import UsageError
 
 @dataclass(frozen=True, kw_only=True)
 class TransferFunction:
-    """G(s) = e^(-delay s) · numerator(s) / denominator(s).
+    """G(s) = e^(-delay s) · numerator(s) / denominator(s) (Åström and Murray 2008, chapter 8).
 
     Coefficients stand with the highest power of s first. `output` is what comes out (`speed` or `position`), `unit` the
     unit of the gain, output unit per input unit (`rad/(s·V)`). Raises `UsageError` where a coefficient isn't finite or the

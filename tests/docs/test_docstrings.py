@@ -62,6 +62,17 @@ def faults(text: str, folder: Path, shown: set[str] | None = None) -> list[str]:
     return list(tool("check_docstrings").of_file(package / "module.py", package, shown))
 
 
+LAW = '"""A lag: |G| = 1/√(1 + ω²τ²){source}."""\n'
+
+
+def without_source(text: str, folder: Path, name: str = "filters/lag.py") -> list[str]:
+    """What the check says of a module of a package that says nothing else that is wrong."""
+    file = folder / "package" / name
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text(text, encoding="utf-8")
+    return list(tool("check_docstrings").of_file(file, folder / "package", set()))
+
+
 def test_every_public_name_says_what_it_is() -> None:
     assert tool("check_docstrings").problems() == []
 
@@ -96,6 +107,68 @@ def test_outside_of_the_reference_fields_shapes_and_units_are_not_asked_for(tmp_
     silent = GOOD.replace('    """What it looks like."""\n', "").replace("voltage [V]", "voltage")
 
     assert faults(silent, tmp_path, set()) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        " (Van Loan 1978)",
+        " (Franklin, Powell and\nEmami-Naeini 2015, chapter 6)",
+        " (Schroeder, IEEE Trans. Inf. Theory 16, 1970)",
+        " (JCGM 101:2008)",
+        ", section II.D of the paper",
+        ", which follows from G = 1/(1 + jωτ)",
+        " (docs/decisions/0025-filters.md)",
+    ],
+)
+def test_a_law_with_a_source_has_no_fault(source: str, tmp_path: Path) -> None:
+    assert without_source(LAW.format(source=source), tmp_path) == []
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        "",
+        " for 2000 samples, Counts 2048 and Lines 2000 samples",  # a number is no year
+        " (Van Loan)",
+        ", as in the paper",
+        " (docs/decisions/0025-nothing.md)",  # a page that isn't there
+        ' (source: see `filters.nothing`)',
+    ],
+)  # fmt: skip
+def test_a_law_without_a_source_is_found(source: str, tmp_path: Path) -> None:
+    (found,) = without_source(LAW.format(source=source), tmp_path)
+
+    assert found.startswith("package/filters/lag.py:1: nothing says where the law or method comes from")
+
+
+def test_words_of_a_derivation_are_no_source_without_its_formula(tmp_path: Path) -> None:
+    assert len(without_source('"""A lag. It follows from algebra, by definition."""\n', tmp_path)) == 1
+
+
+def test_a_source_may_stand_in_another_module_that_has_one(tmp_path: Path) -> None:
+    pointing = LAW.format(source=". Source: see `models.lag`")
+    without_source('"""Nothing but words."""\n', tmp_path, "models/lag.py")
+    assert len(without_source(pointing, tmp_path)) == 1
+
+    without_source(LAW.format(source=" (Kalman 1960)"), tmp_path, "models/lag.py")
+    assert without_source(pointing, tmp_path) == []
+
+
+def test_a_source_is_asked_for_where_a_law_stands(tmp_path: Path) -> None:
+    law, words = LAW.format(source=""), '"""Words without a formula."""\n'
+
+    assert len(without_source(law, tmp_path, "models/lag.py")) == 1
+    assert len(without_source(words, tmp_path, "filters/words.py")) == 1  # each file there is a method
+    assert without_source(words, tmp_path, "models/words.py") == []
+    assert without_source(law, tmp_path, "models/base.py") == []
+    assert without_source(law, tmp_path, "panel/lag.py") == []
+
+
+def test_a_source_in_what_nobody_is_shown_doesn_t_count(tmp_path: Path) -> None:
+    hidden = LAW.format(source="") + '\n\ndef _hidden() -> None:\n    """By Kalman 1960."""\n'
+
+    assert len(without_source(hidden, tmp_path)) == 1
 
 
 def test_the_errors_of_the_package_are_found_with_what_they_are() -> None:

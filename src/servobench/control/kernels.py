@@ -1,5 +1,7 @@
 """The laws, compiled: each is (state x, numbers p, reference, counts, time) -> (next state, voltage); each law's file states it.
 
+Sources: see `control.pid`, and for the others the file of each.
+
 All begin with the same numbers and states: those of the shaft, of what is followed, and of the integral and the bias.
 """
 

@@ -28,8 +28,8 @@ from servobench.settings import Settings
 class Lead(Settings):
     """u = gain (1 + s/zero)/(1 + s/pole) (r - y), y the position θ or the filtered speed ω, by the trapezoid rule.
 
-    The phase rises by arcsin((pole - zero)/(pole + zero)) at √(zero pole). Without an integral
-    part, friction and load leave an error.
+    The phase rises by arcsin((pole - zero)/(pole + zero)) at √(zero pole) (Franklin, Powell and
+    Emami-Naeini 2015, chapter 6). Without an integral part, friction and load leave an error.
     """
 
     output: Output = "position"

@@ -18,7 +18,8 @@ Bias: TypeAlias = tuple[float, float] | None
 class OpenLoop(Settings):
     """u[k] = r[k]: the reference [V] goes to the motor as it is.
 
-    After a switch from another law the voltage goes over to the reference gradually: u = r + u_b e^(-t/fade_time).
+    After a switch from another law the voltage goes over to the reference gradually: u = r + u_b e^(-t/fade_time)
+    (docs/decisions/0019-control.md).
     """
 
     fade_time: FadeTime = 0.5

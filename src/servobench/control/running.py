@@ -1,7 +1,8 @@
 """What a running law is: its compiled step, its numbers, and its state; and how it sees the shaft through the counter.
 
 The speed is that of the measurement chain `derivative | lowpass`: the difference of the counts over the time between their two
-latches, through ω/(s + ω) by the trapezoid rule. `kernels` has the laws.
+latches, through ω/(s + ω) by the trapezoid rule. `kernels` has the laws. Why it is so is told in
+docs/decisions/0019-control.md.
 """
 
 from __future__ import annotations

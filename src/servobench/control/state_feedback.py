@@ -30,7 +30,7 @@ from servobench.settings import In, PositiveTime, Settings
 class StateFeedback(Settings):
     """u = k_r r - k_θ θ - k_ω ω + ∫ k_i (r - y) dt, θ the position, ω the filtered speed, y the one that is followed.
 
-    The anti-windup of the integral is that of `pid`.
+    The integral of the error is one more state (Åström and Murray 2008, chapter 6); its anti-windup is that of `pid`.
     """
 
     output: Output = "position"

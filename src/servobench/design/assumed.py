@@ -36,9 +36,9 @@ class AssumedMotor:
 
     `gain` [rad/(s·V)] and `time_constant` [s] may be off by the relative `tolerance`; `coulomb_voltage` and `offset_voltage`
     [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where `winding` is true.
-    `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least quantum/√12;
-    `disturbance` is a random torque, None without one. `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing
-    tells them. `assumptions` are sentences.
+    `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least quantum/√12, that of
+    an error spread evenly over a count (Widrow and Kollár 2008); `disturbance` is a random torque, None without one.
+    `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing tells them. `assumptions` are sentences.
     """
 
     name: str

@@ -31,7 +31,7 @@ class ResponseFit:
 
     The noise may have any colour, as its level is measured at each frequency; leakage is fitted, not windowed. What a frequency
     response doesn't show, such as an offset of the input, is then found by output error with the rest held.
-    In a closed loop the noise comes back through the input, and the estimate is biased. Source: see `spectral.local`.
+    In a closed loop the noise comes back through the input, and the estimate is biased. Source: see `estimators.spectral.local`.
     """
 
     abilities = Abilities(

@@ -27,7 +27,7 @@ def innovations(
     The state is (θ, ω): ω decays with τ and is driven by white acceleration of intensity `ratio`, θ is its integral; what is
     measured is `of_position` θ + `of_speed` ω. Where `moving` (M,) is 0 the shaft sticks: its speed is zero and stays so.
     The start state is known, as it is a parameter of its own. `spread` (M,) gets the variances of the innovations.
-    A time-varying Kalman filter: the times t (M,) [s] need not be regular.
+    A time-varying Kalman filter (Kalman 1960): the times t (M,) [s] need not be regular.
     """
     columns = x.shape[1]
     p11 = p12 = p22 = 0.0

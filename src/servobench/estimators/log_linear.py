@@ -1,4 +1,7 @@
-"""The logarithmic reading: ln(1 - Δω/Δω∞) of a first-order step response is a straight line of slope -1/τ."""
+"""The logarithmic reading: ln(1 - Δω/Δω∞) of a first-order step response is a straight line of slope -1/τ.
+
+That follows from Δω = Δω∞ (1 - e^(-t/τ)).
+"""
 
 from __future__ import annotations
 

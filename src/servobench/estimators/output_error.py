@@ -30,7 +30,8 @@ class OutputError:
     """Minimises Σ (y - ŷ(θ))², ŷ simulated from the input alone and carried through the measurement chain.
 
     Right for white measurement noise, such as an encoder's rounding; its standard deviations are the larger of the plain
-    ones and of those that allow for coloured residuals. Records share the parameters; each has its own start state.
+    ones and of those that allow for coloured residuals. Records share the parameters; each has its own start state. The model
+    of the noise is that of Ljung 1999, section 4.2.
     """
 
     abilities = Abilities(

@@ -4,7 +4,8 @@ Friction that depends on speed or place, a play, a shaft that gives: what they l
 a white torque, and it lasts as long as the features of the record. The residuals of one fit can't tell how large it is, as
 output error lets the model follow just those slow errors that would. Two ways of weighing tell more: output error looks
 at the slow wander of the position above all, prediction error at the accelerations. If the model were right, both would
-find the same motor; by how much they differ is what the model's error does to the parameters.
+find the same motor; by how much they differ is what the model's error does to the parameters. (Hausman 1978 takes such a
+difference for a test of the model; here it widens the intervals, docs/decisions/0006-intervals.md.)
 """
 
 from __future__ import annotations

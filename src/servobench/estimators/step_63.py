@@ -1,4 +1,7 @@
-"""The 63.2 % reading: the time constant is the time after which the speed has covered 1 - 1/e of a step."""
+"""The 63.2 % reading: the time constant is the time after which the speed has covered 1 - 1/e of a step.
+
+That follows from ω(t) = ω∞ (1 - e^(-t/τ)) at t = τ.
+"""
 
 from __future__ import annotations
 

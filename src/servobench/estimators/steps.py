@@ -1,6 +1,8 @@
 """Steps of the input, found and read as textbooks do: steady values give gain and offset, a rule gives the time constant.
 
 K = Δω/Δu,   u₀ = u - ω/K,   τ by a `Rule` from the part of Δω that is covered at each time after the step
+
+The first two follow from ω = K (u - u₀), which holds once nothing changes; each rule says where it is from.
 """
 
 from __future__ import annotations

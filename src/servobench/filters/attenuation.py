@@ -29,7 +29,7 @@ class Attenuation:
 def attenuation(cutoff: float, omega: float) -> Attenuation:
     """Return what ω_c/(s + ω_c) leaves of a sine of ω, both in rad/s: 1/√(1 + (ω/ω_c)²), late by arctan(ω/ω_c).
 
-    At the cut-off that is an amplitude of 1/√2 = 70.7 %, and half of the power: -3.01 dB.
+    It follows from s = jω by algebra. At the cut-off that is an amplitude of 1/√2 = 70.7 %, and half of the power: -3.01 dB.
     """
     check_positive("the cut-off of a low-pass filter", cutoff, "rad/s")
     ratio = omega / cutoff

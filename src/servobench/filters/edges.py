@@ -14,12 +14,12 @@ def edge_speed(
 ) -> Array:
     """Return the speed (M,) at times `at` (M,) [s] from the time that the last `counts` counts took.
 
-    ω = n Δ/(t_j - t_{j-n}), t_j the time of the last count, to whole ticks of the `timer` [s]. `position` (N,) [rad] at times
-    t (N,) [s] is the shaft's true one, which doesn't fall; between them it is straight. `quantum` Δ [rad] is the encoder's step.
-    Where the next count is overdue it is no faster than that allows; before `counts` counts, zero.
-    At a constant speed only the timer makes noise: a step of it is ω² timer/(n Δ). Four counts are one line of the disc, which
-    leaves out that the four are never quite evenly spaced. It lags by half of the time that it goes over, n Δ/(2ω), and by half
-    a count more as the last one is past: late where the shaft is slow, and hardly where it is fast.
+    ω = n Δ/(t_j - t_{j-n}), by definition the mean speed over these counts, t_j the time of the last one, to whole ticks of the
+    `timer` [s]. `position` (N,) [rad] at times t (N,) [s] is the shaft's true one, which doesn't fall; between them it is
+    straight. `quantum` Δ [rad] is the encoder's step. Where the next count is overdue it is no faster than that allows; before
+    `counts` counts, zero. At a constant speed only the timer makes noise: a step of it is ω² timer/(n Δ). Four counts are one
+    line of the disc, which leaves out that the four are never quite evenly spaced. It lags by half of the time that it goes
+    over, n Δ/(2ω), and by half a count more as the last one is past: late where the shaft is slow, and hardly where it is fast.
     Raises `UsageError` where the shaft turns back: a count then doesn't tell which way it was.
     """
     check_positive("the encoder's step", quantum, "rad")

@@ -4,6 +4,7 @@ At a constant speed ω the counts are floor(r k + φ), r = ω T/Δ. Nothing in t
 -frac(r k + φ), which depends on r by its fraction f alone. It is a sum of sines at n f cycles a sample, n = 1, 2, …, with
 amplitudes 1/(π n) counts, folded back below half a cycle a sample. So noise at a speed isn't white: it is a set of lines, and
 where one of them falls near zero frequency no low-pass filter takes it out.
+All formulas here follow from that saw-tooth by algebra (docs/decisions/0025-filters.md).
 """
 
 from __future__ import annotations
@@ -62,7 +63,8 @@ def noise(estimate: SpeedEstimate, speed: float, sample_time: float, quantum: fl
 def mean_noise(estimate: SpeedEstimate, sample_time: float, quantum: float) -> float:
     """Return the rms error of a speed estimate over all speeds, or while the speed changes: (Δ/√12) √(Σ g²).
 
-    With f spread evenly, the errors of different samples are independent: Δ/√12 each. The difference alone has Δ/(√6 T).
+    With f spread evenly, the errors of different samples are independent: Δ/√12 each (Widrow and Kollár 2008). The difference
+    alone has Δ/(√6 T). `quantum` Δ is in rad, `sample_time` T in s.
     """
     check_positive("the encoder's step", quantum, "rad")
     g = impulse_response(estimate, sample_time)

@@ -1,4 +1,7 @@
-"""What noise and lag of a speed do to a time constant that is read off it at 63.2 %, and the cut-off that does the least."""
+"""What noise and lag of a speed do to a time constant that is read off it at 63.2 %, and the cut-off that does the least.
+
+What is averaged over, and why nothing is drawn at random, is told in docs/decisions/0025-filters.md.
+"""
 
 from __future__ import annotations
 
@@ -57,7 +60,7 @@ class Rise:
 
 @dataclass(frozen=True, kw_only=True)
 class ReadingError:
-    """How far a reading of a time constant is off [s]: its mean error, and its standard deviation over start positions."""
+    """How far a reading of a time constant is off [s]: the mean error `bias`, and the `sd` over start positions."""
 
     bias: float
     sd: float
@@ -70,7 +73,7 @@ class ReadingError:
 
 @dataclass(frozen=True, kw_only=True)
 class BestCutoff:
-    """The cut-off [rad/s] with the smallest error of a reading, and the range in which that is at most a tenth larger."""
+    """The `cutoff` [rad/s] with the smallest `error` of a reading, and the range `low` to `high` with a tenth more at most."""
 
     cutoff: float
     error: ReadingError
@@ -114,7 +117,10 @@ def reading_error(
 def edge_reading_error(
     rise: Rise, sample_time: float, quantum: float, counts: int = 4, places: int = _PLACES
 ) -> ReadingError:
-    """Return the error of τ read at 63.2 % off a tachometer that measures the time of `counts` counts; as `reading_error`."""
+    """Return the error of τ read at 63.2 % off a tachometer that measures the time of `counts` counts.
+
+    `sample_time` is in s, `quantum` in rad, `places` and what is raised as for `reading_error`.
+    """
     t = rise.times(sample_time)
     fine = np.linspace(
         0.0, t[-1], 20 * len(t)

@@ -46,8 +46,8 @@ def frequency_response(estimate: SpeedEstimate, omega: Array, sample_time: float
 def lag(estimate: SpeedEstimate, sample_time: float) -> float:
     """Return by how much a speed that changes slowly comes out late [s]: -(T²/2) Σ k² g[k], of the position's response g.
 
-    G(e^{sT}) = s (1 - s lag + …) near s = 0, as a speed is the derivative of its position. A difference has T/2, a low-pass
-    filter adds 1/ω by forward Euler or Tustin, and T/(1 - e^{-ωT}), half a sample more, by ZOH.
+    It follows from G(e^{sT}) = s (1 - s lag + …) near s = 0, as a speed is the derivative of its position. A difference has
+    T/2, a low-pass filter adds 1/ω by forward Euler or Tustin, and T/(1 - e^{-ωT}), half a sample more, by ZOH.
     Raises `UsageError` for what makes no speed of a steadily growing position.
     """
     g = impulse_response(estimate, sample_time)

@@ -20,7 +20,7 @@ class AlphaBeta:
 
     x⁻ = x + v Δt,   x = x⁻ + α (z - x⁻),   v = v + β (z - x⁻)/Δt, from the first position z on, at rest.
     From z to v that is (β/T)(1 - z⁻¹)/(1 - (2 - α - β) z⁻¹ + (1 - α) z⁻²), at steps T: a difference behind a low-pass filter of
-    second order. Stable for 0 < α, 0 < β, 2 α + β < 4 (Kalata 1984); raises `UsageError` otherwise.
+    second order. Stable for 0 < `alpha` α, 0 < `beta` β, 2 α + β < 4 (Kalata 1984); raises `UsageError` otherwise.
     """
 
     alpha: float

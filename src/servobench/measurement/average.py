@@ -18,7 +18,7 @@ from servobench.measurement.words import check_positive, number_text, quantity_i
 @STAGES.member("average")
 @dataclass(frozen=True, kw_only=True)
 class Average:
-    """The mean over the last W seconds, y(t) = (1/W) ∫ x from t - W to t, with straight lines between the samples.
+    """The mean over the last W seconds, by definition y(t) = (1/W) ∫ x from t - W to t, with straight lines between the samples.
 
     Exact for a signal that is straight between samples, at regular or irregular times, whether or not W is a number of sample
     times; the firmware behind a log samples faster than the log, so that its average is near to that of the signal itself.

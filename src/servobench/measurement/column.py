@@ -129,7 +129,8 @@ def _check_times(source: str, role: str, column: Column) -> None:
 def counter_column(column: Column, channel: Channel) -> Column:
     """Return counts at the middle of their bins, with their quantum; what isn't whole counts stays as it is.
 
-    A counter shows floor(θ/Q), so that the shaft is on average half a count further than it says: y = (counts + 1/2) Q.
+    A counter shows floor(θ/Q), so that the shaft is on average half a count further than it says: y = (counts + 1/2) Q,
+    which follows from counts ≤ θ/Q < counts + 1.
     Where the recording knows the counts in a revolution, the result is in rad, otherwise in counts.
     """
     if (

@@ -1,10 +1,11 @@
 """What a measurement chain that nobody told of costs: how far it moves a time constant that is fitted without it.
 
 A speed that went through a chain of mean delay L and spread V (first moment and variance of its impulse response) looks like
-that of a slower motor. The moments of lag and chain add up: mean τ + L, variance τ² + V. A model K e^(-ds)/(τ's + 1) has mean
-τ' + d and variance τ'². Without a delay the fit has to take the whole lag for its own: τ' = τ + L, exactly so where the area
-above the step response is compared. With one, the moments give τ' = √(τ² + V), and the rest of the lag goes to the delay; least
-squares, which see more of the bend at the beginning of a step, come out somewhat higher. What they come out at is computed here.
+that of a slower motor. The moments of lag and chain add up, by algebra, as those of any two responses one after the other do:
+mean τ + L, variance τ² + V. A model K e^(-ds)/(τ's + 1) has mean τ' + d and variance τ'². Without a delay the fit has to take
+the whole lag for its own: τ' = τ + L, exactly so where the area above the step response is compared. With one, the moments give
+τ' = √(τ² + V), and the rest of the lag goes to the delay; least squares, which see more of the bend at the beginning of a step,
+come out somewhat higher. What they come out at is computed here.
 """
 
 from __future__ import annotations

@@ -16,7 +16,7 @@ from servobench.measurement.words import check_positive, number_text, quantity_i
 @STAGES.member("delay")
 @dataclass(frozen=True, kw_only=True)
 class Delay:
-    """The input as it was d seconds before, y(t) = x(t - d), with straight lines between the samples.
+    """The input as it was d seconds before, by definition y(t) = x(t - d), with straight lines between the samples.
 
     What a device reports late by a time that is known, such as the time between two messages of its bus. A delay that isn't
     known need not be said: one is identified with the motor, and this one is taken off it.

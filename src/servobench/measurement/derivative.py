@@ -17,7 +17,7 @@ from servobench.measurement.base import STAGES, Kind
 class Derivative:
     """The speed y[k] = (x[k] - x[k-1]) / (t[k] - t[k-1]) of a position x; y[0] = 0.
 
-    That is the mean speed since the sample before, not the speed at t[k].
+    That is by definition the mean speed since the sample before, not the speed at t[k].
     """
 
     linear: ClassVar[bool] = True

@@ -19,7 +19,7 @@ Discretisation: TypeAlias = Literal["euler", "zoh", "tustin"]
 @STAGES.member("lowpass")
 @dataclass(frozen=True, kw_only=True)
 class Lowpass:
-    """The filter ω/(s + ω), with ω the `cutoff` [rad/s], computed once a sample.
+    """The filter ω/(s + ω), with ω the `cutoff` [rad/s], computed once a sample (Franklin, Powell and Workman 1998, chapter 6).
 
     With h = ω Δt for the time Δt since the sample before, y[k] = a y[k-1] + b x[k] + c x[k-1], where
 

@@ -16,7 +16,7 @@ from servobench.units import unit as unit_named
 @STAGES.member("scale")
 @dataclass(frozen=True, kw_only=True)
 class Scale:
-    """The input times a factor, y = factor · x.
+    """The input times a factor, by definition y = factor · x.
 
     A factor without a unit is part of the measurement, such as a gear, and a prediction goes through it.
     With a unit, such as `scale 0.17578125 deg/count`, it says what a value means: counts go in and a position in rad comes

@@ -38,7 +38,8 @@ def unwrapped(x: Array, modulus: float) -> Unwrapped:
     """Return samples x (N,) or (N, P) without the wraps of a value that is known up to multiples of a modulus.
 
     With d = x[k] - x[k-1], wrap = -round(d/M), delta = d + wrap·M, and count = x + M·(wraps so far), which for whole numbers is
-    exact and starts at x[0]. It is right where the true change between samples is less than half the modulus (inverse modulus).
+    exact and starts at x[0]. It is right where the true change between samples is less than half the modulus (inverse modulus,
+    section II.D of the paper).
     Raises `UsageError` where there would be more wraps than can be counted.
     """
     d = np.zeros(x.shape)

@@ -12,6 +12,7 @@ def nominal_values(motor: MotorParameters) -> dict[str, float]:
 
     With p = (s L + R)(s J + b) + k²: gain K = k / (R b + k²), the time constant is that of the slow root of p, and a first-order
     model shows the fast root's time constant as a delay. SI units.
+    They follow from L di/dt + R i = u - k ω and J dω/dt = k i - b ω - T_c sgn(ω).
     """
     r, l, k = motor.resistance, motor.inductance, motor.motor_constant
     j, b = motor.inertia, motor.viscous_friction

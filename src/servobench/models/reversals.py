@@ -8,7 +8,7 @@ afterwards differs by that time times the jump of friction's deceleration. The e
     near a reversal: 2 u_c K/τ · d        (friction acts the other way for up to the delay)
     start from rest: |e| K/τ · d ln(1 + |Δu - e| / |e|),   e = |u| - u_c,   Δu the change of the input
 
-and is taken as uniformly distributed between plus and minus that.
+and is taken as uniformly distributed between plus and minus that (docs/decisions/0005-first-order-motor.md).
 """
 
 from __future__ import annotations

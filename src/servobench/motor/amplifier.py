@@ -8,7 +8,7 @@ from servobench.settings import Resistance, Settings, Voltage
 class Amplifier(Settings):
     """A voltage amplifier: it saturates at ±limit, loses its dead band, and has a resistance in series with the winding.
 
-    v = 0 for |u| <= dead_band, otherwise sgn(u) (min(|u|, limit) - dead_band).
+    By definition v = 0 for |u| <= dead_band, otherwise sgn(u) (min(|u|, limit) - dead_band).
     """
 
     limit: Voltage = 10.0

@@ -13,7 +13,8 @@ from servobench.settings import CountsPerRev, Current, Settings, Speed
 class Encoder(Settings):
     """An incremental encoder read in quadrature by a counter that wraps.
 
-    counts = floor(θ counts_per_rev / 2π), as a signed number of `counter_bits` bits.
+    counts = floor(θ counts_per_rev / 2π), as a signed number of `counter_bits` bits; four counts for each line
+    of the disc (section II.B of the paper).
     """
 
     counts_per_rev: CountsPerRev = 2048.0

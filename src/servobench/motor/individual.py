@@ -5,7 +5,7 @@ each by a number of its own; what follows is the motor that has them,
 
     k = (1 + √(1 - 4 K² R b)) / 2K,   J = τ (R b + k²)/R,   T_c = u_c k/R
 
-so that what is measured is spread evenly over its range, and no two are tied to each other.
+so that what is measured (docs/decisions/0027-assessment.md) is spread evenly over its range, and no two are tied to each other.
 """
 
 from __future__ import annotations

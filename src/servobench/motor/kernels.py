@@ -20,7 +20,10 @@ SIZE = 19
 
 @compiled
 def transition(m: float, d2: float, t: float) -> tuple[float, float]:
-    """Return (c, s) with e^(A t) = c I + s (A - m I), for a 2 x 2 matrix A with half trace m and d2 = m² - det A."""
+    """Return (c, s) with e^(A t) = c I + s (A - m I), for a 2 x 2 matrix A with half trace m and d2 = m² - det A.
+
+    It follows from (A - m I)² = d2 I, which is Cayley and Hamilton's theorem.
+    """
     if d2 > 0.0:
         d = math.sqrt(d2)
         fast, slow = math.exp((m - d) * t), math.exp((m + d) * t)

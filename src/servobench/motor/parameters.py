@@ -64,7 +64,7 @@ class DataSheet:
 
 
 def disc_inertia(mass: float, radius: float) -> float:
-    """Return J = m r²/2 of a homogeneous disc about its axis [kg·m²], from its mass [kg] and radius [m]."""
+    """Return J of a homogeneous disc about its axis [kg·m²], by definition ∫ r² dm = m r²/2; mass in kg, radius in m."""
     return 0.5 * mass * radius**2
 
 

@@ -4,6 +4,7 @@
 
 is linear in 1/R and k/R. ω̂ is simulated by the fitted model from the input alone, so it has no noise of the encoder in it and
 nothing needs to be differentiated: it is its own instrument, and least squares are consistent whatever the noise of the current.
+The line follows from R i = V - k ω (docs/decisions/0012-second-order-and-motor-parameters.md).
 The winding's lag λ is allowed for twice: samples within 8 lags of a change of the input are left out, and ω̂ is taken λ earlier,
 which is what a slow speed is behind that lag.
 """

@@ -1,4 +1,7 @@
-"""What a model means whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf."""
+"""What a model means whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf.
+
+That K = k/b, τ = J/b and K/τ = k/J follows from that equation where nothing sticks.
+"""
 
 from __future__ import annotations
 

@@ -1,7 +1,7 @@
 """What a stalled shaft tells: V = R i + V_b sgn(i), with ω = 0, so that the resistance is the slope of voltage over current.
 
-The slope alone is free of what the brushes and the current sensor add, which needs two voltages; from a single one R is V/i,
-and holds them.
+It follows from V = R i + k ω + V_b sgn(i) at rest. The slope alone is free of what the brushes and the current sensor add,
+which needs two voltages; from a single one R is V/i, and holds them.
 """
 
 from __future__ import annotations

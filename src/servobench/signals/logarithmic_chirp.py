@@ -16,8 +16,8 @@ from servobench.signals.edges import periods
 class LogarithmicChirp(Settings):
     """offset + amplitude · sin(2π f₀ T (r^(τ/T) - 1) / ln r + phase), r = f₁/f₀, τ the time since the sweep began, T its length.
 
-    The frequency is f₀ r^(τ/T), so each octave takes the same time. The sweep begins anew after T; before `start` the
-    value is `offset`.
+    The frequency is f₀ r^(τ/T), so each octave takes the same time; the phase follows from 2π times its integral. The sweep
+    begins anew after T; before `start` the value is `offset`.
     """
 
     amplitude: Amplitude = 2.0

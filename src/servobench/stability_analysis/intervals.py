@@ -35,8 +35,8 @@ class OverIntervals:
     """The verdict over the parameters' intervals.
 
     `verdict` is that of the estimate, `everywhere` whether it is that of all corners of the 95 % intervals and of all draws.
-    `share` is the part of the draws with the estimate's verdict; `undetermined` are parameters that the data don't determine,
-    which were left where they are. `sentence` says all of it.
+    `corners_alike` of the `corners` and the part `share` of the `draws` have the estimate's verdict; `undetermined` are
+    parameters that the data don't determine, which were left where they are. `sentence` says all of it.
     """
 
     verdict: StabilityVerdict

@@ -1,6 +1,6 @@
 """The root locus: where the poles of a closed loop go as the gain of its controller grows, and for which gains it is stable.
 
-1 + k L(s) = 0,  L = N/D,  so that the closed loop's poles are the roots of D + k N.
+1 + k L(s) = 0,  L = N/D,  so that the closed loop's poles are the roots of D + k N (Evans 1948).
 """
 
 from __future__ import annotations

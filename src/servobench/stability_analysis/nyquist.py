@@ -33,7 +33,7 @@ class ClosedLoop:
     """A loop once it is closed: its verdict, how many poles it has to the right, and how that comes about.
 
     `encirclements` of -1 by the open loop, clockwise, are `right` minus `open_right`, the poles of the open loop to the right;
-    None, as `right` is, where the loop goes through -1 and is on the border.
+    None, as `right` is, where the loop goes through -1 and is on the border. The `sentence` says all of it.
     """
 
     verdict: StabilityVerdict

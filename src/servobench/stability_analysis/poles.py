@@ -21,7 +21,7 @@ _STEPS = 20  # of Newton's method, which needs three or four
 
 @dataclass(frozen=True, kw_only=True)
 class Pole:
-    """A root of a polynomial: where it is [1/s], how many times, and by how much the coefficients' rounding may move it [1/s]."""
+    """A root of a polynomial, `at` [1/s], its `multiplicity`, and the `uncertainty` [1/s] that coefficients' rounding makes."""
 
     at: complex
     multiplicity: int

@@ -6,9 +6,9 @@ two equal parts, one after the other, their middles Δ apart, the mode that is l
 
     λ = ln(c₂/c₁)/Δ
 
-An integrator has λ = 0. Every pole within the interval of λ fits the record as well. Where the logarithm of the slope changes by
-less than half of what it did a quarter of the stretch before, it isn't one mode: the answer to the last change of the input is
-still dying out, and may be all of that change. Then the interval holds zero, too.
+which follows from c₂ = c₁ e^(λΔ). An integrator has λ = 0. Every pole within the interval of λ fits the record as well. Where
+the logarithm of the slope changes by less than half of what it did a quarter of the stretch before, it isn't one mode: the
+answer to the last change of the input is still dying out, and may be all of that change. Then the interval holds zero, too.
 """
 
 from __future__ import annotations

@@ -26,7 +26,7 @@ _FACTORS = tuple((a, power) for power in range(1, 5) for a in range(1, 6))  # (s
 
 @dataclass(frozen=True, kw_only=True)
 class RouthRow:
-    """One row: the power of s that it begins with, its elements, and what was done to it (empty for most)."""
+    """One row: the power of s that it begins with, its elements, and a `note` of what was done to it (empty for most)."""
 
     power: int
     elements: tuple[float, ...]

@@ -36,7 +36,8 @@ def stability(system: TransferFunction) -> StabilityReport:
     Asymptotically stable if every pole has a negative real part. Marginally stable if the rightmost poles are simple and on the
     imaginary axis: some bounded input, a constant for an integrator, then drives the output without bound. Unstable otherwise.
     BIBO stable if no pole outside the left half-plane is left that the numerator doesn't cancel, and the numerator's order isn't
-    above the denominator's. A delay doesn't change any of this.
+    above the denominator's. A delay doesn't change any of this. (Franklin, Powell and Emami-Naeini
+    2015, chapter 3.)
     """
     found = poles_of(system.denominator)
     left_over = [pole.multiplicity - multiplicity_at(system.numerator, pole.at) for pole in found]

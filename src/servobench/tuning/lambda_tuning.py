@@ -1,8 +1,8 @@
 """λ-tuning: gains for a closed loop with a wished time constant λ, with the dead time in mind.
 
-The SIMC rules that `export.tuning` states: the speed gets a PI, the position a PD, whose zero cancels the motor's pole, so that
-the output rises as 1/(λs + 1) behind the dead time. For that the reference acts on the derivative part of the PD, too: a step
-of it makes a spike of the voltage as long as the filter's time constant.
+The SIMC rules (Skogestad 2003) that `export.tuning` states: the speed gets a PI, the position a PD, whose zero cancels the
+motor's pole, so that the output rises as 1/(λs + 1) behind the dead time. For that the reference acts on the derivative part of
+the PD, too: a step of it makes a spike of the voltage as long as the filter's time constant.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """The open loop of a controller around a motor, and its margins as far as the motor is known.
 
-L(s) = C(s) G(s) e^(-s (d + h/2)): half a sample time h for a voltage that holds. A speed from counts is a difference over h,
+L(s) = C(s) G(s) e^(-s (d + h/2)): half a sample time h for a voltage that holds, as follows from
+(1 - e^(-sh))/(sh) = e^(-sh/2) (1 + O(s²h²)). A speed from counts is a difference over h,
 which is half a sample time late, behind a filter; both together are taken as one lag F(s) = 1/(1 + s (1/ω_c + h/2)).
 An integral that counts the newest sample is the sum h/(1 - e^(-sh)) = 1/s + h/2 + O(s h²): k_i h/2 acts as a gain does.
 """

@@ -6,10 +6,10 @@ The motor is K/(τs + 1) from voltage to speed. Without delay, filter and sampli
     position, with an integral       τs³ + (1 + K k_d) s² + K k_p s + K k_i
     speed, k_p and k_i               τs² + (1 + K k_p) s + K k_i
 
-which are held against those of the wished poles (Åström and Murray, Feedback Systems, 2nd ed., section 11.2). The reference acts
-through k_p without an integral part and through it alone with one, so that the closed loop has no zero. A lead compensator
-cancels the motor's pole: zero 1/τ, pole 2ζω, gain ω/(2ζK). What delay, filter and sampling take from the damping
-is left to the margins to say.
+which are held against those of the wished poles (Åström and Murray, Feedback Systems, 2nd ed. 2021, section 11.2). The
+reference acts through k_p without an integral part and through it alone with one, so that the closed loop has no zero. A lead
+compensator cancels the motor's pole: zero 1/τ, pole 2ζω, gain ω/(2ζK). What delay, filter and sampling take from the damping is
+left to the margins to say.
 """
 
 from __future__ import annotations

@@ -1,4 +1,7 @@
-"""The step response of a controller around a motor: the law itself, tick by tick, around the exact motor with its delay."""
+"""The step response of a controller around a motor: the law itself, tick by tick, around the exact motor with its delay.
+
+Overshoot and rise time are those of Franklin, Powell and Emami-Naeini 2015, chapter 3.
+"""
 
 from __future__ import annotations
 

@@ -1,4 +1,7 @@
-"""The verb `tune`: a controller for an identified motor and a wish, with what is left of its margins; or why it can't be had."""
+"""The verb `tune`: a controller for an identified motor and a wish, with what is left of its margins; or why it can't be had.
+
+What is refused, and why from there on, is told in docs/decisions/0019-control.md.
+"""
 
 from __future__ import annotations
 

@@ -30,7 +30,7 @@ def bins(x: Array, quantum: float, s: float) -> Bins:
     """Return what bins of width `quantum` say of positions x (M,), counted from the bin's middle, with noise s before rounding.
 
     By symmetry, with a = (Q/2 - |x|)/s to the nearer edge and b = a - Q/s to the farther one, P = Φ(a) - Φ(b). All is taken from
-    ln Φ, so no position is too far off. With λ = φ(a)/P, μ = φ(b)/P and w = aλ - bμ:
+    ln Φ, so no position is too far off. With λ = φ(a)/P, μ = φ(b)/P and w = aλ - bμ it follows from Φ' = φ, φ' = -x φ:
 
         ∂ ln P/∂|x| = -(λ - μ)/s,   -∂² ln P/∂x² = ((λ - μ)² + w)/s²,   ∂ ln P/∂ ln s = -w
 

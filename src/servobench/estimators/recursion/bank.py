@@ -3,8 +3,8 @@
 Each filter has seen the means of blocks of [J r], the Jacobian and the residual at a reference, and keeps the sum of the products
 of their innovations: that is all that the best change of the parameters, its covariance and the likelihood of the noise
 level need, however many samples there were. The levels are those of `estimators.disturbance`: q/r, from a torque that never
-shows to one that drowns the noise within a sample. Blocks come in a few lengths, as there: short beside τ, and
-beside the memory of the filter that turns out to be the likeliest.
+shows to one that drowns the noise within a sample. Why all levels at once is told in docs/decisions/0022-recursive.md. Blocks
+come in a few lengths, as there: short beside τ, and beside the memory of the filter that turns out to be the likeliest.
 """
 
 from __future__ import annotations

@@ -1,6 +1,7 @@
 """Compiled kernels of the recursive estimator: a first-order motor sample by sample, and Kalman filters for many noise levels.
 
-The motor and its sensitivities go from event to event, as in `models.kernels`. Each sample gives a row [J r], r = y - prediction;
+The motor and its sensitivities go from event to event, as in `models.kernels`; why sums are kept is told in
+docs/decisions/0022-recursive.md. Each sample gives a row [J r], r = y - prediction;
 rows are averaged over blocks of a few lengths, and each filter turns the means into innovations and adds up their products.
 """
 

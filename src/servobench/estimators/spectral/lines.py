@@ -1,7 +1,8 @@
 """Lines of the spectrum: which part of a record is transformed, and which of its lines the input excites.
 
 A stretch of N samples has lines at 2πk/(NT). It is chosen so that what repeats falls on lines: whole cycles of a sine, whole
-periods of anything else that repeats, or all there is. Nothing is windowed: what leaks is a transient, and is fitted.
+periods of anything else that repeats, or all there is. Nothing is windowed: what leaks is a transient, and is fitted
+(Pintelon and Schoukens 2012).
 """
 
 from __future__ import annotations

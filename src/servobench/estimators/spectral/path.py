@@ -2,7 +2,7 @@
 
 An input that holds between samples and an output that is only seen at samples make the response at a line of the spectrum
 
-    G_d(z) = C (zI - Φ)⁻¹ (Γ₀ + Γ₁ z⁻¹) z⁻ᵐ,   z = e^(jωT)
+    G_d(z) = C (zI - Φ)⁻¹ (Γ₀ + Γ₁ z⁻¹) z⁻ᵐ,   z = e^(jωT)      (Åström and Wittenmark 1997, chapter 2)
 
 with every alias of the held input in it, which dividing by the hold's sinc and half sample alone would leave there.
 """

@@ -4,10 +4,11 @@
     g(θ) = u_gs sin θ + u_gc cos θ,   s = sgn ω
 
 Between two events (a sample, a change of the delayed input, a stop) the right-hand side is smooth but not linear, so that it is
-integrated by the classical scheme of Runge and Kutta, fourth order, together with its derivatives by the parameters: the scheme
-applied to the variational equations is the exact derivative of the scheme. A step is a tenth of the shortest time in which
-anything changes: τ, the growth that falling friction gives, the pendulum's own frequency, the speed as the rate of sin θ, and
-the time in which the speed changes by ω_s. One step's error is then below 0.1⁵/120, 1e-7 of what changes.
+integrated by the classical scheme of Runge and Kutta (Kutta 1901), fourth order, together with its derivatives by the
+parameters: the scheme applied to the variational equations is the exact derivative of the scheme. A step is a tenth of the
+shortest time in which anything changes: τ, the growth that falling friction gives, the pendulum's own frequency, the speed as
+the rate of sin θ, and the time in which the speed changes by ω_s. One step's error is then below 0.1⁵/120, 1e-7 of what
+changes.
 
 A stop is where ω, carried on as if it kept its sense, is zero: found by Newton's method on the length of the last step; and so
 is the place where gravity changes its side, at which load-dependent friction has a kink. What happens to the sensitivities at

@@ -6,8 +6,9 @@ Goal and position tell the loop gain κ = K k_p, τ, and friction and offset as 
 
     θ/g = κ e^(-ds) / (τ s² + s + κ)
 
-δ is the dead band within which the shaft rests off its goal. K, u_c and u₀ follow where k_p is known. A controller with more than
-a proportional part, a limit of its voltage and a load that gravity pulls at aren't in the model.
+That follows from the two lines above, friction and offset left out. δ is the dead band within which the shaft rests off its
+goal. K, u_c and u₀ follow where k_p is known. A controller with more than a proportional part, a limit of its voltage and a
+load that gravity pulls at aren't in the model.
 """
 
 from __future__ import annotations

@@ -3,8 +3,8 @@
     y = B(s)/A(s) e^(-ds) u + y₀,   A = s^n + a₁ s^(n-1) + ... + a_n,   B = b₀ s^m + ... + b_m
 
 y is what the data are of: a position, or a speed. With the known integrator B/A is the speed's, and the position is its
-integral, so that a record of either finds the same parameters. Each record starts in a state of its own, which adds C(s)/A(s),
-and has an output y₀ at no input.
+integral, so that a record of either finds the same parameters. Each record starts in a state of its own, which adds C(s)/A(s), as
+follows from the differential equation A y = B u, and has an output y₀ at no input.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""An adaptive solver: SciPy's LSODA, stopped at every event of friction."""
+"""An adaptive solver: SciPy's LSODA (Petzold 1983), stopped at every event of friction."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Forward Euler, the solver of the paper (RK1)."""
+"""Forward Euler (RK1), the solver that section II.A of the paper takes."""
 
 from __future__ import annotations
 

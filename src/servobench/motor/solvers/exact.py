@@ -17,8 +17,8 @@ from servobench.motor.solvers.base import SOLVERS
 class Exact:
     """Exact to rounding for any tick, as the voltage is constant during one and friction switches at times that are solved for.
 
-    The linear step is e^(A h) of the sliding motor; friction is the implicit (Moreau) step d = clip(ω_free, ±c₁), which is exact
-    unless the shaft stops or starts within the tick; such a tick is cut at its switching times.
+    The linear step is e^(A h) of the sliding motor; friction is the implicit step (Moreau 1988) d = clip(ω_free, ±c₁), which is
+    exact unless the shaft stops or starts within the tick; such a tick is cut at its switching times.
     """
 
     coefficients: Array

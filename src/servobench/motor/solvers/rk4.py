@@ -1,4 +1,4 @@
-"""The classical Runge-Kutta method of order four."""
+"""The classical Runge-Kutta method of order four (Kutta 1901)."""
 
 from __future__ import annotations
 
