@@ -12,9 +12,10 @@ exits with status 1. In all of the package:
 In what the reference shows (the modules and names in docs/reference/python; with `--all` in all of the package):
 
 - Every field of a class, which is each of its names with a type, has a docstring below it, or stands in that of the class:
-  `sample_time`, or "the sample time".
+  `sample_time`, or "the sample time"; or the kind's `base.py` says it for all members.
 - A parameter or a result that is an `Array` has its shape told, such as `(N,)`, in the docstring of the function or the class,
-  or in that of the method of the same name in the kind's `base.py`, which says it for all members.
+  or in that of the method of the same name in the kind's `base.py`; in `kernels`, whose functions share their arguments, in
+  that of the module.
 - A float that is a quantity by its name (`voltage`, `sample_time`, ...) has a unit there: in square brackets, or as a word.
 
 In the folders of methods (`LAWS`) and in the modules beside them:
@@ -38,6 +39,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src" / "servobench"
 REFERENCE = ROOT / "docs" / "reference" / "python"
 COMMANDS = "cli"  # the folder
+KERNELS = "kernels.py"  # functions that share their arguments
 OPERATORS = {"__call__", "__getitem__"}
 SHAPE = re.compile(r"\([A-Z][^()]*,[^()]*\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)")
 UNIT = re.compile(
@@ -115,9 +117,14 @@ def in_reference(folder: Path, source: Path) -> set[str]:
 def of_file(file: Path, source: Path = SOURCE, shown: set[str] | None = None) -> Iterator[str]:
     """Yield one line for each fault in a module; `shown` is what is in the reference, None for all."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
-    base = _methods_of_base(file.parent / "base.py")
+    base = _said_in_base(
+        next((each for each in _bases(file, source) if each.exists()), file.parent / "base.py")
+    )
     name = ".".join(file.relative_to(source.parent).with_suffix("").parts).removesuffix(".__init__")
-    told = Told(file=file.relative_to(source.parent).as_posix(), module=name, base=base, shown=shown)
+    shared = ast.get_docstring(tree) or "" if file.name == KERNELS else ""
+    told = Told(
+        file=file.relative_to(source.parent).as_posix(), module=name, around=shared, base=base, shown=shown
+    )
     if tree.body and not ast.get_docstring(tree):
         yield f"{told.file}:1: the module has no docstring"
     if _states_a_law(file, tree, source) and not has_source(tree, source):
@@ -169,19 +176,43 @@ def _is_public(file: Path, source: Path) -> bool:
     return not any(part.startswith("_") and part != "__init__.py" for part in file.relative_to(source).parts)
 
 
+def _bases(file: Path, source: Path) -> Iterator[Path]:
+    """Where the base module of a kind may stand: beside a file, or in a folder above it."""
+    folder = file.parent
+    while folder != source:
+        yield folder / "base.py"
+        folder = folder.parent
+
+
 @cache
-def _methods_of_base(file: Path) -> dict[str, str]:
-    """The docstrings of the methods of the protocols in a kind's base module, by name, with those of their classes."""
+def _said_in_base(file: Path) -> dict[str, str]:
+    """What the protocols in a kind's base module say of methods and fields, by name, with the docstrings of their classes."""
     if not file.exists():
         return {}
     found: dict[str, str] = {}
     for node in ast.parse(file.read_text(encoding="utf-8")).body:
         if isinstance(node, ast.ClassDef):
-            for inner in node.body:
+            whole = ast.get_docstring(node) or ""
+            protocol = any(ast.unparse(each).startswith("Protocol") for each in node.bases)
+            for inner, below in zip(node.body, [*node.body[1:], None], strict=True):
                 if isinstance(inner, ast.FunctionDef):
-                    text = f"{ast.get_docstring(node) or ''} {ast.get_docstring(inner) or ''}"
+                    text = f"{whole} {ast.get_docstring(inner) or ''}"
                     found[inner.name] = f"{found.get(inner.name, '')} {text}"
+                elif protocol and isinstance(inner, ast.AnnAssign):
+                    name = ast.unparse(inner.target)
+                    if _is_text(below) or _names(whole, name):
+                        found[name] = whole
     return found
+
+
+def _is_text(node: ast.stmt | None) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def _names(text: str, name: str) -> bool:
+    """Whether a field stands in a text by its name, or by the words of which it is made: `sample_time`, "the sample time"."""
+    words = re.escape(name.rstrip("_")).replace("_", "[ _-]")
+    return re.search(rf"\b{words}", text, re.IGNORECASE) is not None
 
 
 def _members(body: list[ast.stmt], told: Told) -> Iterator[str]:
@@ -220,11 +251,8 @@ def _fields(node: ast.ClassDef, told: Told) -> Iterator[str]:
         if not isinstance(statement, ast.AnnAssign) or not isinstance(statement.target, ast.Name):
             continue
         name = statement.target.id
-        below = node.body[at + 1] if at + 1 < len(node.body) else None
-        described = isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant)
-        # Its name, or the words of which it is made: `sample_time` stands for itself in "the sample time".
-        words = re.escape(name.rstrip("_")).replace("_", "[ _-]")
-        if name.startswith("_") or described or re.search(rf"\b{words}", told.around, re.IGNORECASE):
+        described = _is_text(node.body[at + 1]) if at + 1 < len(node.body) else False
+        if name.startswith("_") or described or name in told.base or _names(told.around, name):
             continue
         yield f"{told.file}:{statement.lineno}: {told.path}{name}: nothing says what this field is"
 
@@ -235,7 +263,7 @@ def _function(node: ast.FunctionDef | ast.AsyncFunctionDef, told: Told) -> Itera
     if not text:
         yield f"{where} has no docstring"
         return
-    said = f"{text} {told.around} {told.base.get(node.name, '')}"
+    said = f"{text} {told.around} {told.base.get(node.name, '') if told.path else ''}"
     yield from _errors(node, said, where)
     if told.in_reference(node.name):
         yield from _shapes(node, said, where)

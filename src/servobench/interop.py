@@ -140,7 +140,7 @@ def without_delay(system: TransferFunction, pade_order: int | None) -> TransferF
 
 
 def pade(delay: float, order: int) -> TransferFunction:
-    """Return the Padé approximation of e^(-delay s) with numerator and denominator of that order.
+    """Return the Padé approximation of e^(-delay s), delay in seconds, with numerator and denominator of that order.
 
     Σ c_j (∓delay s)^j with c_j = (2n - j)! n! / ((2n)! j! (n - j)!) (Golub and Van Loan 2013, section 9.3).
     """

@@ -43,9 +43,9 @@ _OF_THE_LOOP = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Propagated:
-    """Values (N,) of a function of the parameters, the ends of their 95 % intervals, and which of these come from sampling.
+    """Values (N,) of a function of the parameters, their 95 % intervals, and which of these were `sampled`.
 
-    The ends are NaN where a parameter matters that the data don't determine.
+    `low` and `high` (N,) are the ends, NaN where a parameter matters that the data don't determine.
     """
 
     value: Array

@@ -63,19 +63,19 @@ def bandwidth(system: TransferFunction) -> float:
 
 
 def squared_magnitude(polynomial: Sequence[float]) -> Array:
-    """Return |P(jω)|² as the coefficients of a polynomial in ω², highest power first."""
+    """Return |P(jω)|² as the coefficients (n + 1,) of a polynomial in ω², highest power first."""
     p = np.asarray(polynomial, dtype=np.float64)
     product = np.convolve(p, mirrored(p))[::2]  # P(s) P(-s) has even powers only
     return mirrored(product)
 
 
 def mirrored(polynomial: Coefficients) -> Array:
-    """Return the coefficients of P(-s), highest power first."""
+    """Return the coefficients (n + 1,) of P(-s), highest power first."""
     return np.asarray(polynomial * (-1.0) ** np.arange(len(polynomial) - 1, -1, -1), dtype=np.float64)
 
 
 def positive_roots(polynomial: Coefficients) -> Array:
-    """Return the positive real roots of a polynomial, smallest first.
+    """Return the positive real roots (K,) of a polynomial, smallest first.
 
     A double root is found to the root of the machine's precision only, so roots that near to the axis count as real.
     """

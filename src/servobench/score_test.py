@@ -45,7 +45,7 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A term that a model may lack: its finding's code, a sentence, and what it adds to the input or to the output.
+    """A term that a model may lack: its finding's code, a sentence, and what it adds, `to_input` or `to_output`, for a motion.
 
     `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations. `rung` is what a
     structure with the term has in its name, where there is one. `sized` says how much of the term there is.
@@ -63,7 +63,7 @@ class Term:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Shown:
-    """How strongly the data ask for a term, in standard deviations, and how much of it they ask for.
+    """How strongly the data ask for a term (`size`, in standard deviations), and how much of it they ask for.
 
     `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
     how many of their own standard deviations gain or time constant, whichever is worse, are off without it. `fit` is the one

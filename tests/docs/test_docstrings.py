@@ -73,6 +73,38 @@ def without_source(text: str, folder: Path, name: str = "filters/lag.py") -> lis
     return list(tool("check_docstrings").of_file(file, folder / "package", set()))
 
 
+BASE = '"""A kind."""\n\n\nclass Member({of}):\n    """One of the kind."""\n\n    colour: str\n    """What it looks like."""\n'
+MEMBER = '"""A member."""\n\n\nclass Red:\n    """Something red."""\n\n    colour: str = "red"\n'
+SHARED = '"""Some loops{shape}."""\n\n\ndef loop(x: Array) -> None:\n    """Go round."""\n'
+
+
+def shown_faults(files: dict[str, str], last: str, package: Path) -> list[str]:
+    """What the check says of the last of these files, all of whose names the reference shows."""
+    for name, text in files.items():
+        (package / name).parent.mkdir(parents=True, exist_ok=True)
+        (package / name).write_text(text, encoding="utf-8")
+    return list(tool("check_docstrings").of_file(package / last, package, None))
+
+
+def test_a_field_that_the_protocol_of_the_kind_describes_is_described_in_each_member(tmp_path: Path) -> None:
+    protocol, plain = BASE.format(of="Protocol"), BASE.format(of="")
+
+    for member in ("kind/red.py", "kind/deeper/red.py"):
+        assert shown_faults({"kind/base.py": protocol, member: MEMBER}, member, tmp_path / "a") == []
+    assert (
+        len(shown_faults({"kind/base.py": plain, "kind/red.py": MEMBER}, "kind/red.py", tmp_path / "b")) == 1
+    )
+    assert len(shown_faults({"kind/base.py": protocol, "red.py": MEMBER}, "red.py", tmp_path / "c")) == 1
+
+
+def test_kernels_may_tell_shapes_once_for_all(tmp_path: Path) -> None:
+    told, untold = SHARED.format(shape=" over x (N,)"), SHARED.format(shape="")
+
+    assert shown_faults({"kernels.py": told}, "kernels.py", tmp_path / "a") == []
+    assert len(shown_faults({"kernels.py": untold}, "kernels.py", tmp_path / "b")) == 1
+    assert len(shown_faults({"loops.py": told}, "loops.py", tmp_path / "c")) == 1
+
+
 def test_every_public_name_says_what_it_is() -> None:
     assert tool("check_docstrings").problems() == []
 

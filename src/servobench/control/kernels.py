@@ -2,7 +2,8 @@
 
 Sources: see `control.pid`, and for the others the file of each.
 
-All begin with the same numbers and states: those of the shaft, of what is followed, and of the integral and the bias.
+All begin with the same numbers and states: those of the shaft, of what is followed, and of the integral and the bias. States x
+(and `new`, the next ones) are (X,), numbers p are (P,), laid out below. The reference is in rad or rad/s, times are in s.
 """
 
 from __future__ import annotations

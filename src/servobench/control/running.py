@@ -56,7 +56,10 @@ def faded(bias: float, dt: float, fade_time: float) -> float:
 
 
 class Shaft(NamedTuple):
-    """What a law has to know of the device: rad a count, the counter's range (0: it doesn't wrap), and the voltage's limits."""
+    """What a law has to know of the device: `scale` [rad] of a count, and the voltage's limits.
+
+    `modulus` is the counter's range [counts], 0 where it doesn't wrap; `lowest` and `highest` are the limits [V].
+    """
 
     scale: float
     modulus: float
@@ -104,7 +107,7 @@ Derivative: TypeAlias = Annotated[Finite, gain_unit("V·s/rad", "V·s²/rad")]
 
 
 def begun(law: Law, p: Array, x: Array) -> Running:
-    """Return a running law, compiled: it has stepped once from its state, and forgotten it."""
+    """Return a running law of numbers p (P,) and states x (X,), compiled: it has stepped once, and forgotten it."""
     law(x, p, 0.0, 0, 0.0)
     return Running(law, np.ascontiguousarray(p), x)
 

@@ -36,7 +36,11 @@ _LEAST = 0.05  # of the voltage: a signal that has to be smaller is none
 
 @dataclass(frozen=True, kw_only=True)
 class Foreseen:
-    """An experiment's signal, what it will tell (`sd` in SI units; `relative` to gain and time constant), and what it uses."""
+    """A signal of a `family`, and what it will tell: `sd` in SI units, `relative` to gain and time constant.
+
+    `structure` is the model that the parameters belong to, `rounding` as in `Foresight`; `used` is how much of each limit it
+    takes.
+    """
 
     family: str
     signal: Signal
@@ -49,7 +53,7 @@ class Foreseen:
 
 @dataclass(frozen=True, kw_only=True)
 class Design:
-    """The experiment that was chosen, the best one of each other family, and the paper's square wave, each with what it tells.
+    """The experiment for a `wish`, as `chosen`, the best of the `others`, one of each family, and the paper's square wave.
 
     `active` names the limits that keep it from telling more; `assumptions` are sentences.
     """

@@ -98,14 +98,14 @@ ESTIMATORS.member("clsrivc")(Clsrivc())
 
 @dataclass(frozen=True, eq=False)
 class Equations:
-    """Instruments' equations: the structure, the records, and the same records with the input that the reference alone causes."""
+    """Instruments' equations: the structure, the records as `measured`, and `quiet`, with what the reference alone puts in."""
 
     structure: Rational
     measured: Layout
     quiet: Layout
 
     def at(self, theta: Array) -> Point:
-        """Return what they say at a joint vector."""
+        """Return what they say at a joint vector (P + ΣQ,)."""
         from servobench.models.rational import kernels
 
         size = len(theta)
@@ -132,7 +132,10 @@ class Equations:
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """The equations at a joint vector: Σ z J' (`cross`), Σ z z' (`power`), Σ z ε (`g`), Σ ε² (`cost`), and each record's z."""
+    """The equations at a joint vector `theta` (P + ΣQ,): Σ z J' (`cross`), Σ z z' (`power`), Σ z ε (`g`) and Σ ε² (`cost`).
+
+    `instruments` are each record's z (M, P + ΣQ), `predictions` what the structure says of its output.
+    """
 
     theta: Array
     predictions: tuple[Prediction, ...]
@@ -143,7 +146,10 @@ class Point:
     cost: float
 
     def solve(self, right: Array, free: NDArray[np.bool_]) -> Array:
-        """Return cross⁻¹ right for the entries that are free, 0 for the others; raises `NotIdentifiable` where there is none."""
+        """Return cross⁻¹ right (P + ΣQ, ...) for the entries that are `free` (P + ΣQ,), 0 for the others.
+
+        Raises `NotIdentifiable` where there is none.
+        """
         scale = 1.0 / np.sqrt(np.where(np.diag(self.power) > 0, np.diag(self.power), 1.0))
         part = np.ix_(free, free)
         scaled = (self.cross * np.outer(scale, scale))[part]

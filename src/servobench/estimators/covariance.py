@@ -10,12 +10,12 @@ from servobench.channels import Array
 
 
 def plain(h: Array, residual_variance: float) -> Array:
-    """Return s² H⁻¹, right for white residuals of variance s²; H = J'J (P, P)."""
+    """Return s² H⁻¹ (P, P), right for white residuals of variance s²; H = J'J (P, P) in units of the parameters."""
     return residual_variance * inverse(h)
 
 
 def sandwich(h: Array, scores: Sequence[Array]) -> Array:
-    """Return H⁻¹ M H⁻¹ with M the long-run variance of the scores J_k r_k, each record's (N, P).
+    """Return H⁻¹ M H⁻¹ with M the long-run variance of the scores J_k r_k, each record's (N, P), in their units.
 
     M = Γ₀ + Σ (1 - l/(L+1)) (Γ_l + Γ_l'), Bartlett weights (Newey and West 1987), the lag L from the colour of what the scores do
     to each parameter, H⁻¹ J_k r_k (Andrews 1991, equations 6.2 and 6.4, an AR(1) for each).
@@ -32,7 +32,7 @@ def sandwiched(bread: Array, scores: Sequence[Array]) -> Array:
 
 
 def sandwich_over(h: Array, scores: Sequence[Array], lags: Sequence[int]) -> Array:
-    """Return H⁻¹ M H⁻¹ as `sandwich` does, for lags that are given and may be a good part of the record.
+    """Return H⁻¹ M H⁻¹ (P, P) as `sandwich` does, in the same units, for lags that may be a good part of the record.
 
     Each record's part of M is scaled by `fixed_b`² for b = (L+1)/N, so that value ± 1.96 sd still covers 95 %.
     """
@@ -53,7 +53,7 @@ def fixed_b(b: float) -> float:
 
 
 def conservative(first: Array, second: Array) -> Array:
-    """Return the second covariance, scaled so that no standard deviation is below that of the first.
+    """Return the second covariance (P, P), scaled so that no standard deviation is below that of the first.
 
     Where the second says nothing (a few samples, all alike), the first stands.
     """
@@ -82,7 +82,7 @@ def andrews_lag(x: Array) -> int:
 
 
 def inverse(h: Array) -> Array:
-    """Return H⁻¹ of a symmetric non-negative matrix, computed in scaled parameters, so that their units don't matter.
+    """Return H⁻¹ (P, P) of a symmetric non-negative matrix, computed in scaled parameters, so that their units don't matter.
 
     A parameter without any information (a zero on the diagonal) is left out: its row and column are zero. Other directions that
     the data say nothing about get a huge variance.

@@ -60,9 +60,9 @@ class Disturbance:
 
 @dataclass(frozen=True, eq=False)
 class Blocks:
-    """Neighbouring samples and their means: the first samples, counts, mean times, and whether the shaft slides.
+    """Neighbouring samples and their means, (B,) each: the numbers `starts` of the first samples, counts, and mean times [s].
 
-    `noise` is the variance of each mean, beside r.
+    `moving` is 1 where the shaft slides and 0 where it rests, `noise` the variance of each mean, beside r.
     """
 
     starts: NDArray[np.int64]
@@ -79,6 +79,8 @@ class Blocks:
 
 def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None = None) -> Blocks:
     """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within.
+
+    `moving` (M,) is above 0 where the shaft slides.
 
     A shaft at rest shows an encoder the same count all the time: that tells where it is once, with the whole rounding error,
     however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
@@ -116,7 +118,8 @@ def _samples(data: Dataset, moving: Array) -> Blocks:
 class Linearised:
     """Records near one point of the parameters: blocks of [residual, Jacobian], and where each record's columns stand.
 
-    `places` are the columns of each record in the joint vector, `free` (P + ΣQ,) which of its entries may move.
+    `places` are the columns of each record in the joint vector, `free` (P + ΣQ,) which of its entries may move. The
+    `kind` of output is that of all records, the `sample_time` [s] the longest that any has.
     """
 
     blocks: tuple[Blocks, ...]
@@ -160,7 +163,10 @@ class Linearised:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """One noise model tried: the parameters' best change and covariance under it, r, and -2 ln of its restricted likelihood."""
+    """One noise model tried, with q/r as `ratio`: the parameters' best change (P + ΣQ,) and covariance under it.
+
+    `variance` is r, `deviance` -2 ln of the restricted likelihood.
+    """
 
     ratio: float
     change: Array
@@ -171,7 +177,10 @@ class Trial:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Profile:
-    """How likely disturbances are: the best one, trials around it with their weights, and twice the gain over none at all."""
+    """How likely disturbances are: the best one, trials around it with their weights.
+
+    `likelihood_ratio` is twice what its ln L is above that of none at all.
+    """
 
     disturbance: Disturbance
     best: Trial
@@ -203,7 +212,7 @@ class Profile:
 
 
 def profile(near: Linearised, tau: float, around: float | None = None) -> Profile:
-    """Return how likely disturbances are for records near a point of the parameters, for a given τ.
+    """Return how likely disturbances are for records near a point of the parameters, for a given τ [s].
 
     The restricted likelihood (Patterson and Thompson 1971), -2 ln L = (n - p) ln r + Σ ln S + ln |J'S⁻¹J| with r profiled,
     allows for the parameters having been fitted. It is taken on a grid of ln(q/r), then on a finer one that spans what is
@@ -341,15 +350,15 @@ class Whitened:
 
     @property
     def held_at_first(self) -> NDArray[np.bool_]:
-        """None of the parameters: a search begins where another one ended."""
+        """None of the parameters (P,): a search begins where another one ended."""
         return np.zeros(len(self.parameters), dtype=bool)
 
     def moved(self, theta: Array, change: Array) -> Array:
-        """That of the structure."""
+        """That of the structure, for theta and a change of it (P + ΣQ,)."""
         return Layout(self.structure, self.data).moved(theta, change)
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
-        """Return the innovations of the prediction and of its Jacobian, the filter held fixed."""
+        """Return the innovations of the prediction and of its Jacobian for theta (P + Q,), the filter held fixed."""
         plain = self.structure.predict(theta, data)
         both = self._filtered(np.column_stack([plain.y, plain.jacobian]), data)
         valid = np.zeros(len(plain.y), dtype=bool)
@@ -357,11 +366,11 @@ class Whitened:
         return Prediction(y=both[:, 0], jacobian=both[:, 1:], valid=valid)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the innovations of what the structure knows that it may be wrong by."""
+        """Return the innovations (M, E) of what the structure knows that it may be wrong by, for theta (P + Q,)."""
         return self._filtered(self.structure.unmodelled(theta, data), data)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
-        """That of the structure."""
+        """That of the structure, for theta (P + Q,)."""
         return self.structure.transfer_function(theta, output, data)
 
     @property
@@ -373,7 +382,7 @@ class Whitened:
         )
 
     def sliding(self, theta: Array, data: Dataset) -> Array:
-        """That of the structure."""
+        """That of the structure (M,), for theta (P + Q,)."""
         return self.structure.sliding(theta, data)
 
     def _blocks(self, data: Dataset) -> Blocks:

@@ -26,7 +26,10 @@ _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing tha
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Minimum:
-    """Where a search ended: the vector, the predictions of all records there, the sum of squares, and how it went."""
+    """Where a search ended: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
+
+    `converged` says whether it came to a minimum, `status` in words how it ended.
+    """
 
     theta: Array
     predictions: tuple[Prediction, ...]
@@ -50,17 +53,20 @@ class Curved(Protocol):
 
     @property
     def held_at_first(self) -> NDArray[np.bool_]:
-        """Which of the P parameters to hold while the others come near their place."""
+        """Which of the parameters to hold while the others come near their place, (P,)."""
         ...
 
     def moved(self, theta: Array, change: Array) -> Array:
-        """Return where a change leads from theta, both of the joint vector: theta + change to first order."""
+        """Return where a change leads from theta, both (P + ΣQ,): theta + change to first order."""
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Layout:
-    """Where the parameters of each record stand in the joint vector: the shared ones first, then each record's own."""
+    """Where the parameters of each record stand in the joint vector: the P shared ones first, then each record's own Q.
+
+    `structure` says which those are, `data` are the records.
+    """
 
     structure: Structure
     data: tuple[Dataset, ...]
@@ -84,7 +90,7 @@ class Layout:
         return places
 
     def normal(self, theta: Array, record: Dataset) -> tuple[Array, Array, float]:
-        """Return J'J, J'r and r'r of a record for its own part of the joint vector, as fast as the structure can."""
+        """Return J'J, J'r and r'r of a record for its own part (P + Q,) of the joint vector, as fast as the structure can."""
         summed = self._summing.normal(theta, record) if self._summing else None
         return summed or _sums(record, self.structure.predict(theta, record))
 
@@ -93,12 +99,12 @@ class Layout:
         return self.structure if isinstance(self.structure, Summing) else None
 
     def moved(self, theta: Array, change: Array) -> Array:
-        """Return where a change leads from a joint vector, along the structure's valley where it knows one."""
+        """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
         return self._curved.moved(theta, change) if self._curved else theta + change
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
-        """Which of the parameters a search should hold at first; None where the structure knows of none."""
+        """Which of the parameters a search should hold at first, (P,); None where the structure knows of none."""
         return self._curved.held_at_first if self._curved else None
 
     @cached_property
@@ -114,7 +120,7 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Point:
-    """A vector that a search came by: J'J, J'r and r'r of all records there, over the joint vector."""
+    """A joint vector `theta` (P + ΣQ,) that a search came by: J'J (`h`), J'r (`g`) and r'r (`cost`) of all records there."""
 
     theta: Array
     h: Array
@@ -124,7 +130,10 @@ class Point:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Descent:
-    """How a search went: the best point it saw, a last change so small that nobody looked behind it, and how it ended."""
+    """How a search went: the best point it saw, a last change so small that nobody looked behind it, and how it ended.
+
+    `converged` and `status` as in `Minimum`.
+    """
 
     point: Point
     change: Array
@@ -135,7 +144,10 @@ class Descent:
 def minimise(
     structure: Structure, data: Sequence[Dataset], start: Array, free: NDArray[np.bool_] | None = None
 ) -> Minimum:
-    """Return the minimum of the sum of squared residuals from a start vector; `free` says which entries may move (all)."""
+    """Return the minimum of the sum of squared residuals from a start vector (P + ΣQ,).
+
+    `start` is in the units of the parameters; `free` (P + ΣQ,) says which entries may move (all).
+    """
     return lowest(structure, data, (start,), free)
 
 
@@ -145,7 +157,7 @@ def lowest(
     starts: Sequence[Array],
     free: NDArray[np.bool_] | None = None,
 ) -> Minimum:
-    """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
+    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) says which entries may move (all)."""
     layout = Layout(structure, tuple(data))
     nearer = _in_the_valley(layout, starts, free)
     ends = [descent(layout, start, free) for start in nearer]
@@ -188,10 +200,11 @@ def _in_the_valley(
 def descent(
     layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
 ) -> Descent:
-    """Go from a start vector to a minimum of the sum of squared residuals; `free` says which entries may move (all).
+    """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
 
     Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
     to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
+    `start` (P + ΣQ,) is in the units of the parameters.
     """
     lower, upper = layout.bounds()
     moves = np.ones(len(start), dtype=bool) if free is None else free
@@ -223,7 +236,7 @@ def descent(
 
 
 def at(layout: Layout, theta: Array) -> Point:
-    """Return the normal equations and the sum of squares at a joint vector."""
+    """Return the normal equations and the sum of squares at a joint vector (P + ΣQ,)."""
     if len(layout.data) == 1:
         h, g, cost = layout.normal(theta, layout.data[0])
     else:

@@ -93,7 +93,7 @@ def simulations(
     theta: Array,
     predictions: Sequence[Prediction] | None = None,
 ) -> tuple[FittedRecord, ...]:
-    """Return each record simulated with its part of the joint vector; without a noise model its innovations are its residuals.
+    """Return each record simulated with its part of theta (P + ΣQ,); without a noise model its innovations are its residuals.
 
     `predictions` are those of the records with that vector, where somebody has made them already.
     """
@@ -171,7 +171,7 @@ def best_minimum(
     starts: Sequence[Array],
     free: NDArray[np.bool_] | None = None,
 ) -> Minimum:
-    """Return the lowest of the minima that start vectors lead to; `free` says which entries may move (all)."""
+    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) says which entries may move (all)."""
     return lowest(structure, data, starts, free)
 
 

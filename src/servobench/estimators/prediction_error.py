@@ -197,7 +197,7 @@ def _columns(structure: Structure, data: Dataset, theta: Array) -> Array:
 def with_innovations(
     structure: Structure, data: Sequence[Dataset], theta: Array, disturbance: Disturbance
 ) -> tuple[tuple[FittedRecord, ...], Disturbance]:
-    """Return the simulated records with the innovations of each sample, and the disturbance with a sample's noise."""
+    """Return the records simulated with theta (P + ΣQ,) and their innovations, and the disturbance with a sample's noise."""
     records = simulations(structure, data, theta)
     moving = [
         structure.sliding(np.concatenate([theta[: len(structure.parameters)], record.nuisance]), record.data)

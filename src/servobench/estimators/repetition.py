@@ -28,7 +28,7 @@ _MET = 0.1  # of the samples have to meet one a period before; half of them do i
 
 @dataclass(frozen=True, slots=True)
 class Cycle:
-    """Where each sample lies on an even grid of times, counted from the first one, (M,), and the period [places of the grid]."""
+    """The `places` (M,) of samples on an even grid of times, counted from the first, and the `length` of the period there."""
 
     places: NDArray[np.int64]
     length: int

@@ -56,7 +56,7 @@ class Step:
         return _between(t, self.start, self.end)
 
     def steady(self, t: Array, speed: Array) -> tuple[Array, Array]:
-        """Return the speeds in the last part of the time at the level before, and at the level after."""
+        """Return the speeds, of those (N,) at t (N,) [s], in the last part of the time at the level before, and at that after."""
         ends = []
         for begin, end in ((self.earlier, self.start), (self.start, self.end)):
             part = speed[_between(t, end - _TAIL * (end - begin), end)]
@@ -222,6 +222,8 @@ def _advice(left_out: Sequence[tuple[Step, str]], data: Sequence[Dataset], speed
 
 def apparent_time_constant(step: Step, t: Array, speed: Array) -> float:
     """Return the time constant [s] that a step which hasn't settled seems to have, NaN where there is no telling.
+
+    `speed` (N,) is that at times t (N,) [s].
 
     For e^(-t/τ) the means over three equal times T/3 have the differences' ratio e^(-T/(3τ)), whatever the steady value.
     """

@@ -27,7 +27,7 @@ _AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, an
 
 @dataclass(frozen=True, eq=False)
 class Case:
-    """The records on even grids, and how well the motor's equation holds without any further cause.
+    """The records on even grids, as `motions`, and how well the motor's equation holds without any further cause.
 
     `simulated` is the part of the output that the simulation of a fit explains, in percent; NaN where there is no fit.
     """
@@ -62,7 +62,7 @@ class Case:
 
 @dataclass(frozen=True, kw_only=True)
 class Explained:
-    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose.
+    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
 
     `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.
     """

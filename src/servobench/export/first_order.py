@@ -21,7 +21,8 @@ class FirstOrderMotor:
     """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit`.
 
     `gain` K [unit/(s·V)], `time_constant` τ [s], `delay` d [s], not negative; `coulomb_voltage` u_c [V] and `offset_voltage`
-    u₀ [V] are None where the structure has none. `moments` are the covariance (3, 3) of K, τ and d.
+    u₀ [V] are None where the structure has none; `one_way` says that it
+    turned one way only, so that one voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d.
     """
 
     unit: str

@@ -29,8 +29,8 @@ class Tuning:
     """Gains for loops around speed and position, in volts and the motor's unit, and margins with 95 % intervals.
 
     `speed_gain` [V/(unit/s)], `speed_integral` [V/unit], `position_gain` [V/unit], `position_derivative` [V/(unit/s)];
-    `closed_loop` λ, `dead_time` θ and the speed filter's time constant `filter` [s]; margins [rad] and [s] of the speed loop
-    with its integral part.
+    `closed_loop` λ, `dead_time` θ and the speed filter's time constant `filter` [s]; `phase_margin` [rad] and `delay_margin`
+    [s] of the speed loop with its integral part are (value, low, high).
     """
 
     speed_gain: float

@@ -22,11 +22,11 @@ _ROUNDING = 1e-9  # of the largest value: what lies closer together differs by r
 
 @dataclass(frozen=True, kw_only=True)
 class ChannelDescription:
-    """What the values of a channel are like, in its unit.
+    """What the values of a channel, `name`, are like, in its unit.
 
-    `minimum` and `maximum` are None where there is no finite value. `levels` counts the different values, `quantum` is the step
-    between them where they lie on a grid. `repeated` is the share of samples that equal the one before.
-    `times` is the place of the channel's times in the description's `time_bases`, None where it has none.
+    Of its `samples` some are `non_finite`. `minimum` and `maximum` are None where there is no finite value. `levels` counts
+    the different values, `quantum` is the step between them where they lie on a grid. `repeated` is the share of samples that
+    equal the one before. `times` is the place of the channel's times in the description's `time_bases`, None where it has none.
     """
 
     name: str
@@ -47,6 +47,7 @@ class Description:
 
     `mapping` says what is known or recognised of time, input and output. `missing` has a sentence for each thing that has to be
     said first, or that stands in the way. `findings` are all there are, those of recognising included.
+    `name` and `source` are the recording's, `channels` and `time_bases` what its values and its times are like.
     """
 
     name: str

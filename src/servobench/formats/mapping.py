@@ -180,6 +180,9 @@ _TURN = "counts_per_rev"
 class Mapping:
     """The arguments of `assign` as a value, which a TOML file can hold.
 
+    `time`, `input`, `output`, `reference`, `supply` and `current` are columns, each as `COL[:UNIT]`; the
+    `supply` may be a constant with its unit. `sample_time` [s], `counts_per_rev` [counts/rev] and `chain` are as for `assign`.
+
     `recordings` are the names of those that are meant, all where there are none; `each` says what is different in one, by name.
     """
 

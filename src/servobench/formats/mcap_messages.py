@@ -29,7 +29,7 @@ Decoder: TypeAlias = Callable[[bytes], Any]
 
 @dataclass(frozen=True, kw_only=True)
 class Topic:
-    """What messages of a channel are: their topic, the name of their schema, and their decoder, or why there is none."""
+    """What messages of a channel are: their topic's `name`, that of their `schema`, their decoder, or `why_not`."""
 
     name: str
     schema: str
@@ -39,7 +39,7 @@ class Topic:
 
 @dataclass(frozen=True, kw_only=True)
 class Message:
-    """A message of a topic as it stands in the file, and when it was logged [ns]."""
+    """A message of a topic: its `data` as they stand in the file, and `log_time`, when it was logged [ns]."""
 
     topic: Topic
     log_time: int

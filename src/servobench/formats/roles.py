@@ -98,7 +98,7 @@ class ColumnSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class Recognised:
-    """A channel that is recognised as the input or the output, its unit (None where it has to be asked for), and why."""
+    """A channel, by `name`, recognised as input or output, its unit, None where nobody knows it, and the `finding` on why."""
 
     name: str
     unit: str | None

@@ -27,7 +27,7 @@ _PREFIX = "sysid-test-state"
 
 @dataclass(frozen=True, kw_only=True)
 class States:
-    """A text in a log that says which test is under way: what the log calls it, its times t (N,) [s], sorted, and its values."""
+    """A text in a log that says which test is under way: its `name` in the log, its times t (N,) [s], sorted, and its values."""
 
     name: str
     t: Array
@@ -36,7 +36,7 @@ class States:
 
 @dataclass(frozen=True, kw_only=True)
 class Test:
-    """A test from `start` until before `end` [s]; in the time from `free` on no other test was under way before it."""
+    """A test, its `name`, from `start` until before `end` [s]; in the time from `free` on no other was under way before it."""
 
     name: str
     start: float

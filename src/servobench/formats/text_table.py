@@ -79,9 +79,10 @@ class Layout:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Table:
-    """A table of numbers: a heading for each column, values (N, M), and the row of the file that each of the N stands in.
+    """A table of numbers: `headings` of its columns, values (N, M), and the row of the file that each of the N stands in.
 
-    `blank` are the rows of the file that are blank, `stamped` the columns whose values are seconds from the first time stamp.
+    `findings` are what was seen while reading. `blank` are the rows of the file that are blank, `stamped` the columns whose
+    values are seconds from the first time stamp.
     """
 
     headings: tuple[Heading, ...]

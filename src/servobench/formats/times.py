@@ -20,10 +20,11 @@ UNEVEN = 0.05
 
 @dataclass(frozen=True, kw_only=True)
 class TimeBase:
-    """What the times of a channel are like.
+    """What the times of a channel of so many `samples` are like, of which some are `non_finite`.
 
-    `start`, `end` and the steps are in s; the steps are those that go forward, None where there are none.
-    `backward` counts the steps that go back, `duplicates` those of zero, `gaps` those longer than `GAP` median steps.
+    `start`, `end` and the steps are in s; `shortest_step`, `median_step`, `p99_step` (99 % are no longer) and `longest_step`
+    are those that go forward, None where there are none. `backward` counts the steps that go back, `duplicates` those of zero,
+    `gaps` those longer than `GAP` median steps.
     """
 
     samples: int
@@ -112,7 +113,7 @@ def _finding(code: str, what: str, rows: NDArray[np.int64], preposition: str = "
 
 
 def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
-    """Return rows in words: `row 7`, `rows 7 to 9` or `12 rows from 7 to 90`; or samples, or what the noun says."""
+    """Return rows (N,) in words: `row 7`, `rows 7 to 9` or `12 rows from 7 to 90`; or samples, or what the noun says."""
     first, last = int(rows[0]), int(rows[-1])
     if len(rows) == 1:
         return f"{noun} {first}"
@@ -122,7 +123,7 @@ def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
 
 
 def increasing(t: Array) -> NDArray[np.bool_]:
-    """Return which samples (N,) to keep so that their times increase everywhere and as many as possible stay.
+    """Return which samples (N,) to keep so that their times t [s] increase everywhere and as many as possible stay.
 
     Of equal times one after the other the first stays. Beyond that the samples kept are a longest increasing subsequence
     (Schensted 1961), so that a single wild time costs one sample and not all that come after it.

@@ -21,7 +21,7 @@ _GROUPED = re.compile(
 
 @dataclass(kw_only=True)
 class Texts:
-    """How many cells of a column hold a text that was meant to be a number, and the first of them."""
+    """The `count` of cells in a column that hold a text that was meant to be a number, and the first as an `example`."""
 
     count: int = 0
     example: str = ""

@@ -24,9 +24,10 @@ _FEW = 5  # runs below which little can be said
 
 @dataclass(frozen=True, kw_only=True)
 class Honesty:
-    """What n runs say of the intervals: how each parameter scatters, what follows what, causes, and findings.
+    """What n runs say of the intervals: how each of the `parameters` scatters, what follows what (`trends`), causes, and
+    findings.
 
-    `left_out` names runs that support no model.
+    `structure` is that of all fits. `left_out` names runs that support no model.
     """
 
     runs: tuple[str, ...]

@@ -16,14 +16,14 @@ _STEPS = 200
 
 @dataclass(frozen=True, kw_only=True)
 class Scatter:
-    """One parameter in n runs: `values` and stated `sds`, and what they say together.
+    """One parameter, by `name` and in its `unit`, in n runs: `values` and stated `sds`, and what they say together.
 
     `q` is Cochran's Σ (yᵢ - ȳ)²/sᵢ², χ² with n - 1 degrees of freedom if the runs differ by no more than they say, with `p` the
-    probability of more. `ratio` is the observed scatter over the stated one (Birge 1932), with its 95 % interval, wide for
-    few runs. `between` is the standard deviation from run to run that the stated ones leave over (Paule and Mandel 1982).
-    `covered` of the runs' intervals hold what the other runs say. `differs` says that the runs differ for certain;
-    `mean` has the `interval` that holds between runs (95 %), and
-    `stated` is the one that follows from what the runs say of themselves.
+    probability of more. `ratio` is the observed scatter over the stated one (Birge 1932), `ratio_interval` its 95 %
+    interval, wide for few runs. `between` is the standard deviation from run to run that the stated ones leave over (Paule and
+    Mandel 1982). `covered` of the runs' intervals hold what the other runs say. `differs` says that the runs differ for
+    certain; `mean` has the `interval` that holds between runs (95 %), and `stated` is the one that follows from what the runs
+    say of themselves.
     """
 
     name: str
@@ -103,6 +103,8 @@ def scatter(name: str, unit: str, values: Sequence[float], sds: Sequence[float],
 
 def paule_mandel(y: Array, s: Array) -> float:
     """Return the standard deviation τ between runs for which Σ (yᵢ - ȳ)²/(sᵢ² + τ²) is n - 1; 0 where it is less without any.
+
+    y (n,) are their values, s (n,) the stated standard deviations.
 
     The sum falls with τ, so the root is found by halving.
     """

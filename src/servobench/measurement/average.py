@@ -18,12 +18,13 @@ from servobench.measurement.words import check_positive, number_text, quantity_i
 @STAGES.member("average")
 @dataclass(frozen=True, kw_only=True)
 class Average:
-    """The mean over the last W seconds, by definition y(t) = (1/W) ∫ x from t - W to t, with straight lines between the samples.
+    """The mean over the last W seconds (`window`), with straight lines between the samples.
 
-    Exact for a signal that is straight between samples, at regular or irregular times, whether or not W is a number of sample
-    times; the firmware behind a log samples faster than the log, so that its average is near to that of the signal itself.
-    Slow signals are delayed by W/2. (The mean of the last n logged samples instead delays by half a sample less, with W = n Δt.)
-    While the record is shorter than W the mean goes over what there is; the first output is the first sample.
+    By definition y(t) = (1/W) ∫ x from t - W to t. Exact for a signal that is straight between samples, at regular or irregular
+    times, whether or not W is a number of sample times; the firmware behind a log samples faster than the log, so that its
+    average is near to that of the signal itself. Slow signals are delayed by W/2. (The mean of the last n logged samples
+    instead delays by half a sample less, with W = n Δt.) While the record is shorter than W the mean goes over what there is;
+    the first output is the first sample.
     """
 
     linear: ClassVar[bool] = True

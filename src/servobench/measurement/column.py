@@ -21,7 +21,7 @@ _WHOLE = 2.0**53  # beyond it a float can't tell one whole number from the next
 class Column:
     """Samples `x` (N,) in `unit` at increasing times `t` (N,) [s]; `rows` (N,) are their numbers in the recording, from 1.
 
-    `quantum` is the smallest step of x, in `unit`, where it is known.
+    `name` is the channel's. `quantum` is the smallest step of x, in `unit`, where it is known.
     """
 
     name: str

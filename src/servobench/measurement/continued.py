@@ -16,7 +16,7 @@ class Blockwise(Protocol):
     """A stage that can go on with a whole block at once."""
 
     def block(self, state: State, x: Array, dt: Array) -> tuple[State, Array]:
-        """Return the state after samples x (N,) and the outputs (N,): what N steps give, to rounding."""
+        """Return the state after samples x (N,), dt (N,) [s] apart, and the outputs (N,): what N steps give, to rounding."""
         ...
 
 

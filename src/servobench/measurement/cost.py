@@ -31,7 +31,7 @@ TYPICAL = (
 
 
 class ChainCost(NamedTuple):
-    """What a chain is, in words, and the relative error of a time constant that is fitted as if it weren't there."""
+    """What a chain is, its `name` in words, and the relative error `bias` of a time constant fitted as if it weren't there."""
 
     name: str
     bias: float

@@ -1,4 +1,4 @@
-"""The loops of the stages, compiled; each stage's file states the law."""
+"""The loops of the stages, compiled; each stage's file states the law. Times t and a window are in s."""
 
 from __future__ import annotations
 

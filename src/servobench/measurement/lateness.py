@@ -15,11 +15,12 @@ from servobench.rounding import counted, plain
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lateness:
-    """How late the samples of one run were [s], and how many ticks were done late or not at all.
+    """How late the samples of the run `name` were [s], and how many ticks were done late or not at all.
 
-    `late` of the `samples` say so themselves, `missed` ticks have none. `by` (N,) is how long after its schedule each sample was
-    latched at `t` (N,), both in s; `p50`, `p99`, `p999` and `largest` are the smallest lateness that a half, 99 %, 99.9 % and all
-    of them don't exceed. `missed_rule` and `phase_rule` say what was done about ticks that had gone by (see `HostClock`).
+    Its nominal `sample_time` is in s. `late` of the `samples` say so themselves, `missed` ticks have none. `by` (N,) is how
+    long after its schedule each sample was latched at `t` (N,), both in s; `p50`, `p99`, `p999` and `largest` are the smallest
+    lateness that a half, 99 %, 99.9 % and all of them don't exceed. `missed_rule` and `phase_rule` say what was done about
+    ticks that had gone by (see `HostClock`).
     """
 
     name: str

@@ -17,11 +17,11 @@ from servobench.measurement.words import check_positive, number_text, quantity_i
 @STAGES.member("tachometer")
 @dataclass(frozen=True, kw_only=True)
 class Tachometer:
-    """The mean speed over the last W seconds, by definition y(t) = (x(t) - x(t - W)) / W, of a position x that is straight
-    between samples.
+    """The mean speed over the last W seconds (`window`) of a position x, straight between samples.
 
-    A W below the time between samples gives the mean speed since the sample before, as there is nothing to see in between.
-    While the record is shorter than W the mean goes over what there is; the first output is zero.
+    By definition y(t) = (x(t) - x(t - W)) / W. A W below the time between samples gives the mean speed since the sample before,
+    as there is nothing to see in between. While the record is shorter than W the mean goes over what there is; the first output
+    is zero.
     """
 
     linear: ClassVar[bool] = True

@@ -31,7 +31,7 @@ def edge(samples: Samples, window: float) -> tuple[float, float]:
 
 
 def first_filled(first: int, t: Array, window: float) -> int:
-    """Return the index of the first sample whose window [s] holds no sample before the number `first`."""
+    """Return the index of the first sample whose window [s] holds no sample before the number `first`; times t (N,) [s]."""
     if first >= len(t):
         return first
     # Sample times are rounded: a window that is full but for a part in a billion counts as full.

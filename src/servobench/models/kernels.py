@@ -14,6 +14,9 @@ a column for each derivative and one for the response.
 At an event whose instant depends on a parameter the slope of the speed jumps from f⁻ to f⁺, and the sensitivity of the speed with
 it: by (f⁻ - f⁺) times the derivative of the instant. For the input that derivative is 1 (by d); for a stop it is -S/f⁻, so
 S is scaled by f⁺/f⁻. The angle's slope, the speed, doesn't jump. (Sensitivities of switched systems: Rozenvasser 1967.)
+
+The vector p (7,) is (K, τ, u₀, u_c, d, and angle and speed at the first sample), `total` (8, 8) sums products of the columns, and
+inputs u (N,) hold from t_in (N,). Times, lengths h, τ and delays are in s, inputs v in V.
 """
 
 from __future__ import annotations

@@ -52,7 +52,11 @@ class MotorParameters:
 
 @dataclass(frozen=True, kw_only=True)
 class DataSheet:
-    """A motor as its papers describe it: parameters, voltage limit and dead band [V], encoder, and where each value stands."""
+    """A motor as its papers describe it: parameters, voltage limit and dead band [V], and encoder.
+
+    `name` is that under which it is found, `counts_per_rev` and `counter_bits` are the encoder's; `sources` says of each
+    parameter where its value stands.
+    """
 
     name: str
     motor: MotorParameters

@@ -26,8 +26,8 @@ _CONFLICT = 10.83  # χ² of one more number than is needed: one in a thousand
 class MotorEstimates:
     """The physical parameters that are determined, by name (SI units), with 95 % intervals, and findings on those that aren't.
 
-    Intervals are those of the logarithm, as resistance and torque constant are ratios: value · e^(±1.96 sd/value), which is
-    Fieller's to third order. That of the viscous friction, a small difference, is value ± 1.96 sd.
+    The intervals of `estimates` are those of the logarithm, as resistance and torque constant are ratios: value · e^(±1.96
+    sd/value), which is Fieller's to third order. That of the viscous friction, a small difference, is value ± 1.96 sd.
     """
 
     estimates: Mapping[str, Estimate] = field(default_factory=dict)

@@ -32,7 +32,10 @@ _EXPLAINED = 0.5  # of the current's variance; an armature's current follows vol
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class CurrentLine:
-    """The coefficients (1/R, k/R, i₀) (3,), their covariance (3, 3) for a given model, the samples used and what they explain."""
+    """The coefficients (1/R, k/R, i₀) (3,), their covariance (3, 3) for a given model, and the samples used.
+
+    `explained` is the part of the current's variance that the line explains, 1 where all of it is.
+    """
 
     coefficients: Array
     covariance: Array

@@ -31,7 +31,10 @@ _EXACT = 1e-6  # of its value: the standard deviation of a number that somebody 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Observed:
-    """Numbers `values` (N,) with covariance (N, N), each with its law; `sentence` says where they come from."""
+    """Numbers `values` (N,) with covariance (N, N), each with its law in `laws`.
+
+    `sentence` says where they come from, `findings` what there is to know of them.
+    """
 
     laws: tuple[Law, ...]
     values: Array

@@ -26,7 +26,7 @@ Name: TypeAlias = Literal["gain", "time_constant", "delay"]
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Lags:
-    """What filters of several cut-offs (n,) [rad/s], falling, add to a time constant and a delay (n,) [s] as they are found."""
+    """What filters of falling `cutoffs` (n,) [rad/s] add to a time constant, `extra`, and to `delays` (n,) [s], as found."""
 
     cutoffs: Array
     extra: Array
@@ -37,13 +37,13 @@ class Lags:
 class Question:
     """What is to be explained: how figures come from `before` to `after`, by name, in SI units or those of the data.
 
-    Of a `claim` the data's figures stand before and the claimed ones after: what did its author do, or have, that the data
-    haven't? Of a `data sheet` its figures stand before and those of the data after: what does the motor have that the sheet
-    doesn't know? `covariance` (D, D) is that of the `difference`, in the order of `names`. `fit` is the fit of the data,
-    `motor` the data sheet where there is one, `friction` R b/k² where it can be known. `method` is how the claim was found,
-    where that is said, and `readings` are what such methods read off these very data. `known_lag` is what a measurement's lag
-    adds to the time constant [s] where the measurement is known, `lags` what it would add behind filters of several cut-offs
-    where it isn't; neither where there can't be any.
+    Its `origin` is a claim or a data sheet. Of a `claim` the data's figures stand before and the claimed ones after: what did
+    its author do, or have, that the data haven't? Of a `data sheet` its figures stand before and those of the data after: what
+    does the motor have that the sheet doesn't know? `covariance` (D, D) is that of the `difference`, in the order of `names`.
+    `fit` is the fit of the data, `motor` the data sheet where there is one, `friction` R b/k² where it can be known. `method`
+    is how the claim was found, where that is said, and `readings` are what such methods read off these very data. `known_lag`
+    is what a measurement's lag adds to the time constant [s] where the measurement is known, `lags` what it would add behind
+    filters of several cut-offs where it isn't; neither where there can't be any.
     """
 
     origin: Origin
@@ -92,11 +92,12 @@ class Question:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Sizes:
-    """Which sizes (n,) a cause may have before anybody looks at the difference, and how probable each is.
+    """Which sizes a cause may have before anybody looks at the difference, `values` (n,), and how probable each is.
 
-    `steps` (n,) are the distances to the neighbours where sizes are samples of a range, 0 where each stands for itself. `likely`
-    is the size that is typical; without it, the root mean square on the side that helps. `scatter` are standard deviations by
-    name, in logarithms, that the cause has besides its size, such as a reading by eye; one, or one for each size.
+    `weights` (n,) are those probabilities. `steps` (n,) are the distances to the neighbours where sizes are samples of a range,
+    0 where each stands for itself. `likely` is the size that is typical; without it, the root mean square on the side that
+    helps. `scatter` are standard deviations by name, in logarithms, that the cause has besides its size, such as a reading by
+    eye; one, or one for each size.
     """
 
     values: Array
@@ -113,7 +114,7 @@ class Sizes:
 
 @dataclass(frozen=True)
 class Excluded:
-    """Why a cause can't be one here, as a sentence."""
+    """Why a cause can't be one here: the `reason` as a sentence."""
 
     reason: str
 

@@ -47,7 +47,7 @@ class Group:
 
 @dataclass(frozen=True, kw_only=True)
 class Roles:
-    """Which channel is the input, the output, the reference, what was before, and what lies in between; as in `Recording`."""
+    """Which channel is the input, the output, the reference; `input_before` and `chain` are those of `Recording`."""
 
     input: str | None = None
     output: str | None = None
@@ -58,7 +58,10 @@ class Roles:
 
 @dataclass(frozen=True, kw_only=True)
 class Opening:
-    """What is known before the first sample; the fields of `Recording`, and how its samples are stored.
+    """What is known before the first sample: the fields of `Recording`, and how its samples are stored.
+
+    Of the recording its `name`, `channels`, `source`, `info` of the device, text of the `experiment`, `findings` and `versions`;
+    `roles` are those of its channels. `groups` are those of channels that share their times.
 
     Log times count from `log_time_zero` [s]. For a group without times they are the numbers of the samples, counted from 0.
     """
@@ -77,7 +80,7 @@ class Opening:
 
 @dataclass(frozen=True, kw_only=True)
 class Ending:
-    """What is known after the last sample: why the recording ended, all findings, the rows of each group and the events."""
+    """What is known after the last sample: why the recording `stopped`, all findings, the rows of each group and the events."""
 
     stopped: Stopped
     findings: tuple[Finding, ...]

@@ -181,7 +181,11 @@ def log_time(t: Array, zero: float) -> NDArray[np.uint64]:
 
 @dataclass(frozen=True, kw_only=True)
 class Chunk:
-    """A chunk of messages of one channel as it stands in a file, with its index records."""
+    """A chunk of messages of one channel, as its `record` stands in a file, with the `message_index` record behind it.
+
+    `number` is the channel's; `start` and `end` are the first and the last log time [ns], `size` and `compressed_size` the bytes
+    of the messages.
+    """
 
     record: bytes
     message_index: bytes

@@ -26,6 +26,7 @@ class Periods:
     """Where times lie in a periodic signal.
 
     `whole` (N,) periods have been completed, `fraction` (N,) in [0, 1) of the next one; `started` (N,) is False before the start.
+    `margin` (N,) is by how much rounding may have moved the fraction.
     """
 
     whole: Array
@@ -39,7 +40,7 @@ class Periods:
 
 
 def periods(t: Array, frequency: float, start: float, phase: float = 0.0) -> Periods:
-    """Return where times t [s] lie in a signal of that frequency [Hz] that begins at `start` [s] with that phase [rad]."""
+    """Return where times t (N,) [s] lie in a signal of that frequency [Hz] that begins at `start` [s] with that phase [rad]."""
     t = np.asarray(t, dtype=float)
     since_start = frequency * (t - start)
     cycles = since_start + phase / (2 * math.pi)
@@ -49,6 +50,6 @@ def periods(t: Array, frequency: float, start: float, phase: float = 0.0) -> Per
 
 
 def reached(t: Array, edge: float) -> NDArray[np.bool_]:
-    """Return where times t [s] are at or after an edge [s]."""
+    """Return where times t (N,) [s] are at or after an edge [s]."""
     t = np.asarray(t, dtype=float)
     return np.asarray(t - edge >= -(_MARGIN + _ROUNDING * (np.abs(t) + abs(edge))))

@@ -39,6 +39,8 @@ _TUNABLE = ("lead", "pid", "state_feedback")
 class Tuned:
     """A controller for a motor: margins and step response with 95 % intervals, and what there is to know.
 
+    `method` and `wish` are what it was found by and for, `findings` what to know of it.
+
     `largest_step` is the change of the reference [rad or rad/s] that takes all of the voltage limit, without friction.
     """
 

@@ -16,7 +16,8 @@ from servobench.channels import Array
 class Bins:
     """What bins say of positions: Σ ln P, its derivatives by each position (score, information), and by ln s.
 
-    `score` (M,) is ∂ ln P/∂θ, `information` (M,) is -∂² ln P/∂θ²; `slope` and `curvature` are those of Σ ln P by ln s.
+    `log_likelihood` is Σ ln P, `score` (M,) is ∂ ln P/∂θ, `information` (M,) is -∂² ln P/∂θ²; `slope` and `curvature` are those
+    of Σ ln P by ln s.
     """
 
     log_likelihood: float

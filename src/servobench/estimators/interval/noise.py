@@ -16,9 +16,9 @@ _TRIALS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0])
 
 @dataclass(frozen=True, eq=False)
 class NoiseProfile:
-    """What is known of s: its best value and 95 % interval, whether it is at the floor, trials around it with their weights.
+    """What is known of s: its best value and 95 % interval, trials around it with their weights.
 
-    `best` is the maximum over the parameters at that s.
+    `best` is the maximum over the parameters at that s; `at_floor` says that s is the smallest that is tried.
     """
 
     best: Point
@@ -28,7 +28,7 @@ class NoiseProfile:
     weights: Array
 
     def widened(self, covariance: Array) -> Array:
-        """Return a covariance at the best s with the doubt about s added: Σ w (C + δ δ'), δ the parameters' change with s."""
+        """Return a covariance (P, P) at the best s, the doubt about s added: Σ w (C + δ δ'), δ the parameters' change with s."""
         own = np.diag(inverse(self.best.information))
         each = [np.diag(inverse(trial.information)) for trial in self.trials]
         mean = np.sum([w * d for w, d in zip(self.weights, each, strict=True)], axis=0)

@@ -24,7 +24,10 @@ _ENOUGH = 1e-4
 
 @dataclass(frozen=True, eq=False)
 class Point:
-    """A change of the parameters and an s: ln L, its gradient and information by the parameters, slope and curvature by ln s."""
+    """A change of the parameters and an s, with ln L and its derivatives.
+
+    Those of the `log_likelihood` are its gradient and information by the parameters, slope and curvature by ln s.
+    """
 
     change: Array
     s: float
@@ -48,7 +51,9 @@ class Point:
 class Near:
     """Records near a vector of the parameters, their predictions taken for linear: there ln L has one maximum (Burridge 1981).
 
-    `offsets` are prediction - y. `free` says which entries may move: not those at a bound that the likelihood pushes outwards.
+    `theta` (P + ΣQ,) is that vector. Of each record, `offsets` (M,) are prediction - y, `jacobians` (M, P + Q) those of the
+    prediction, `quanta` its encoder's step, `places` (P + Q,) where its columns stand in the vector. `free` (P + ΣQ,) says
+    which entries may move: not those at a bound that the likelihood pushes outwards.
     """
 
     theta: Array
@@ -116,7 +121,7 @@ def _noise_step(point: Point, floor: float | None) -> float:
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Where a search ended: the records near there, the maximum, and how it went.
+    """Where a search ended: the records near there, the maximum, whether it `converged`, and in words how it went, `status`.
 
     `at_kink` says that the exact predictions get worse whichever way the linear ones point, as where a shaft is about to stick.
     """
@@ -129,7 +134,7 @@ class Found:
 
 
 def searched(layout: Layout, theta: Array, s: float, floor: float) -> Found:
-    """Return the maximum over the parameters and s, by predictions that are linear in turns with exact ones."""
+    """Return the maximum over the parameters and s, from theta (P + ΣQ,), by linear predictions in turns with exact ones."""
     near = _near(layout, theta, s)
     here = near.at(np.zeros(len(theta)), max(s, floor))
     for step in range(1, _ROUNDS + 1):

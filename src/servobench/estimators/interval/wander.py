@@ -16,7 +16,7 @@ _SILENT = 0.01  # of a usual sample's information: a block with less is left out
 
 
 def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: float) -> float:
-    """Return the likelihood ratio for a random torque behind the scores, with noise s and a time constant τ.
+    """Return the likelihood ratio for a random torque behind the scores, with noise s and a time constant τ [s].
 
     Near the maximum a block of samples says as much as a measured position off the prediction by Σ score / Σ information, of
     variance 1 / Σ information, the information being that expected where the shaft was: then a block in which nothing came

@@ -14,6 +14,9 @@ A stop is where ω, carried on as if it kept its sense, is zero: found by Newton
 is the place where gravity changes its side, at which load-dependent friction has a kink. What happens to the sensitivities at
 a stop and at a change of the input is told in `models.kernels`. A shaft at rest stays there until the input changes, as gravity
 can't while it stands still.
+
+The vector p (13,) is that of `response`, `by` (4, 15) holds the derivatives of the slope at the stages of a step. Angles are in
+rad, speeds w in rad/s, steps h in s, inputs v in V.
 """
 
 from __future__ import annotations

@@ -4,6 +4,8 @@ A system x' = F x has its held inputs among its states, so that e^(F h) is all i
 often have their matrix made once. The others are h = q h₀ + r: the whole part by matrices e^(F h₀ 2^k), one for each bit of q,
 and the rest by a Taylor series, which |F| h₀ <= 1 makes exact to rounding. So irregular times cost a few times as much, and not
 a matrix exponential each. (Scaling and squaring: Moler and Van Loan 2003, method 3.)
+
+Times and lengths h are in s.
 """
 
 from __future__ import annotations

@@ -17,6 +17,8 @@ for the response. The state at an event is a matrix s (3, 7): rows ψ, y and e.
 Events are changes of the delayed input, stops, and starts from rest. Where the instant of an event depends on a parameter, a
 sensitivity jumps by what the state's slope jumps times that derivative: that of e by (v⁻ - v⁺)/τ_e for the delay, that of y in
 proportion to dy/dt after a stop over dy/dt before. At a start dy/dt is zero on both sides (Rozenvasser 1967).
+
+The vector p (6,) is (τ, τ₂, u₀, u_c, d, and y at the first sample). Times and lengths h are in s, inputs v in V.
 """
 
 from __future__ import annotations

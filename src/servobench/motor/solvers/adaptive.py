@@ -17,7 +17,10 @@ from servobench.motor.solvers.base import SOLVERS, slopes
 @SOLVERS.member("adaptive")
 @dataclass(frozen=True)
 class Adaptive:
-    """Steps of its own choice to a relative tolerance of 1e-10, stiff or not; slow, and independent of the exact solution."""
+    """Steps of its own choice to a relative tolerance of 1e-10, stiff or not; slow, and independent of the exact solution.
+
+    The motor's equations are `physics`; `max_step` [s] is the longest step that it may take.
+    """
 
     physics: Physics
     max_step: float

@@ -11,7 +11,10 @@ from servobench.motor.solvers.base import SOLVERS, Slope, in_steps, stable_step
 @SOLVERS.member("euler")
 @dataclass(frozen=True)
 class Euler:
-    """x(t + h) = x(t) + h f(x(t)): first order, stable only for h below twice the fastest time constant."""
+    """x(t + h) = x(t) + h f(x(t)): first order, stable only for h below twice the fastest time constant.
+
+    f are the motor's equations, `physics`; h is the `step` [s].
+    """
 
     physics: Physics
     step: float

@@ -19,6 +19,7 @@ class Exact:
 
     The linear step is e^(A h) of the sliding motor; friction is the implicit step (Moreau 1988) d = clip(ω_free, ±c₁), which is
     exact unless the shaft stops or starts within the tick; such a tick is cut at its switching times.
+    `coefficients` (19,) are the kernels' for ticks of that length [s].
     """
 
     coefficients: Array
@@ -47,7 +48,7 @@ class Exact:
 
 
 def coefficients(physics: Physics, h: float) -> Array:
-    """Return the kernels' coefficients for a tick h [s], as laid out in `servobench.motor.kernels`.
+    """Return the kernels' coefficients (19,) for a tick h [s], as laid out in `servobench.motor.kernels`.
 
     From E = e^(h A₅), A₅ the matrix of (i, ω, θ) with the held voltage and friction torque as two more states.
     """

@@ -11,7 +11,10 @@ from servobench.motor.solvers.base import SOLVERS, Slope, in_steps, stable_step
 @SOLVERS.member("rk4")
 @dataclass(frozen=True)
 class RungeKutta4:
-    """Four slopes a step, fourth order away from reversals, stable for h below 2.785 times the fastest time constant."""
+    """Four slopes a step, fourth order away from reversals, stable for h below 2.785 times the fastest time constant.
+
+    The motor's equations are `physics`; h is the `step` [s].
+    """
 
     physics: Physics
     step: float
