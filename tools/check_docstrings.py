@@ -41,7 +41,9 @@ REFERENCE = ROOT / "docs" / "reference" / "python"
 COMMANDS = "cli"  # the folder
 KERNELS = "kernels.py"  # functions that share their arguments
 OPERATORS = {"__call__", "__getitem__"}
-SHAPE = re.compile(r"\([A-Z][^()]*,[^()]*\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)")
+SHAPE = re.compile(
+    r"\([A-Z][^()]*,[^()]*\)|\([a-z](?: \+ 1)?,\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)"
+)
 UNIT = re.compile(
     r"\[[^\]]+\]|\bseconds?\b|\bvolts?\b|\bradians?\b|\bHz\b|\brad/s\b|\bSI\b|\bunits?\b|\bfraction\b|\bfactor\b|\brelative\b|"
     r"\bin (s|V|A|rad|m|ms|%)\b"
@@ -57,7 +59,7 @@ LAWS = METHODS | {
     "measurement", "models", "models/nonlinear", "models/position_loop", "models/rational", "models/second_order", "motor",
     "motor_parameters", "signals",
 }  # fmt: skip
-FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|[∫Σ≈]")
+FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|Σ(?!Q)|[∫≈]")
 _AUTHOR = (
     r"[A-ZÅÄÖ][^\W\d_]+(?:-[A-Z][^\W\d_]+)*(?:'s [a-z]+(?: [a-z]+)?)?"  # "Schwarz's criterion (1978)", too
 )

@@ -48,7 +48,7 @@ _WITH_WINDING = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """The fit of the structure that was chosen, why it was, and what the score tests still show in it."""
+    """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it."""
 
     fit: Fit
     shown: tuple[Shown, ...] = ()

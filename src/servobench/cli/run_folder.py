@@ -22,7 +22,7 @@ _MAGIC = b"\x89MCAP0\r\n"
 
 @dataclass(frozen=True)
 class RunFolder:
-    """The five files of a run: what was asked for, what happened (once more as a table), the answer and the report."""
+    """The five files of a run in the folder `path`: what was asked for, what happened (as a table, too), answer and report."""
 
     path: Path
 

@@ -13,7 +13,7 @@ from servobench.rounding import plain
 
 @dataclass(frozen=True, kw_only=True)
 class WakeUps:
-    """The lateness of `count` wake-ups from sleeps of `period` [s]: median, 99th percentile and largest [s]."""
+    """The lateness of `count` wake-ups from sleeps of `period` [s]: median (`p50`), 99th percentile (`p99`) and largest [s]."""
 
     count: int
     period: float

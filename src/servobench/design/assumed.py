@@ -74,7 +74,7 @@ class AssumedMotor:
         )
 
     def theta(self, structure: Structure, start_speed: float = 0.0) -> Array:
-        """Return the structure's parameters, and a start at position 0 with a speed [rad/s]."""
+        """Return the structure's parameters (P + Q,), with a start at position 0 and a speed [rad/s]."""
         value = {
             "gain": self.gain,
             "time_constant": self.time_constant,

@@ -31,7 +31,7 @@ _MOVING = 0.1  # of the speed that friction takes: a start speed beside the kink
 
 @dataclass(frozen=True, kw_only=True)
 class Foresight:
-    """The predicted standard deviations of the parameters by name, in SI units, and the structure that they belong to.
+    """The predicted standard deviations `sd` of the parameters by name, in SI units, and the structure that they belong to.
 
     `rounding` is how many times larger the scatter from the encoder's real rounding is than white noise would make it, the worse
     of gain and time constant; 1 where a random torque makes it unimportant.

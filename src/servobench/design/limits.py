@@ -45,7 +45,7 @@ class DesignLimits:
 
 
 def used(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> Mapping[str, float]:
-    """Return what part of each limit an experiment with the input u (N,) uses, 1 for all of it.
+    """Return what part of each limit an experiment with the input u (N,) at t (N,) [s] uses, 1 for all of it.
 
     It is the most that any motor within the tolerance does: gain and time constant at their ends.
     """

@@ -69,7 +69,7 @@ class StepReading:
 
 @dataclass(frozen=True)
 class CorrectedReading:
-    """A reading of steps without what the measurement chain does to it, under a name of its own."""
+    """A reading of steps by a `rule`, without what the measurement chain does to it, under a name of its own."""
 
     name: str
     rule: Rule

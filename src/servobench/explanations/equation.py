@@ -134,13 +134,13 @@ def _integral(x: Array, step: float) -> Array:
 
 
 def input_at(data: Dataset, t: Array) -> Array:
-    """Return the input that holds at times t (N,); a time that misses a sample by a rounding error is that sample's."""
+    """Return the input that holds at times t (N,) [s]; a time that misses a sample by a rounding error is that sample's."""
     held = np.searchsorted(data.t_input, t + 1e-6 * data.sample_time, side="right") - 1
     return np.asarray(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before), dtype=np.float64)
 
 
 def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
-    """Return the shortest T = 2ⁿ steps for which noise is a small part of the filtered derivative of that order."""
+    """Return the shortest T = 2ⁿ steps [s] at which noise is a small part of the filtered derivative of y (N,) of that order."""
     noise = float(np.std(np.diff(y, 3))) / np.sqrt(20.0)
     random = np.random.default_rng(0).standard_normal(len(y))
     time = 2.0 * step
@@ -153,7 +153,7 @@ def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
 
 
 def filtered(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
-    """Return s^order/(T s + 1)ⁿ x by the bilinear rule, from rest; n is the number of lags."""
+    """Return s^order/(T s + 1)ⁿ x (N,) by the bilinear rule, from rest; n is the number of lags, `step` and T in seconds."""
     from scipy.signal import lfilter
 
     c = 2.0 * time / step
@@ -178,7 +178,7 @@ class Regression:
 
 
 def regression(columns: Array, speed: Array) -> Regression:
-    """Return the least-squares solution of columns (R, C) for the speed (R,)."""
+    """Return the least-squares solution of columns (R, C) for the speed (R,), in the units of the data."""
     scale = np.linalg.norm(columns, axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     solution = np.linalg.lstsq(columns / scale, speed, rcond=1e-10)[0]

@@ -25,9 +25,10 @@ _LARGEST = 50_000_000  # bytes; a result has some ten thousand
 class Answer:
     """An identified motor: its parameters with their intervals and covariance (P, P), and its transfer function to the speed.
 
-    The rows of the covariance stand in the order of `estimates`; NaN stands where it isn't known. `input_range` holds the
-    smallest and the largest input of the data. `comment` is what a file without findings of its own should say: where the motor
-    comes from, and the verdict's reasons. `document` is the whole result as plain data of the schema `servobench.result/1`.
+    `structure` is the name of its model structure. The rows of the covariance stand in the order of `estimates`; NaN stands
+    where it isn't known. `input_range` holds the smallest and the largest input of the data. `comment` is what a file without
+    findings of its own should say: where the motor comes from, and the verdict's reasons. `document` is the whole result as
+    plain data of the schema `servobench.result/1`.
     """
 
     estimates: Mapping[str, Estimate]

@@ -61,7 +61,7 @@ class Heading:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """A column of a table: what its header says, and its values (N,) in that unit.
+    """A column of a table: what its header says (`heading`), and its values (N,) in that unit.
 
     `t` (N,) [s] are the column's own times, where the file has some for it alone. `is_time` says that the file's own type makes
     the values times, in s, whatever their name is.

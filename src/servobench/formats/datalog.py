@@ -41,7 +41,8 @@ _NOT_A_RECORD = 2**62  # longer than any file
 class Entry:
     """A signal in a log, its records in the order of the file: stamps [µs], places and sizes [bytes] of the payloads, all (N,).
 
-    `first` and `last` number the records of the file between which the entry was open.
+    `name`, `type` and `metadata` stand in the file as they are. `first` and `last` number the records of the file between
+    which the entry was open.
     """
 
     name: str
@@ -69,7 +70,7 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
-    """What is in a file: the text of its header, and its entries in the order in which they were started.
+    """What is in a file: the `extra` text of its header, its entries in the order in which they were started, its bytes, `data`.
 
     `unknown` counts records of entries that weren't open; `damage` says why the file couldn't be read to its end, if so.
     """

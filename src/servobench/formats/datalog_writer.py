@@ -24,7 +24,7 @@ _LATEST = 2**62  # µs; what no stamp can hold becomes the nearest that can
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Written:
-    """An entry to write: its values (N,) and their times t (N,) [s], of which a stamp keeps whole microseconds."""
+    """An entry to write: its `name`, values (N,) in its `unit`, and their times t (N,) [s], kept in whole microseconds."""
 
     name: str
     unit: str | None

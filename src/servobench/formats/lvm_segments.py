@@ -36,7 +36,8 @@ _CLOCK = re.compile(r"(\d{1,2}):(\d{1,2}):(\d{1,2})(?:[.,](\d+))?", re.ASCII)
 class Segment:
     """A block of rows: its channels as columns with times of their own, where they have any, and when it begins.
 
-    `start` is the clock of the computer, in ns; None where the header doesn't say it. `rows` are its first and last in the file.
+    `start` is the clock of the computer, in ns; None where the header doesn't say it. `rows` are its first and last in the file,
+    `findings` what was seen while reading.
     """
 
     columns: tuple[Column, ...]

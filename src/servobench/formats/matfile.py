@@ -39,7 +39,7 @@ _LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 
 @dataclass(frozen=True, kw_only=True)
 class Skipped:
-    """What a variable is, where it has no numbers that a recording could hold; an object may hold some all the same."""
+    """`what` a variable is that has no numbers for a recording; where it `is_object` it may hold some all the same."""
 
     what: str
     is_object: bool = False
@@ -47,7 +47,7 @@ class Skipped:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variable:
-    """A variable, or a field of a struct (`a.b`, in an array of structs `a_2.b`), as a matrix in MATLAB's orientation."""
+    """A variable, or a field of a struct (`name` `a.b`, in an array of structs `a_2.b`), its `value` as MATLAB orients it."""
 
     name: str
     value: Matrix | str | Skipped

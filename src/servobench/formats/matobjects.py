@@ -33,7 +33,7 @@ _SECONDS = {
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Objects:
-    """What the objects in a file hold: channels with times of their own, columns without, and what is to be known of them."""
+    """What the objects in a file hold: channels with times of their own (`series`), columns without, and `findings` on them."""
 
     series: tuple[Series, ...] = ()
     columns: tuple[Column, ...] = ()

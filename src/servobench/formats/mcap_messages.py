@@ -48,7 +48,10 @@ class Message:
 
 @dataclass(kw_only=True)
 class Reading:
-    """What is known of a file while it is read; `damage` says why it couldn't be read to its end, `lost` counts lost chunks."""
+    """What is known of a file while it is read; its `topics` and `schemas`, by number.
+
+    `damage` says why it couldn't be read to its end, `lost` counts lost chunks, `bytes` those of the messages so far.
+    """
 
     topics: dict[int, Topic] = field(default_factory=dict)
     schemas: dict[int, Any] = field(default_factory=dict)

@@ -183,7 +183,7 @@ def _content(body: memoryview, order: Order) -> tuple[int, memoryview]:
 
 
 def check_objects(numbers: NDArray[np.uint32]) -> None:
-    """Raise `ValueError` where an array of objects has more dimensions, or more elements, than it has objects.
+    """Raise `ValueError` where an array of objects, `numbers` (N,), has more dimensions, or more elements, than it has objects.
 
     It stands as a mark, the number of its dimensions, its size, the number of each object, and that of their class.
     """

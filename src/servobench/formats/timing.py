@@ -40,7 +40,7 @@ def timed(
     time: ColumnSpec | None,
     sample_time: float | str | None,
 ) -> Timed | str:
-    """Return the series of the roles with times, and what is to be known of them; or the sentence that asks for times."""
+    """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times."""
     if sample_time is not None:
         step = seconds(sample_time)
         told = f"The times are {step:g} s apart, as said"

@@ -17,7 +17,7 @@ BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
 
 
 def block_of(sample_time: float) -> int:
-    """Return how many rows go to a recorder at once."""
+    """Return how many rows go to a recorder at once, by the sample time [s]."""
     return max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
 
 

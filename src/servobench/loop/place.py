@@ -10,7 +10,7 @@ from servobench.clock import Tick
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Place:
-    """A tick that is done: what the controller followed, what it commanded and what the device put out then.
+    """A tick that is done: the `reference` followed, the voltages commanded and `applied` [V].
 
     `saturated` says that the two differ, as a limit stood in between. `handed` and `written` are when the device was given the
     voltage and when it had taken it, in the clock's own count [s], or NaN. `command` is the number of the last command in force.

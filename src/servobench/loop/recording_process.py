@@ -103,7 +103,7 @@ class RecorderSpec:
 
 @dataclass(frozen=True, kw_only=True)
 class Recorded:
-    """How it went: the whole file, or None where there is none; how many rows are in it; what went wrong, if anything did."""
+    """How it went: the `path` of the whole file, None where there is none; how many rows it has; the `error`, if any."""
 
     path: str | None
     rows: int

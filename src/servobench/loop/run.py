@@ -31,7 +31,10 @@ PATIENCE = 60.0  # s; how long a run in virtual time waits for a disk that's beh
 
 @dataclass(frozen=True, kw_only=True)
 class Progress:
-    """How far a run is: ticks done of all (None for an endless one), the time of the last one [s], and its values."""
+    """How far a run is: ticks done of all (None for an endless one), the time of the last one [s], and its values.
+
+    `commanded` and `applied` are its voltages [V], `counts` the encoder's.
+    """
 
     tick: int
     ticks: int | None

@@ -127,7 +127,7 @@ class FirstOrder:
         return through_chain(y, jacobian, theta[len(columns) :], data)
 
     def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
-        """Return J'J, J'r and r'r, r = y - prediction, in a tenth of the time of `predict`; None for data behind a chain."""
+        """Return J'J, J'r and r'r for theta (P + Q,), r = y - prediction, ten times as fast as `predict`; None behind a chain."""
         from servobench.models import kernels
 
         if not is_plain(data):

@@ -53,7 +53,7 @@ def through_chain(y: Array, jacobian: Array, filters: Array, data: Dataset) -> P
 
 
 def beside_rest(moving: Array, still: NDArray[np.int64], lost_speed: float) -> list[Array]:
-    """Return a guess, the same with the start speeds at `still` at rest, and with them moving the other way.
+    """Return a guess (P + ΣQ,), the same with the start speeds at `still` (K,) at rest, and with them moving the other way.
 
     A shaft that sticks at first has a start speed near zero, where the sum of squares has a kink: a search from
     beside it could end at the kink's wrong side. So one begins on each side, and one at rest.

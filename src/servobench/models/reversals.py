@@ -30,9 +30,10 @@ _LOOKED_AT = 4000
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Switching:
-    """What there is to know of a motor that sticks: K, τ [s], the friction near rest, the delay [s], and how it moves.
+    """What there is to know of a motor that sticks: `gain` K, `tau` τ [s], the delay [s], and how it moves.
 
-    `states` gives, for times [s] (K,), the speed and the input at which the motor would get no torque.
+    `coulomb` is the friction near rest, in the input's unit. `states` gives, for times [s] (K,), the speed and the input at
+    which the motor would get no torque.
     """
 
     gain: float

@@ -59,7 +59,7 @@ class Reading:
 
 
 def rise_time(t: Array, part: Array) -> float:
-    """Return the time from 10 to 90 % of the way over ln 9, which is the time constant of a first-order lag [s]."""
+    """Return the time from 10 to 90 % of the way, `part` (N,) at t (N,) [s], over ln 9: a first-order lag's time constant [s]."""
     return (time_at(t, part, 0.9) - time_at(t, part, 0.1)) / math.log(9.0)
 
 

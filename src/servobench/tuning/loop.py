@@ -88,7 +88,7 @@ def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float
 
 
 def nominal_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, float]:
-    """Return the same without intervals."""
+    """Return the same without intervals; `sample_time` is in s."""
     loop = open_loop(controller, motor.gain.value, motor.time_constant.value, motor.delay, sample_time)
     return dict(zip(UNITS, _of_the_loop(loop), strict=True))
 

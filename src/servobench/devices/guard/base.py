@@ -37,7 +37,7 @@ class Nominal:
 
 @dataclass(frozen=True, kw_only=True)
 class Rig:
-    """What a monitor is prepared for: the limits, the device, the sample time [s], and the nominal motor if one is known."""
+    """What a monitor is prepared for: limits, the device's `info`, the sample time [s], and the nominal motor if one is known."""
 
     limits: Limits
     info: DeviceInfo

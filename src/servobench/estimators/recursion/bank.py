@@ -34,7 +34,10 @@ class Bank:
     """Filters and their sums, changed in place by `kernels.stream`: B lengths of blocks, F filters, 8 columns [J r].
 
     `freedom` (F,) counts the start states that were swept out of the sums, `sines` (16, 7) has what an encoder's rounding makes
-    of the scores where no torque acts; the rest is described at the kernel.
+    of the scores where no torque acts. Blocks of `sizes` (B,) samples, `sample_time` [s] apart, have the `filters` from one
+    number to the next (B + 1,); `blocks` and `totals` (B, 8) are those under way, and `ratio` (F,), covariances p (F, 3),
+    states `angle` and `speed` (F, 8), sums of `products` (F, 8, 8) and `logarithms` (F,) are described at
+    `kernels.close_block`.
     """
 
     sample_time: float
@@ -191,8 +194,8 @@ class Likeliest:
     `filter` is the likeliest one, with r as `variance`, H⁻¹ as `inverse` (7, 7), and the best `change` (7,) under it. The
     `covariance` (7, 7) allows for the doubt about the level: Σ w (C + δ δ') over all levels with their likelihoods as weights, δ
     their changes from the best one's. `informed` are the columns of which the data say something, `means` the degrees of freedom
-    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r. `calm`
-    says that nothing shows a torque.
+    that are left. `watched` is the filter whose innovations tell whether the motor still is what it was, with its own r,
+    `watched_variance`. `deviance` is -2 ln of the likeliest one's likelihood. `calm` says that nothing shows a torque.
     """
 
     filter: int
@@ -209,13 +212,13 @@ class Likeliest:
 
 
 def full(products: Array) -> Array:
-    """Return symmetric matrices (..., W, W) of which the upper triangles are given."""
+    """Return symmetric matrices (F, W, W) of which the upper triangles are given."""
     upper = np.triu(products)
     return np.asarray(upper + np.swapaxes(np.triu(products, 1), -1, -2), dtype=np.float64)
 
 
 def moved(products: Array, change: Array) -> Array:
-    """Return [J r]'[J r] (..., 8, 8) after r has become r - J change."""
+    """Return the products [J r]'[J r] (F, 8, 8) after r has become r - J change (7,)."""
     to = np.eye(kernels.WIDTH)
     to[:-1, -1] = -change
     return np.asarray(to.T @ products @ to, dtype=np.float64)

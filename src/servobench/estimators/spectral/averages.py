@@ -18,7 +18,9 @@ _POOL = 30  # degrees of freedom that a scatter is taken over
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Column:
-    """Points (F,) as in `FrequencyResponse`, and the `input` (F,) at their lines."""
+    """Points (F,) with the fields of `FrequencyResponse`, and the `input` (F,) at their lines.
+
+    `omega`, `response`, `sd`, `noise_sd`, `distortion_sd`, `coherence` and `resolution` are described there."""
 
     omega: Array
     response: Complex

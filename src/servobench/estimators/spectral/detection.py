@@ -14,7 +14,7 @@ from servobench.estimators.spectral.local import Local
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class DetectionLines:
-    """Amplitudes (L,) of the output at harmonics ω (L,) [rad/s] that the input leaves out, in the data's output unit.
+    """Amplitudes (L,) of the output at harmonics `omega` (L,) [rad/s] that the input leaves out, in the data's output unit.
 
     `noise` (L,) is the root mean square of what noise makes of such an amplitude, known from between the harmonics. What stands
     out of it is distortion: at even harmonics (not `odd`) by something that isn't symmetric, such as a load that depends on the

@@ -33,7 +33,7 @@ _WIDTH = 1e-4  # of a parameter: the differences for the Jacobian, whose error i
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Points:
-    """Local fits of all stretches of all records, and for each the model, from the input to the shaft, that they lean on."""
+    """The local fits of all stretches of all records, `locals`, and the models, input to shaft, that they lean on, `shapes`."""
 
     locals: tuple[Local, ...]
     shapes: tuple[TransferFunction, ...]
@@ -46,10 +46,11 @@ class Points:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Settled:
-    """Points and the structure's parameters (P,) that suit them; the points lean on the parameters of the round before.
+    """Points and the structure's parameters `theta` (P,) that suit them; the points lean on the parameters of the round before.
 
     `seen` (P,) says which parameters the frequency response depends on at all; `covariance` (P, P) is zero for the others.
-    `misfit` is the sum of squares over its expectation, with `freedom` degrees of freedom.
+    `misfit` is the sum of squares over its expectation, with `freedom` degrees of freedom; `converged` says that
+    points and parameters suit each other.
     """
 
     points: Points
@@ -101,7 +102,7 @@ def _points(structure: Structure, theta: Array, parts: Sequence[Stretch]) -> Poi
 
 
 def shape_of(structure: Structure, theta: Array, data: Dataset) -> TransferFunction:
-    """Return the transfer function from the input to what of the shaft enters the chain."""
+    """Return the transfer function for theta (P,) from the input to what of the shaft enters the chain."""
     return structure.transfer_function(theta, data.shaft_kind, data)
 
 

@@ -30,8 +30,9 @@ _FEWEST = 24  # lines
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Stretch:
-    """N samples of a record, from number `first` on: `lines` k (K,) below Nyquist's, `excited` and `detection` among them.
+    """N samples of a record from number `first` on: `lines` k (K,) below Nyquist's, `excited` and `detection` among them.
 
+    `data` is the record, `count` N.
     `cycles` is how often the input repeats in it, 1 where it doesn't. Detection lines are harmonics of the period that the input
     leaves out. Where `separate`, each excited line has a response of its own, as there are quiet ones between them; otherwise
     the input excites all lines, and the response varies smoothly along them. `tone` [rad/s] is the frequency of a sine.

@@ -33,9 +33,9 @@ _BLOCK = 2**20  # complex exponentials at a time, 16 MB
 
 @dataclass(frozen=True, eq=False)
 class Path:
-    """From the input to the spectrum of the data, at angular frequencies ω (K,) [rad/s] between zero and Nyquist's.
+    """From the input to the spectrum of the data, at angular frequencies `omega` (K,) [rad/s] between zero and Nyquist's.
 
-    A position is differenced, so that neither a ramp nor the integrator's state leaks.
+    A position is differenced, so that neither a ramp nor the integrator's state leaks. The `sample_time` is in s.
     """
 
     data: Dataset

@@ -30,14 +30,15 @@ _BOTH_WAYS = 0.02  # of the samples
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyResponse:
-    """The response G(jω) of the motor alone at ω (F,) [rad/s], ascending: hold, device delay and measurement chain divided out.
+    """The response G(jω) of the motor alone at `omega` (F,) [rad/s], ascending.
 
-    `response` (F,) is from the input to the shaft's `output`, in `unit`. `sd` (F,) is the standard deviation of its real and of
-    its imaginary part, all told; `noise_sd` (F,) what noise alone makes of it, `distortion_sd` (F,) what a motor that isn't
-    linear adds in each realisation of the input, NaN where one realisation is all there is. Points hardly depend on each other.
-    `coherence` (F,) is the share of the output's power that the input made, leakage apart. `resolution` (F,) [rad/s] is
-    how far a point looks along the spectrum. `left_out` is how many lines of the spectrum up to Nyquist's frequency, or points,
-    the input excites too little. `detection` says what is at harmonics that the input leaves out, None where there are none.
+    Hold, device delay and measurement chain are divided out. `response` (F,) is from the input to the shaft's `output`, in
+    `unit`. `sd` (F,) is the standard deviation of its real and of its imaginary part, all told; `noise_sd` (F,) what noise
+    alone makes of it, `distortion_sd` (F,) what a motor that isn't linear adds in each realisation of the input, NaN where one
+    realisation is all there is. Points hardly depend on each other. `coherence` (F,) is the share of the output's power that
+    the input made, leakage apart. `resolution` (F,) [rad/s] is how far a point looks along the spectrum. `left_out` is how many
+    lines of the spectrum up to Nyquist's frequency, or points, the input excites too little. `detection` says what is at
+    harmonics that the input leaves out, None where there are none; `findings` are those of the estimation.
     """
 
     omega: Array

@@ -159,11 +159,11 @@ class NonlinearMotor:
 
     @property
     def held_at_first(self) -> NDArray[np.bool_]:
-        """The parameters that multiply others, whose guess is worth little until those are right."""
+        """Which parameters multiply others, whose guess is worth little until those are right, (P,)."""
         return np.array([parameter in (STRIBECK_SPEED, LOAD) for parameter in self.parameters])
 
     def moved(self, theta: Array, change: Array) -> Array:
-        """Return where a change leads from theta, both of the joint vector: theta + change, but for the stribeck_voltage.
+        """Return where a change leads from theta, both (P + ΣQ,): theta + change, but for the stribeck_voltage.
 
         What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
         So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s). A u_s that
@@ -273,7 +273,7 @@ class NonlinearMotor:
 
 
 def with_input(data: Dataset, times: Array, values: Array) -> Dataset:
-    """Return a record whose input is something else that the motor did at those times, without any delay."""
+    """Return a record whose input is something else that the motor did, `values` (N,) at `times` (N,) [s], without any delay."""
     return replace(
         data,
         t_input=times,

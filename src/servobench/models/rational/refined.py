@@ -39,7 +39,7 @@ _NEAR = 10.0  # another start is worth its passes if its cost is within this fac
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A model tried: its joint vector (the parameters, then each record's own), and its squared simulation error."""
+    """A model tried: its joint vector `theta` (P + ΣQ,), and its squared simulation error, `cost`."""
 
     theta: Array
     cost: float
@@ -95,7 +95,7 @@ def regressors(structure: Rational, theta: Array, data: Dataset, prediction: Pre
 
 
 def stabilised(structure: Rational, theta: Array) -> Array:
-    """Return theta with the unstable poles of A reflected at the imaginary axis."""
+    """Return theta (P + ΣQ,) with the unstable poles of A reflected at the imaginary axis."""
     n = structure.order
     poles = np.roots(np.concatenate([[1.0], theta[:n]]))
     if (poles.real < 0).all() and (theta[:n] > 0).all():

@@ -71,7 +71,10 @@ def _sorted(t: Array, length: Array, inputs: Array, sample: NDArray[np.int64], a
 
 
 def root_bound(feedback: Array) -> float:
-    """Return σ = max |α_{N-i}|^(1/i) of s^N + α_{N-1} s^(N-1) + ... + α₀; no root is larger than 2 σ (Fujiwara 1916)."""
+    """Return σ = max |α_{N-i}|^(1/i) of s^N + α_{N-1} s^(N-1) + ... + α₀; no root is larger than 2 σ (Fujiwara 1916).
+
+    `feedback` (N,) holds the α, lowest power first.
+    """
     powers = 1.0 / np.arange(len(feedback), 0, -1)
     return float(np.max(np.abs(feedback) ** powers)) or 1.0
 

@@ -124,7 +124,7 @@ class Rational:
         )
 
     def lines(self, theta: Array, data: Dataset) -> Response:
-        """Return what the response of a record, before any chain, consists of; theta as for `predict`."""
+        """Return what the response of a record, before any chain, consists of; theta (P + Q,) as for `predict`."""
         extra = int(self.integrates(data))
         n, m = self.order, self.zeros
         size = n + extra
@@ -136,7 +136,7 @@ class Rational:
         return response(feedback, forcing, start, self.pieces(theta, data))
 
     def pieces(self, theta: Array, data: Dataset) -> Pieces:
-        """Return a record cut at its samples and at the changes of its delayed input; the device's own delay is added."""
+        """Return a record cut at its samples and at the changes of its input, delayed by the device and by theta (P + Q,)."""
         delay = data.delay + (float(theta[len(self.parameters) - 1]) if self.delayed else 0.0)
         return held_pieces(data.t_input, data.u, data.input_before, data.t_output, delay)
 
