@@ -55,9 +55,10 @@ QUANTITIES = {
 
 METHODS = {"estimators", "filters", "stability_analysis", "tuning", "motor/solvers"}
 LAWS = METHODS | {
-    "", "control", "design", "estimators/instruments", "estimators/interval", "estimators/recursion", "estimators/spectral",
-    "measurement", "models", "models/nonlinear", "models/position_loop", "models/rational", "models/second_order", "motor",
-    "motor_parameters", "signals",
+    "", "control", "design", "doubts", "explanations", "export", "honest", "measurement", "models", "motor", "motor_parameters",
+    "reconciliation", "reconciliation/causes", "signals", "estimators/instruments", "estimators/interval",
+    "estimators/recursion", "estimators/spectral", "models/nonlinear", "models/position_loop", "models/rational",
+    "models/second_order",
 }  # fmt: skip
 FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|Σ(?!Q)|[∫≈]")
 _AUTHOR = (

@@ -28,8 +28,9 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
 
         C' = C + s² v v',   v = ∂θ/∂τ at constant τ + d
 
-    s² is the mean square distance of a time constant from the estimate, all being as likely between none and the whole lag. The
-    sum keeps its standard deviation. The intervals of the two hold what they held before and every such split.
+    It follows from a split that is off by s moving θ by s v. s² is the mean square distance of a time constant from the
+    estimate, all being as likely between none and the whole lag. The sum keeps its standard deviation. The intervals of the two
+    hold what they held before and every such split.
     """
     if not _is_the_sum_all_that_is_known(fit):
         return fit

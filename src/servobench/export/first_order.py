@@ -18,11 +18,11 @@ TWO_SIDED = 1.959964  # standard deviations on each side of a 95 % interval
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstOrderMotor:
-    """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit`.
+    """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit` (source: see `models.first_order`).
 
     `gain` K [unit/(s·V)], `time_constant` τ [s], `delay` d [s], not negative; `coulomb_voltage` u_c [V] and `offset_voltage`
-    u₀ [V] are None where the structure has none; `one_way` says that it
-    turned one way only, so that one voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d.
+    u₀ [V] are None where the structure has none; `one_way` says that it turned one way only, so that one
+    voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d.
     """
 
     unit: str

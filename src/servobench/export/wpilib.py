@@ -22,7 +22,8 @@ _PERIOD = 0.02  # s, of a WPILib robot's loop
 class Wpilib:
     """A JSON file with kS, kV, kA (and kG, where a constant load is known) with their intervals, and gains for both loops.
 
-    u = kS sgn(v) + kG + kV v + kA dv/dt, with kV = 1/K and kA = τ/K.
+    u = kS sgn(v) + kG + kV v + kA dv/dt, with kV = 1/K and kA = τ/K,
+    which follows from the first-order motor solved for its input.
     """
 
     suffix: ClassVar[str] = ".json"

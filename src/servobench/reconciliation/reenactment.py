@@ -75,7 +75,8 @@ class Regression:
 def arx(data: Sequence[Dataset]) -> Regression:
     """Return the least-squares regression of each sample on the one before and the input: y[k+1] = a y[k] + b u[k] + c.
 
-    Its covariance is the textbook's, s² (X'X)⁻¹, carried over to K = b/(1 - a) and τ = -T/ln a. Raises `NotIdentifiable` where
+    Its covariance is the textbook's, s² (X'X)⁻¹, carried over to K = b/(1 - a) and τ = -T/ln a (Ljung 1999,
+    section 4.2). Raises `NotIdentifiable` where
     the pole makes no first-order lag.
     """
     rows, goals = [], []

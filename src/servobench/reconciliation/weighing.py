@@ -7,6 +7,7 @@ prior p_i(s). At most two take part. For the difference d with covariance S the 
 
 The integral is a sum over sizes, each with a small normal spread along its curve, so that the sum is smooth however small S
 is. Two more sets stand beside them: nothing but chance, e = 0, and something else, e normal with 50 % in each figure.
+What is judged in it, and why, is told in docs/decisions/0014-why.md.
 """
 
 from __future__ import annotations

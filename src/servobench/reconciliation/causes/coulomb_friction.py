@@ -19,7 +19,7 @@ class CoulombFriction:
     """c = u_c/u of the input is lost: a gain ω/u reads K (1 - c), and 63.2 % of a reversal is passed at τ (1 - ln(1 + c)).
 
     While the shaft slows down friction helps, so it heads for -K u (1 + c); once it has turned round, for -K u (1 - c).
-    Between two speeds in one direction friction is a constant and τ reads as it is.
+    Both follow from that. Between two speeds in one direction friction is a constant and τ reads as it is.
     """
 
     label: str = "Coulomb friction"

@@ -24,7 +24,8 @@ _RECORDED = (100.0, 0.9)  # the same for a logged speed of unknown making: avera
 class MeasurementLag:
     """δ, what the lag adds to the time constant as it is found: a reading of 63.2 % has nearly all of T = 1/ω_c in it.
 
-    Behind 1/(1 + T s) the step response is 1 - (τ e^(-t/τ) - T e^(-t/T))/(τ - T). What is read off it is found by doing it.
+    Behind 1/(1 + T s) the step response is 1 - (τ e^(-t/τ) - T e^(-t/T))/(τ - T). That follows from partial fractions; what is
+    read off it is found by doing it.
     """
 
     label: str = "measurement lag"

@@ -17,7 +17,10 @@ _LEVEL = 2.0  # V on a locked shaft: enough to be read, too little to warm the w
 
 @dataclass(frozen=True)
 class SeriesResistance:
-    """R (1 + r) in place of R: τ = R J/(R b + k²) grows with it, and K = k/(R b + k²) only falls where b isn't zero."""
+    """R (1 + r) in place of R: τ = R J/(R b + k²) grows with it, and K = k/(R b + k²) only falls where b isn't zero.
+
+    Source: see `models.first_order`.
+    """
 
     label: str = "series resistance"
     law: str = "More resistance makes the time constant longer and leaves the gain as it is, but for viscous friction."

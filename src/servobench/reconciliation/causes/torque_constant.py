@@ -30,7 +30,10 @@ class TorqueConstant:
         return (-1.5, 1.5)
 
     def effect(self, question: Question, size: float) -> Array:
-        """With x = R b/k²: K by κ (1 + x)/(κ² + x), τ by (1 + x)/(κ² + x)."""
+        """With x = R b/k²: K by κ (1 + x)/(κ² + x), τ by (1 + x)/(κ² + x).
+
+        It follows from K = k/(R b + k²) and τ = R J/(R b + k²).
+        """
         x = question.friction or 0.0
         tau = log((1 + x) / (exp(2 * size) + x))
         return question.shift(gain=size + tau, time_constant=tau)

@@ -19,7 +19,10 @@ _LOST = 0.05  # of R b/k²: what a motor of unknown friction may have to lose
 
 @dataclass(frozen=True)
 class ViscousFriction:
-    """ξ = R Δb/k² more of it: K and τ both fall by the factor 1 + ξ/(1 + x), x being what there was."""
+    """ξ = R Δb/k² more of it: K and τ both fall by the factor 1 + ξ/(1 + x), x being what there was.
+
+    It follows from K = k/(R b + k²) and τ = R J/(R b + k²).
+    """
 
     label: str = "viscous friction"
     law: str = "Viscous friction lowers gain and time constant together, by the same factor."
