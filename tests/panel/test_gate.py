@@ -267,6 +267,54 @@ def test_keys_expire_and_one_that_is_for_once_opens_once() -> None:
     assert Keys(clock).session("") is None
 
 
+def told(answer: httpx.Response) -> str:
+    """The sentence of a refusal, which is all that there is in it."""
+    assert answer.headers["content-type"] == "application/json"
+    (sentence,) = answer.json().values()
+    assert list(answer.json()) == ["error"]
+    return str(sentence)
+
+
+@pytest.mark.parametrize("way", HTTP, ids=lambda way: f"{way.method} {way.path}")
+def test_whatever_a_route_refuses_is_a_sentence_in_json(served: Served, way: Way) -> None:
+    other = "DELETE" if way.method == "GET" else "GET"
+    wrong = {
+        421: {"host": f"evil.test:{served.port}"},
+        403: {"origin": "http://evil.test"},
+        **({401: {"cookie": ""}} if way.asks.session else {}),
+        **({415: {"content-type": "text/plain"}} if way.asks.body != "none" else {}),
+    }
+    for status, changes in wrong.items():
+        answer = served.http.request(way.method, path_of(way), headers={**right(served, way), **changes})
+        assert (answer.status_code, bool(told(answer))) == (status, True), changes
+    answer = served.http.request(other, path_of(way), headers=right(served, way))
+    if answer.status_code == 405:  # some paths have both
+        assert other in told(answer)
+        assert way.method in answer.headers["allow"]
+
+
+@pytest.mark.parametrize("path", ["/nowhere", "/api/nowhere", "/api/recordings/", "/ws", "/static/a/b"])
+def test_a_path_that_there_is_not_is_told_as_json(served: Served, path: str) -> None:
+    answer = served.http.get(path)
+
+    assert answer.status_code == 404
+    assert path in told(answer)
+
+
+def test_a_mistake_of_the_panel_itself_is_told_as_json(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken() -> None:
+        raise ZeroDivisionError("a secret")
+
+    monkeypatch.setattr(served.panel.library, "list", broken)
+    answer = served.http.get("/api/recordings", headers=served.headers(served.session()))
+
+    assert answer.status_code == 500
+    assert "terminal" in told(answer)
+    assert "secret" not in answer.text
+
+
 def test_every_answer_says_what_a_page_may_do(served: Served) -> None:
     with served.client() as client:
         answers = [

@@ -7,12 +7,14 @@ Sec-Fetch-Site) and a token that no other page can read have to be right, each b
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
 from starlette.datastructures import Headers
-from starlette.responses import JSONResponse
+from starlette.exceptions import HTTPException
+from starlette.requests import Request
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from servobench.panel.keys import Keys, Session, same
@@ -173,7 +175,10 @@ def _without(
 
 
 async def refuse(refused: Refused, scope: Scope, receive: Receive, send: Send) -> None:
-    """Answer a request that isn't let in; a socket is closed before it is open, which is a 403."""
+    """Answer a request that isn't let in; a socket is closed before it is open: a 403 without a word, as no page can read one.
+
+    (The answer in its place that ASGI has for that is told by uvicorn 0.54 as an error in the terminal, each time.)
+    """
     if scope["type"] == "websocket":
         await receive()
         await send({"type": "websocket.close", "code": 4403, "reason": refused.sentence[:100]})
@@ -181,6 +186,26 @@ async def refuse(refused: Refused, scope: Scope, receive: Receive, send: Send) -
     await error_answer(refused)(scope, receive, send)
 
 
-def error_answer(refused: Refused) -> JSONResponse:
-    """Return the answer to a request that is refused."""
-    return JSONResponse({"error": refused.sentence}, status_code=refused.status)
+def error_answer(refused: Refused, headers: Mapping[str, str] | None = None) -> JSONResponse:
+    """Return the answer to a request that is refused: one shape for all, `{"error": sentence}`."""
+    return JSONResponse({"error": refused.sentence}, status_code=refused.status, headers=headers)
+
+
+async def nowhere(scope: Scope, receive: Receive, send: Send) -> None:
+    """Answer a request for a path that isn't in the table of routes."""
+    await refuse(Refused(404, f"there is nothing at {scope['path'][:80]} in this panel"), scope, receive, send)
+
+
+async def not_so(request: Request, error: Exception) -> Response:
+    """Answer a request whose method its path doesn't have."""
+    headers = error.headers if isinstance(error, HTTPException) else None
+    known = (headers or {}).get("Allow", "another method")
+    sentence = f"{request.method[:20]} can't be asked of {request.url.path[:80]}; expected {known}"
+    return error_answer(Refused(405, sentence), headers)
+
+
+async def broken(request: Request, error: Exception) -> Response:
+    """Answer a request at which the panel has a mistake of its own; the server writes it to the terminal after that."""
+    return error_answer(
+        Refused(500, "the panel made a mistake at this, which is nothing that you did: its terminal tells which")
+    )

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp
 from servobench.errors import UsageError
 from servobench.measurement.base import STAGES
 from servobench.panel.catalogue import catalogue
-from servobench.panel.gate import Door, Gate
+from servobench.panel.gate import Door, Gate, broken, not_so, nowhere
 from servobench.panel.keys import Keys
 from servobench.panel.pages import Panel
 from servobench.panel.routes import routes
@@ -51,8 +51,13 @@ def app(panel: Panel) -> ASGIApp:
         finally:
             await panel.motor.close()
 
-    inner = Starlette(routes=routes(panel, panel.door), lifespan=lifespan)
+    inner = Starlette(
+        routes=routes(panel, panel.door),
+        lifespan=lifespan,
+        exception_handlers={405: not_so, Exception: broken},
+    )
     inner.router.redirect_slashes = False
+    inner.router.default = nowhere
     inner.state.exercises = panel.exercises
     return Gate(inner, panel.door)
 
