@@ -15,7 +15,7 @@ from servobench.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.formats.base import save
 from servobench.panel import jobs, work
 from servobench.panel.jobs import Ended, Jobs
-from servobench.panel.work import IDENTIFYING, STAGES, done_elsewhere
+from servobench.panel.work import COMPILING, IDENTIFYING, STAGES, done_elsewhere
 
 
 class Clock:
@@ -81,6 +81,32 @@ def test_what_the_last_one_took_tells_what_is_left_of_the_next(clock: Clock) -> 
         # One that takes longer than any says nothing that isn't so.
         await room.done({**LASTS, "starting": 5.0}, "third")
         assert room.left("starting", "third")[-1] is None
+
+    asyncio.run(story())
+
+
+def test_of_a_first_one_its_steps_are_told_and_compiling_is_no_part_of_its_pace(clock: Clock) -> None:
+    async def story() -> None:
+        room = Room(clock)
+
+        async def compiling(asked: Mapping[str, Any], said: Callable[[str], None] = lambda _: None) -> Any:
+            for stage in STAGES:
+                parts = [(stage, 2.0), (f"{COMPILING} (0 done)", 20.0), (stage, 1.0)]
+                for doing, lasts in parts if stage == IDENTIFYING else parts[:1]:
+                    said(doing)
+                    await asyncio.sleep(0.01)
+                    clock.now += lasts
+                    await asyncio.sleep(0.01)
+            return {}
+
+        await room.jobs.identify(compiling, room.told.append, "first", {}, 1000)
+        steps = list(dict.fromkeys((each.get("step"), each.get("doing")) for each in room.told[:-1]))
+        third = [(3, IDENTIFYING), (3, f"{COMPILING} (0 done)")]
+        assert steps == [(1, STAGES[0]), (2, STAGES[1]), *third, (4, STAGES[3])]
+        assert {(each["of"], each["left"]) for each in room.told[:-1]} == {(len(STAGES), None)}
+        # The next one finds it compiled: 2 s and 1 s are what the stage took, not 23 s; the others took 2 s each.
+        await room.done(dict.fromkeys(STAGES, 2.0), "second")
+        assert room.left(STAGES[0], "second")[0] == pytest.approx(2 + 2 + 3 + 2)
 
     asyncio.run(story())
 
@@ -162,6 +188,36 @@ def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded:
     expected = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
     for stage in STAGES[1:]:  # at the start it isn't there yet
         assert seen[stage] == (expected, "OMP_NUM_THREADS=1"), stage
+
+
+def test_where_nothing_is_compiled_yet_that_is_told(
+    recorded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A cache of its own, which is empty: as after an installation. It is ended once it goes on, as all of it takes long."""
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+
+    async def story() -> list[str]:
+        told: list[str] = []
+        seen = asyncio.Event()
+
+        def said(doing: str) -> None:
+            told.append(doing)
+            if doing in STAGES and told.count(doing) > 1:
+                seen.set()
+
+        task = asyncio.ensure_future(done_elsewhere(asked(recorded), said))
+        await asyncio.wait_for(seen.wait(), 60)
+        task.cancel()
+        await asyncio.wait([task])
+        return told
+
+    told = asyncio.run(story())
+    first = told.index(f"{COMPILING} (0 done)")
+    again = next(k for k in range(first, len(told)) if told[k] in STAGES)
+    assert told[again] == told[first - 1] != STAGES[0]  # the stage goes on where it was
+    done = [f"{COMPILING} ({number} done)" for number in range(again)]
+    assert list(dict.fromkeys(told[first:again])) == [each for each in done if each in told[first:again]]
+    assert again - first > 1  # the first kernel that is called calls others
 
 
 def test_work_that_is_ended_leaves_no_process(recorded: Path) -> None:

@@ -522,15 +522,16 @@ def test_a_recording_that_was_ended_early_says_so(panel: Panel) -> None:
 
 
 def test_what_takes_long_says_how_long_and_can_be_ended(panel: Panel) -> None:
-    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": None}
+    panel.bench.working = {"doing": "identifying", "step": 3, "of": 4, "seconds": 12.0, "left": None}
     panel.tab("Recordings")
     panel.button("chirp-slow").click()
     panel.button("Identify").click()
     going = panel.page.get_by_role("group", name="Identifying chirp-slow")
-    panel.until(lambda: going.is_visible() and "identifying · 0:12 so far" in going.inner_text())
+    panel.until(lambda: going.is_visible() and "step 3 of 4: identifying · 0:12 so far" in going.inner_text())
     assert going.get_by_role("progressbar").get_attribute("value") is None
-    panel.bench.working = {"doing": "identifying", "seconds": 12.0, "left": 36.0}
+    panel.bench.working = {"doing": "identifying", "step": 3, "of": 4, "seconds": 12.0, "left": 36.0}
     panel.until(lambda: "about 0:36 left" in going.inner_text())
+    assert "step" not in going.inner_text()
     assert going.get_by_role("progressbar").get_attribute("value") == "0.25"
     assert panel.button("Identifying …").get_attribute("aria-disabled") == "true"
     going.get_by_role("button", name="End: Identifying chirp-slow").click()

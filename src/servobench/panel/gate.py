@@ -193,7 +193,9 @@ def error_answer(refused: Refused, headers: Mapping[str, str] | None = None) -> 
 
 async def nowhere(scope: Scope, receive: Receive, send: Send) -> None:
     """Answer a request for a path that isn't in the table of routes."""
-    await refuse(Refused(404, f"there is nothing at {scope['path'][:80]} in this panel"), scope, receive, send)
+    await refuse(
+        Refused(404, f"there is nothing at {scope['path'][:80]} in this panel"), scope, receive, send
+    )
 
 
 async def not_so(request: Request, error: Exception) -> Response:
@@ -207,5 +209,7 @@ async def not_so(request: Request, error: Exception) -> Response:
 async def broken(request: Request, error: Exception) -> Response:
     """Answer a request at which the panel has a mistake of its own; the server writes it to the terminal after that."""
     return error_answer(
-        Refused(500, "the panel made a mistake at this, which is nothing that you did: its terminal tells which")
+        Refused(
+            500, "the panel made a mistake at this, which is nothing that you did: its terminal tells which"
+        )
     )

@@ -12,7 +12,7 @@ from servobench.errors import UnknownName, UsageError
 from servobench.panel.work import IDENTIFYING, STAGES, Work
 
 TELL_INTERVAL = 0.5  # s
-_WAITING = "waiting for its turn"
+_WAITING, _DONE = "waiting for its turn", "done"
 
 Tell = Callable[[Mapping[str, Any]], None]
 
@@ -23,17 +23,33 @@ class Ended(UsageError):
 
 @dataclass
 class _Job:
-    """One identification: of which recording, with how many samples; `begun` says when each of its stages began [s]."""
+    """One identification: of which recording, with how many samples, when it was asked for and what it does since when [s].
+
+    `spent` is how long it has been at each stage [s]: without what was compiled within it, which is done once for all.
+    """
 
     name: str
     samples: int
-    begun: dict[str, float] = field(default_factory=dict)
+    asked: float = field(default_factory=lambda: time.monotonic())
+    doing: str = _WAITING
+    stage: str = _WAITING
+    since: float = field(default_factory=lambda: time.monotonic())
+    spent: dict[str, float] = field(default_factory=dict)
     ended: bool = False
     task: asyncio.Task[dict[str, Any]] | None = None
 
     def now(self, doing: str) -> None:
-        """It does this from now on."""
-        self.begun[doing] = time.monotonic()
+        """It does this from now on: a stage, or something else within the one before."""
+        if self.doing == self.stage:
+            self.spent[self.stage] = self.spent_on_stage()
+        self.doing, self.since = doing, time.monotonic()
+        if doing in STAGES:
+            self.stage = doing
+
+    def spent_on_stage(self) -> float:
+        """For how long it has been at its stage [s]."""
+        going = time.monotonic() - self.since if self.doing == self.stage else 0.0
+        return self.spent.get(self.stage, 0.0) + going
 
 
 class Jobs:
@@ -50,7 +66,6 @@ class Jobs:
         if name in self._going:
             raise Ended(f"{name} is being identified already: wait for that, or end it")
         job = self._going[name] = _Job(name, samples)
-        job.now(_WAITING)
         job.task = asyncio.ensure_future(work(asked, job.now))
         telling = asyncio.create_task(self._tell_often(job, tell))
         try:
@@ -80,21 +95,24 @@ class Jobs:
             await asyncio.sleep(TELL_INTERVAL)
 
     def _progress(self, job: _Job) -> dict[str, Any]:
-        """What it does, for how long it has gone on, and how long it will take if it goes like the last one, all in s."""
-        now = time.monotonic()
-        doing = list(job.begun)[-1]
+        """What it does and which step that is of how many, for how long it has gone on, and how long it will take, in s.
+
+        That is what the last one took. Of a first one nobody knows it, nor of what is compiled, nor of one that takes longer.
+        """
         left = None
-        if doing in STAGES and all(stage in self._pace for stage in STAGES):
-            here, *later = [self._expected(stage, job) for stage in STAGES[STAGES.index(doing) :]]
-            rest = here - (now - job.begun[doing])
-            left = rest + sum(later) if rest > 0 else None  # it takes longer than the last one: nobody knows
-        return {"doing": doing, "seconds": now - job.begun[_WAITING], "left": left}
+        if job.doing in STAGES and all(stage in self._pace for stage in STAGES):
+            here, *later = [self._expected(stage, job) for stage in STAGES[STAGES.index(job.doing) :]]
+            rest = here - job.spent_on_stage()
+            left = rest + sum(later) if rest > 0 else None
+        step = STAGES.index(job.stage) + 1 if job.stage in STAGES else 0
+        seconds = time.monotonic() - job.asked
+        return {"doing": job.doing, "step": step, "of": len(STAGES), "seconds": seconds, "left": left}
 
     def _expected(self, stage: str, job: _Job) -> float:
         return self._pace[stage] * (job.samples if stage == IDENTIFYING else 1)
 
     def _learn(self, job: _Job) -> None:
-        times = [*job.begun.values(), time.monotonic()]
-        for k, stage in enumerate(job.begun):
-            lasted = times[k + 1] - times[k]
+        job.now(_DONE)
+        for stage in STAGES:
+            lasted = job.spent.get(stage, 0.0)
             self._pace[stage] = lasted / max(1, job.samples) if stage == IDENTIFYING else lasted

@@ -7,9 +7,9 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Awaitable, Callable, Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from functools import partial
 from typing import IO, Any, Protocol, TypeAlias, cast
 
@@ -34,6 +34,9 @@ STARTING, READING, IDENTIFYING, WRITING = STAGES = (
     "identifying",
     "writing the report",
 )
+
+COMPILING = "compiling equations that are needed for the first time"
+"""Done within the stages, once in an installation for each model; how much there is of it nobody knows before."""
 
 PATIENCE = 300.0  # s; then it's ended
 _AT_ONCE = asyncio.Semaphore(1)
@@ -142,6 +145,19 @@ def _say(doing: str) -> None:
     sys.stdout.flush()
 
 
+@contextmanager
+def _stage(doing: str) -> Iterator[None]:
+    """Say what is done meanwhile, and when kernels are compiled for it, which takes far longer than itself."""
+    from servobench.compiled import told_while_compiling
+
+    def compiling(before: int) -> None:
+        _say(f"{COMPILING} ({before} done)")
+
+    _say(doing)
+    with told_while_compiling(compiling, lambda: _say(doing)):
+        yield
+
+
 def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Identify the recording `file` with the model `structure`, and write the page `report`; return the result."""
     from pathlib import Path
@@ -153,16 +169,15 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.recording.reader import read
     from servobench.report.document import Report
 
-    _say(READING)
-    recording = mapped(read(asked["file"])[0], Path(asked["file"]).parent)
-    chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
-    data = measure(recording, chain)
-    _say(IDENTIFYING)
-    result = identify([data], structure=asked["structure"])
-    _say(WRITING)
-    Report([recording], result, command=f"servobench identify {os.path.basename(asked['file'])}").write(
-        asked["report"]
-    )
+    with _stage(READING):
+        recording = mapped(read(asked["file"])[0], Path(asked["file"]).parent)
+        chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
+        data = measure(recording, chain)
+    with _stage(IDENTIFYING):
+        result = identify([data], structure=asked["structure"])
+    with _stage(WRITING):
+        command = f"servobench identify {os.path.basename(asked['file'])}"
+        Report([recording], result, command=command).write(asked["report"])
     return {"result": result.to_dict()}
 
 

@@ -22,11 +22,12 @@ export function makeProgress(label, onEnd) {
     return { element, show, over };
 }
 
-// How far an identification is, in words and as a share.
-export function workProgress({ doing, seconds, left }) {
+// How far an identification is, in words and as a share: how long it will take where that is known, or else which step it is at.
+export function workProgress({ doing, step, of, seconds, left }) {
     const known = left != null;
     const rest = known ? `about ${clock(Math.max(1, Math.ceil(left)))} left` : `${clock(seconds)} so far`;
-    return { share: known ? seconds / (seconds + left) : null, sentence: `${doing}  ·  ${rest}` };
+    const place = !known && step ? `step ${step} of ${of}: ` : "";
+    return { share: known ? seconds / (seconds + left) : null, sentence: `${place}${doing}  ·  ${rest}` };
 }
 
 // How far a file is on its way; `begun` is when it was sent [ms].
