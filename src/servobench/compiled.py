@@ -27,14 +27,14 @@ def told_while_compiling(begun: Callable[[int], None], over: Callable[[], None])
     `begun` gets how many were compiled before. Kernels that call others are compiled after those: `over` is told after the last.
     """
     watching = _Watching(begun, over)
-    register("numba:compile", watching)
+    register("numba:compile", watching)  # type: ignore[no-untyped-call]
     try:
         yield
     finally:
-        unregister("numba:compile", watching)
+        unregister("numba:compile", watching)  # type: ignore[no-untyped-call]
 
 
-class _Watching(Listener):  # type: ignore[misc]
+class _Watching(Listener):
     """Hears of compilations, one within the other."""
 
     def __init__(self, begun: Callable[[int], None], over: Callable[[], None]) -> None:

@@ -167,6 +167,11 @@ def test_axe_finds_nothing_grave(browser: Any, theme: str, size: tuple[int, int]
         page.get_by_role("button", name="Cursors").click()
         page.wait_for_timeout(1000)  # some readings
         seen = {"scopes": findings(page)}
+        page.get_by_label("Kind of signal").select_option("sequence")
+        page.get_by_role("group", name="Segment 1 of 2").get_by_label("Kind").select_option("sum")
+        page.get_by_role("button", name="Add a segment").click()
+        seen["parts"] = findings(page)
+        page.get_by_label("Kind of signal").select_option("square")
         page.get_by_role("tab", name="Recordings").click()
         page.get_by_role("button", name="square-1-3", exact=True).click()
         page.get_by_role("button", name="Identify").click()

@@ -61,12 +61,6 @@ def test_what_is_wrong_with_a_number_is_said_with_the_number(panel: Panel) -> No
     wrong(panel, "frequency is -1; expected: greater than 0")
 
 
-def test_a_bracket_that_is_missing_is_told_by_its_line(panel: Panel) -> None:
-    panel.page.get_by_label("Kind of signal").select_option("sum")
-    panel.page.get_by_label("Parts").fill('[{"type": "square"},\n {"type": "sine",}]')
-    wrong(panel, "in line 2")
-
-
 def test_the_signal_is_in_the_unit_of_what_follows_it(panel: Panel) -> None:
     panel.page.get_by_role("spinbutton", name="High in V").wait_for()
     panel.bench.controller = {"type": "pid", "output": "position"}

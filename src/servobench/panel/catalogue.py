@@ -10,7 +10,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
-from servobench.settings import unit_of
+from servobench.settings import MemberOf, unit_of
 
 _UNITS = {"encoder": ["counts", "deg", "rad"]}
 _ON_DATA_SHEETS = {
@@ -71,8 +71,35 @@ def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
         "minimum": _bound(field.metadata, ("ge", Ge), ("gt", Gt), max),
         "maximum": _bound(field.metadata, ("le", Le), ("lt", Lt), min),
         "choices": [_plain(choice) for choice in _choices(field.annotation)],
+        "parts": _parts(key, field.annotation),
         "sentence": field.description or "",
     }
+
+
+def _parts(key: str, annotation: Any) -> dict[str, Any] | None:
+    """What each of several signals in a setting comes with, None of a setting that holds no signals.
+
+    `each` is what one is called. `signal` is the name by which a part has its signal, beside settings of its own (`fields`); None
+    where it is the signal itself.
+    """
+    of = get_args(annotation)
+    if get_origin(annotation) is not tuple or len(of) != 2 or of[1] is not Ellipsis:
+        return None
+    each = key.removesuffix("s")
+    if _is_signal(get_args(of[0])):
+        return {"each": each, "signal": None, "fields": []}
+    if not (isinstance(of[0], type) and issubclass(of[0], BaseModel)):
+        return None
+    signals = [name for name, field in of[0].model_fields.items() if _is_signal(field.metadata)]
+    if len(signals) != 1:
+        return None
+    own = [field_of(name, field) for name, field in of[0].model_fields.items() if name not in signals]
+    return {"each": each, "signal": signals[0], "fields": own}
+
+
+def _is_signal(metadata: Iterable[Any]) -> bool:
+    """Whether the marks of a type say that it holds a signal."""
+    return any(isinstance(mark, MemberOf) and mark.registry.kind == "signal" for mark in metadata)
 
 
 def _default(field: FieldInfo) -> Any:

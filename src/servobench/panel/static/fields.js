@@ -59,6 +59,7 @@ function number(_, field) {
     const read = () => {
         if (input.validity.badInput) throw new Error(`${words(field.name)}: not a number`);
         if (input.value === "" && field.default != null) throw new Error(`${words(field.name)}: nothing is filled in; ${plain(field.default)}, for instance, is a number`);
+        if (input.value === "" && field.required) throw new Error(`${words(field.name)}: nothing is filled in; it has to be a number`);
         return input.value === "" ? undefined : Number(input.value);
     };
     return { input, read, write: (value) => (input.value = value == null ? "" : String(plain(value))) };

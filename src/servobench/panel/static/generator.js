@@ -3,13 +3,14 @@
 import { post } from "./api.js";
 import { announce } from "./announcer.js";
 import { byId, el, shape } from "./dom.js";
-import { significant } from "./format.js";
+import { significant, words } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
 import { referenceUnit } from "./traces.js";
 
 const WAIT = 150; // ms after the last change, before a preview is asked for
+const LONGEST = 3600; // s of a preview
 const [WIDTH, HEIGHT, PAD] = [280, 60, 6];
 const SVG = "http://www.w3.org/2000/svg";
 
@@ -77,6 +78,20 @@ export function makeGenerator(store, commands, signals) {
     draw();
 }
 
+// Over what time [s] a signal is drawn: two periods, all segments and a little of what comes after them, or ten seconds.
+export function spanOf(signal) {
+    const parts = Array.isArray(signal.parts) ? signal.parts.map(spanOf) : [];
+    const lengths = Array.isArray(signal.segments) ? signal.segments.map(({ duration }) => Number(duration)) : [];
+    let span = 10;
+    if (parts.length) span = Math.max(...parts);
+    else if (lengths.length) span = (signal.start ?? 0) + 1.04 * lengths.reduce((sum, length) => sum + length, 0);
+    else if (signal.frequency > 0) span = (signal.start ?? 0) + 2 / signal.frequency;
+    return span > 0 ? Math.min(span, LONGEST) : 10;
+}
+
+// A mistake in a part, by the number that it has on the page: segments.0.duration → Segment 1: duration.
+const placed = (sentence) => sentence.replace(/\b([a-z]+)s\.(\d+)\.(?:signal\.)?/g, (_, each, at) => `${words(each)} ${Number(at) + 1}: `);
+
 // A line through the points; what isn't finite is left out of it.
 function path(x, y) {
     let begun = false;
@@ -106,12 +121,12 @@ class Preview {
     // Resolves to the sentence that says what is wrong, or null.
     async show(signal) {
         const turn = ++this.turn;
-        const duration = signal.frequency > 0 ? (signal.start ?? 0) + 2 / signal.frequency : 10;
+        const duration = spanOf(signal);
         let found;
         try {
             found = await post("/api/preview", { signal, duration });
         } catch (error) {
-            return turn === this.turn ? error.message : null;
+            return turn === this.turn ? placed(error.message) : null;
         }
         if (turn !== this.turn) return null;
         const { t, unit, warnings } = found;

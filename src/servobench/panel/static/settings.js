@@ -2,12 +2,14 @@
 
 import { el } from "./dom.js";
 import { makeField } from "./fields.js";
+import { makeParts } from "./parts.js";
 
 const AT_ONCE = 4; // fields that are seen at once; the rest is one step away
+const DEEPEST = 2; // forms within forms: where signals are made of signals that are made of signals, the column is too narrow for more
 
 export class SettingsForm {
-    constructor({ prefix, label, members, onEdit }) {
-        Object.assign(this, { prefix, members, onEdit });
+    constructor({ prefix, label, members, onEdit, depth = 0 }) {
+        Object.assign(this, { prefix, members, onEdit, depth });
         this.choice = el("select", { id: `${prefix}-type` }, members.map((each) => el("option", { value: each.name }, each.title)));
         this.sentence = el("p", { class: "hint", id: `${prefix}-sentence` });
         this.choice.setAttribute("aria-describedby", this.sentence.id);
@@ -31,12 +33,20 @@ export class SettingsForm {
 
     build() {
         this.sentence.textContent = this.member.sentence;
-        this.fields = this.member.fields.map((field) => makeField(this.prefix, field));
+        this.fields = this.member.fields.map((field) => this.fieldFor(field));
         this.measure(this.unitOf);
         const elements = this.fields.map((field) => field.element);
         const more = elements.slice(AT_ONCE);
         this.body.replaceChildren(...elements.slice(0, AT_ONCE));
         if (more.length) this.body.append(el("details", {}, el("summary", {}, "More settings"), more));
+    }
+
+    // A field of the form; signals within a signal are forms in their turn, and a text from a depth on.
+    fieldFor(field) {
+        if (!field.parts) return makeField(this.prefix, field);
+        if (this.depth >= DEEPEST) return makeField(this.prefix, { ...field, sentence: `${field.sentence} So deep within others they are written as a file has them.` });
+        const within = (prefix) => new SettingsForm({ prefix, label: "Kind", members: this.members, onEdit: () => this.onEdit(), depth: this.depth + 1 });
+        return makeParts(this.prefix, field, within, () => this.onEdit());
     }
 
     // Tell the fields' units as `unitOf` says.
