@@ -205,6 +205,7 @@ def _list(console: Console, folder: Path) -> None:
     from servobench.cli.layout import show_table
     from servobench.errors import ServobenchError, UsageError
     from servobench.lab.exercise import exercise, names
+    from servobench.lab.formula import line_text
 
     found: list[Exercise] = []
     mistakes: list[str] = []
@@ -216,7 +217,7 @@ def _list(console: Console, folder: Path) -> None:
     if not found and not mistakes:
         raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
     found.sort(key=lambda each: (each.order, each.name))
-    rows = [(str(each.order), each.name, each.title, each.sentence) for each in found]
+    rows = [(str(each.order), each.name, line_text(each.title), line_text(each.sentence)) for each in found]
     show_table(console, ("order", "name", "title", "what it is about"), rows, right=("order",))
     if mistakes:
         raise UsageError("\n".join(mistakes))

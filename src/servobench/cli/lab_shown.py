@@ -12,6 +12,7 @@ from rich.text import Text
 
 from servobench.cli.layout import show_table, show_wrapped
 from servobench.cli.terminal import printable
+from servobench.lab.formula import line_text
 
 if TYPE_CHECKING:
     from servobench.lab.studies.base import Shown
@@ -25,9 +26,9 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
     """
     opened = solution or studies
     exercise = worked.exercise
-    show_wrapped(console, Text(), exercise.title, hanging=0)
+    show_wrapped(console, Text(), line_text(exercise.title), hanging=0)
     if exercise.sentence:
-        show_wrapped(console, Text(), exercise.sentence, hanging=0)
+        show_wrapped(console, Text(), line_text(exercise.sentence), hanging=0)
     show_wrapped(console, Text(), "; ".join(worked.in_short), hanging=0)
     for piece in exercise.pieces:
         console.print()
@@ -56,7 +57,7 @@ def show_checked(console: Console, worked: Worked) -> None:
     for name, said in worked.checked.items():
         symbol, style = ("✓", "bold green") if said.right else ("✗", "bold red")
         head = Text.assemble("  ", (symbol, style), f" {name} = {printable(worked.given[name])}: ")
-        show_wrapped(console, head, said.sentence, hanging=4)
+        show_wrapped(console, head, line_text(said.sentence), hanging=4)
 
 
 def show_markdown(console: Console, text: str) -> None:
@@ -77,6 +78,12 @@ class _FlushHeading(Heading):
 class _Plain(Markdown):
     elements: ClassVar = {**Markdown.elements, "heading_open": _FlushHeading}
 
+    def __init__(self, markup: str) -> None:
+        from servobench.lab.markdown import as_text
+
+        super().__init__(markup)
+        self.parsed = as_text(markup)  # rich knows of no formulas
+
 
 def _without_blanks_at_the_end(line: Iterable[Segment]) -> list[Segment]:
     kept = list(line)
@@ -95,20 +102,21 @@ def _show_study(console: Console, shown: Shown) -> None:
         if number:
             console.print()
         if table.title:
-            console.print(Text(printable(table.title), style="bold"), soft_wrap=True)
+            console.print(Text(printable(line_text(table.title)), style="bold"), soft_wrap=True)
         columns = told(table)
-        headings = [column.titled for column in columns]
+        headings = [line_text(column.titled) for column in columns]
         # A column that ends with words is wrapped; one of numbers at the end is written out.
         rows = list(zip(*(column.texts for column in columns), strict=True))
-        right = [column.titled for column in columns if column.kind != "word"]
-        show_table(console, headings, [[text.replace("−", "-") for text in row] for row in rows], right=right)
+        right = [heading for heading, column in zip(headings, columns, strict=True) if column.kind != "word"]
+        plain = [[line_text(text).replace("−", "-") for text in row] for row in rows]
+        show_table(console, headings, plain, right=right)
         if table.note:
-            show_wrapped(console, Text("  "), table.note, hanging=2)
+            show_wrapped(console, Text("  "), line_text(table.note), hanging=2)
     for figure in shown.figures:
-        head = Text.assemble(("Figure: ", "dim"), printable(figure.title), ". ")
-        show_wrapped(console, head, figure.description, hanging=2)
+        head = Text.assemble(("Figure: ", "dim"), printable(line_text(figure.title)), ". ")
+        show_wrapped(console, head, line_text(figure.description), hanging=2)
     for sentence in shown.sentences:
-        show_wrapped(console, Text(), sentence, hanging=0)
+        show_wrapped(console, Text(), line_text(sentence), hanging=0)
 
 
 def _show_blanks(console: Console, worked: Worked, *, solution: bool) -> None:
@@ -121,7 +129,7 @@ def _show_blanks(console: Console, worked: Worked, *, solution: bool) -> None:
         if solution:
             answer = answers[blank.id]
             beside = (answer.text or f"not told: {answer.why_not}").replace("−", "-")
-        rows.append((blank.id, beside, blank.label))
+        rows.append((blank.id, beside, line_text(blank.label)))
     show_table(console, headings, rows)
     if not solution and not worked.given:
         first = exercise.blanks[0]
@@ -137,6 +145,8 @@ def _show_corrections(console: Console, worked: Worked) -> None:
     console.print(Text("Where the paper errs", style="bold"))
     for each in worked.corrections:
         console.print()
-        show_wrapped(console, Text("  "), f"{each.correction.where}: {each.correction.paper}", hanging=4)
-        show_wrapped(console, Text("  here: ", style="bold"), each.ours, hanging=4)
-        show_wrapped(console, Text("  why: "), each.correction.why, hanging=4)
+        show_wrapped(
+            console, Text("  "), line_text(f"{each.correction.where}: {each.correction.paper}"), hanging=4
+        )
+        show_wrapped(console, Text("  here: ", style="bold"), line_text(each.ours), hanging=4)
+        show_wrapped(console, Text("  why: "), line_text(each.correction.why), hanging=4)

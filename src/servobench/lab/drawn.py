@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
+from servobench.lab.formula import line_text
 from servobench.lab.studies.base import Shown
 from servobench.lab.told import told
 from servobench.lab.worked import Worked
@@ -23,10 +24,10 @@ def results(worked: Worked) -> dict[str, Any]:
         },
         "corrections": [
             {
-                "where": each.correction.where,
-                "paper": each.correction.paper,
-                "ours": each.ours,
-                "why": each.correction.why,
+                "where": line_text(each.correction.where),
+                "paper": line_text(each.correction.paper),
+                "ours": line_text(each.ours),
+                "why": line_text(each.correction.why),
             }
             for each in worked.corrections
         ],
@@ -37,24 +38,28 @@ def _study(shown: Shown) -> dict[str, Any]:
     return {
         "tables": [
             {
-                "title": table.title,
-                "note": table.note,
+                "title": line_text(table.title),
+                "note": line_text(table.note),
                 "columns": [
-                    {"heading": column.titled, "kind": column.kind, "texts": list(column.texts)}
+                    {
+                        "heading": line_text(column.titled),
+                        "kind": column.kind,
+                        "texts": list(map(line_text, column.texts)),
+                    }
                     for column in told(table)
                 ],
             }
             for table in shown.tables
         ],
         "figures": [_figure(figure) for figure in shown.figures],
-        "sentences": list(shown.sentences),
+        "sentences": list(map(line_text, shown.sentences)),
     }
 
 
 def _figure(figure: Illustration) -> dict[str, str]:
     return {
-        "title": figure.title,
-        "caption": figure.caption,
+        "title": line_text(figure.title),
+        "caption": line_text(figure.caption),
         "description": figure.description,
         "svg": inline_svg(
             figure.draw(NARROW), name=figure.name, title=figure.title, description=figure.description

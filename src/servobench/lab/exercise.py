@@ -22,6 +22,7 @@ from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.experiment.reading import experiment_of, explain, parsed
 from servobench.lab.expression import Expression
+from servobench.lab.markdown import check_formulas
 from servobench.lab.rules import check_blanks, check_rules
 from servobench.lab.studies.base import AnyStudy, Study
 from servobench.lab.tolerance import Tolerance
@@ -229,6 +230,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     told = _front(own, front, source)
     lines = lines_of_keys(front)
     _check_studies(told.studies, body, first, lines, source)
+    check_formulas(body, first, source)
     experiment = experiment_of(tables, front, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
         raise FormatError(

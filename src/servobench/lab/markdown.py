@@ -1,16 +1,31 @@
-"""Markdown to HTML that a page may hold: what isn't Markdown is shown as it is written, and nothing is fetched."""
+"""Markdown with formulas as HTML that a page may hold, and as text: what is neither is shown as it is, and nothing is fetched."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+from servobench.errors import FormatError
+from servobench.lab.formula import formula_html, formula_text
+
+if TYPE_CHECKING:
+    from markdown_it import MarkdownIt
+    from markdown_it.rules_inline import StateInline
+    from markdown_it.token import Token
+
+_FORMULA, _SHOWN = "formula", "formula_shown"
+
 
 def to_html(text: str) -> str:
-    """Return Markdown (CommonMark, and tables) as HTML without scripts, styles, pictures or any tag of the writer's own.
+    """Return Markdown (CommonMark, tables and formulas) as HTML without scripts, styles, pictures or any tag of the writer's own.
 
-    HTML in the text comes out as text. Links lead to `http`, `https` and `mailto` addresses or within the page, others stay text.
+    A formula stands between dollar signs, `$K/(τs + 1)$`, or between two of them to be shown larger. HTML in the text comes
+    out as text. Links lead to `http`, `https` and `mailto` addresses or within the page, others stay text.
+    Raises `FormatError` for a formula that can't be read.
     """
-    from markdown_it import MarkdownIt
-
-    reader = MarkdownIt("commonmark", {"html": False}).enable("table").disable("image")
+    reader = _reader().disable("image")
+    reader.add_render_rule(_FORMULA, _written)
+    reader.add_render_rule(_SHOWN, _written)
     tokens = reader.parse(text)
     for token in tokens:
         token.attrs.pop("style", None)  # the alignment of a column; a page's policy forbids styles in tags
@@ -18,3 +33,63 @@ def to_html(text: str) -> str:
             if inner.type == "link_open":
                 inner.attrSet("rel", "noopener noreferrer")
     return str(reader.renderer.render(tokens, reader.options, {}))
+
+
+def as_text(text: str) -> list[Token]:
+    """Return Markdown's tokens with the formulas as plain text, for what sets Markdown in a terminal."""
+    tokens = _reader().enable("strikethrough").parse(text)
+    for token in tokens:
+        for inner in token.children or ():
+            if inner.type in (_FORMULA, _SHOWN):
+                inner.type, inner.content = "text", formula_text(inner.content)
+    return tokens
+
+
+def check_formulas(text: str, first: int, source: str) -> None:
+    """Raise `FormatError`, with the file and its line, for a formula that can't be read; the text begins in the line `first`."""
+    for token in _reader().parse(text):
+        for inner in token.children or ():
+            if inner.type in (_FORMULA, _SHOWN):
+                _check(inner.content, text, first, source)
+
+
+def _check(formula: str, text: str, first: int, source: str) -> None:
+    try:
+        formula_html(formula)
+    except FormatError as error:
+        line = first + text.partition(f"${formula}$")[0].count("\n")
+        raise FormatError(f"{source}:{line}: {error}") from None
+
+
+def _reader() -> MarkdownIt:
+    from markdown_it import MarkdownIt
+
+    reader = MarkdownIt("commonmark", {"html": False}).enable("table")
+    reader.inline.ruler.before("escape", _FORMULA, _formula)
+    return reader
+
+
+def _formula(state: StateInline, silent: bool) -> bool:
+    """Take `$...$` or `$$...$$` for a formula; a dollar sign beside a blank, or before a digit at its end, is a sum of money."""
+    marks = "$$" if state.src.startswith("$$", state.pos) else "$"
+    first = state.pos + len(marks)
+    if not state.src.startswith(marks, state.pos) or state.src[first : first + 1].strip() == "":
+        return False
+    last = state.src.find(marks, first)
+    after = last + len(marks)
+    if last <= first or state.src[last - 1].isspace() or state.src[after : after + 1].isdigit():
+        return False
+    if "`" in state.src[first:last]:  # the second sign stands in code
+        return False
+    if not silent:
+        token = state.push(_SHOWN if len(marks) > 1 else _FORMULA, "math", 0)
+        token.content = state.src[first:last]
+    state.pos = after
+    return True
+
+
+def _written(_: object, tokens: Sequence[Token], at: int, *__: object) -> str:
+    token = tokens[at]
+    if token.type == _FORMULA:
+        return formula_html(token.content)
+    return f'<span class="shown">{formula_html(token.content, display=True)}</span>'

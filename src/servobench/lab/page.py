@@ -13,6 +13,7 @@ from typing import Any
 from servobench._version import __version__
 from servobench.errors import StorageError
 from servobench.lab.exercise import Exercise
+from servobench.lab.formula import line_html
 from servobench.lab.markdown import to_html
 from servobench.lab.studies.base import Shown
 from servobench.lab.told import OFF, PAPER, Told, told
@@ -152,6 +153,7 @@ def _page(name: str, **known: Any) -> str:
         version=__version__,
         sentence=words.sentence,
         capital=capital,
+        line=line_html,
         page_of=page_of,
         index=INDEX,
         papers=PAPERS,

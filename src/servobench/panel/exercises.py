@@ -22,6 +22,7 @@ from servobench.experiment.experiment import AnyController, Experiment
 from servobench.lab.check import check
 from servobench.lab.exercise import FOLDER, Exercise, exercise, names
 from servobench.lab.expression import Expression, Fact
+from servobench.lab.formula import line_text
 from servobench.lab.markdown import to_html
 from servobench.panel.work import Work, error_called
 from servobench.signals.base import AnySignal
@@ -160,17 +161,18 @@ def _listed(folder: Path) -> list[dict[str, str]]:
         except ServobenchError as error:  # one file with a mistake doesn't take the others away
             broken.append({"name": name, "title": name, "sentence": "", "error": str(error)})
     found.sort(key=lambda each: (each.order, each.name))
-    return [*({"name": e.name, "title": e.title, "sentence": e.sentence} for e in found), *broken]
+    told = ({"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found)
+    return [*told, *broken]
 
 
 def _shown(found: Exercise) -> dict[str, Any]:
     return {
         "name": found.name,
-        "title": found.title,
+        "title": line_text(found.title),
         "pieces": [
             {"study": piece.study} if piece.study else {"html": to_html(piece.text)} for piece in found.pieces
         ],
-        "blanks": [{"id": b.id, "label": b.label, "unit": b.unit} for b in found.blanks],
+        "blanks": [{"id": b.id, "label": line_text(b.label), "unit": b.unit} for b in found.blanks],
         "experiment": _settable(found.experiment),
     }
 
@@ -179,7 +181,7 @@ def _checked(
     found: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, dict[str, Any]]:
     said = check(found, answers, facts)
-    return {name: {"right": each.right, "sentence": each.sentence} for name, each in said.items()}
+    return {name: {"right": each.right, "sentence": line_text(each.sentence)} for name, each in said.items()}
 
 
 async def _body(request: Request) -> bytes | None:
