@@ -19,6 +19,7 @@ from servobench.lab.exercise import exercise
 from servobench.lab.expression import Expression
 from servobench.lab.motion import motion_of
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin
+from servobench.lab.studies import quadrature
 from servobench.lab.studies.base import Column
 from servobench.lab.studies.breakaway import Breakaway
 from servobench.lab.studies.inertias import Body, Inertias, Total
@@ -521,3 +522,30 @@ def test_a_motion_is_unwrapped_and_begins_at_zero() -> None:
     assert motion.angle[0] == 0
     assert motion.angle[-1] == pytest.approx(float(course[-1, 2] - 99.0), abs=2 * COUNT)
     assert motion.area == pytest.approx(10 * 499 * T, rel=1e-9)
+
+
+def test_two_channels_are_decoded_to_the_counts_that_are_drawn() -> None:
+    """A decoder that knows nothing but which state follows which: 10, 11, 01, 00 is forwards."""
+    forwards = [(1, 0), (1, 1), (0, 1), (0, 0)]
+    angle = np.concatenate(
+        [np.linspace(0.01, 2.99, 1000), np.linspace(2.99, -1.99, 2000)]
+    )  # lines, there and back
+    a, b = quadrature.channels(angle)
+    states = [forwards.index((int(x), int(y))) for x, y in zip(a, b, strict=True)]
+    steps = [{0: 0, 1: 1, 3: -1}[(after - before) % 4] for before, after in pairwise(states)]
+
+    assert np.array_equal(np.concatenate([[0], np.cumsum(steps)]), np.floor(4 * angle))
+
+
+def test_a_line_of_the_disc_has_four_states_and_the_table_names_the_edge_between_them() -> None:
+    (table,) = stand("encoder").shown("channels").tables
+    columns = {column.name: column.values for column in table.columns}
+    states = list(zip(columns["a"], columns["b"], strict=True))
+
+    assert columns["angle"] == pytest.approx([360 / 2048 * n for n in range(4)])
+    assert len(set(states)) == 4
+    for before, after, edge in zip([states[-1], *states], states, columns["edge"], strict=False):
+        changed = [
+            f"{name} to {now}" for name, then, now in zip("AB", before, after, strict=True) if then != now
+        ]
+        assert changed == [edge]

@@ -74,7 +74,8 @@ PLACES = {
     # The ramp goes on for about 10 mV while the shaft turns its first counts.
     "10 the dead band": Place("driving", "0.5 V", "0.5 V", 0.65 + FRICTION, 0.02),
     "11 resistance for 0.13 s": Place("identification", "the motor's own", "8.4", 0.13 * K**2 / J),
-    "11 inertia for 0.13 s": Place("identification", "inertia", "0.13 s", 0.13 * K**2 / R),
+    "11 inertia for 0.13 s": Place("identification", "inertia", "0.13 s", 1e6 * 0.13 * K**2 / R),
+    "12 the filter's factor": Place("filter", "I.D", "1/(s + 1/τ)", abs(1 / (0j + 1 / 0.02))),
 }  # fmt: skip
 
 
@@ -182,3 +183,50 @@ def test_all_of_the_papers_parts_have_an_exercise() -> None:
     promised = ("identification", "validation", "sampling", "noise")
 
     assert set(parts + promised) <= set(lab())
+
+
+# Each table, figure with data and question of the paper, and the exercise that does it again.
+ITEMS = {
+    "eqs. 1 to 10": "modelling",
+    "Table 1,": "modelling",
+    "Table 1-3": "sampling",
+    "Table 1-4": "filter",
+    "Table 1-5": "stability",
+    "two channels": "encoder",
+    "2048 counts": "encoder",
+    "zero after a restart": "encoder",
+    "Figure 1-17 (encoder position)": "encoder",
+    "Figure 1-13": "driving",
+    "stall monitor": "driving",
+    "Figure 1-15": "speed",
+    "Figure 1-16": "speed",
+    "Figure 1-17 (motor speed)": "filter",
+    "Figure 1-18": "filter",
+    "Figures 1-19 and 1-20": "stability",
+    "Figures 1-21 and 1-22": "pulse",
+    "Figure 1-23": "sinusoid",
+    "0.13 s": "step",
+    "identify the transfer function": "identification",
+    "validate the models": "validation",
+    "step size against resolution": "sampling",
+    "effects of noise": "noise",
+}
+
+
+@pytest.mark.parametrize("item", ITEMS)
+def test_each_item_of_the_paper_is_said_to_be_done_in_an_exercise(item: str) -> None:
+    assert any(item in each.item for each in lab()[ITEMS[item]].paper)
+
+
+def test_a_study_that_is_said_to_show_an_item_shows_a_table_or_a_figure() -> None:
+    for name in (
+        "encoder",
+        "driving",
+        "speed",
+        "modelling",
+    ):  # the quick ones; that it stands in the text is checked in reading
+        stand = stand_on_the_twin(lab()[name])
+        for each in lab()[name].paper:
+            if each.study:
+                shown = stand.shown(each.study)
+                assert shown.tables or shown.figures, each

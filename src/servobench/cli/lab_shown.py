@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from rich.console import Console, ConsoleOptions, RenderResult
@@ -15,6 +15,7 @@ from servobench.cli.terminal import printable
 from servobench.lab.formula import line_text
 
 if TYPE_CHECKING:
+    from servobench.lab.paper_items import PaperItem
     from servobench.lab.studies.base import Shown
     from servobench.lab.worked import Worked
 
@@ -33,6 +34,7 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
     for piece in exercise.pieces:
         console.print()
         if piece.study and opened:
+            _show_items(console, exercise.shows(piece.study))
             _show_study(console, worked.shown(piece.study))
         elif piece.study:
             console.print(
@@ -93,6 +95,12 @@ def _without_blanks_at_the_end(line: Iterable[Segment]) -> list[Segment]:
         last = kept[-1]
         kept[-1] = Segment(last.text.rstrip(), last.style, last.control)
     return kept
+
+
+def _show_items(console: Console, items: Sequence[PaperItem]) -> None:
+    if items:
+        told = "; ".join(f"{each.part}, {each.item}" for each in items)
+        show_wrapped(console, Text("in the paper: ", style="dim"), line_text(told), hanging=2)
 
 
 def _show_study(console: Console, shown: Shown) -> None:

@@ -8,7 +8,7 @@ Markdown; a line `{{ NAME }}` in it is where the study of that name stands.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -23,6 +23,7 @@ from servobench.experiment.lines import line_of, lines_of_keys
 from servobench.experiment.reading import experiment_of, explain, parsed
 from servobench.lab.expression import Expression
 from servobench.lab.markdown import check_formulas
+from servobench.lab.paper_items import PaperItem
 from servobench.lab.rules import check_blanks, check_rules
 from servobench.lab.studies.base import AnyStudy, Study
 from servobench.lab.tolerance import Tolerance
@@ -38,7 +39,7 @@ _WORDS_OF_FACTS = (
     "sample", "sheet", "stribeck", "time", "viscous", "voltage",
 )  # fmt: skip
 """What names of facts begin with, such as `time_constant`: a study called that would hide them."""
-_OWN = ("title", "sentence", "order", "blanks", "studies", "corrections")
+_OWN = ("title", "sentence", "order", "blanks", "studies", "corrections", "paper")
 FOLDER = Path(__file__).parent / "exercises"
 
 
@@ -117,6 +118,7 @@ class _Front(Settings):
     blanks: Annotated[tuple[Blank, ...], Field(min_length=1)]
     studies: Mapping[Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*$")], AnyStudy] = {}
     corrections: tuple[Correction, ...] = ()
+    paper: tuple[PaperItem, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -152,6 +154,8 @@ class Exercise:
     lines: tuple[int, ...]
     study_lines: Mapping[str, int]
     correction_lines: tuple[int, ...]
+    paper: tuple[PaperItem, ...] = ()
+    """What of the paper it does again."""
 
     @property
     def pieces(self) -> tuple[Piece, ...]:
@@ -164,6 +168,10 @@ class Exercise:
             if blank.id == name:
                 return blank
         raise UnknownName("blank", name, [blank.id for blank in self.blanks])
+
+    def shows(self, study: str) -> tuple[PaperItem, ...]:
+        """Return what of the paper a study does again; with an empty name, the exercise's run or its text."""
+        return tuple(each for each in self.paper if each.study == study)
 
     def place(self, blank: Blank) -> str:
         """Return where a blank stands, as messages say it: file and line."""
@@ -231,6 +239,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     lines = lines_of_keys(front)
     _check_studies(told.studies, body, first, lines, source)
     check_formulas(body, first, source)
+    _check_paper(told.paper, body, lines, source)
     experiment = experiment_of(tables, front, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
         raise FormatError(
@@ -247,6 +256,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
         blanks=told.blanks,
         studies=told.studies,
         corrections=told.corrections,
+        paper=told.paper,
         source=source,
         lines=tuple(line_of(("blanks", number), lines) or 1 for number in range(len(told.blanks))),
         study_lines={study: line_of(("studies", study), lines) or 1 for study in told.studies},
@@ -300,6 +310,15 @@ def _check_studies(
                     f"{place}: the study {name!r} stands in line {seen[name]} already; leave one of them out"
                 )
             seen[name] = number
+
+
+def _check_paper(items: Sequence[PaperItem], body: str, lines: Mapping[KeyPath, int], source: str) -> None:
+    """Raise `FormatError` with file and line for what is said to be shown by a study that stands nowhere."""
+    stand = [piece.study for piece in _pieces(body) if piece.study]
+    for number, each in enumerate(items):
+        if each.study and each.study not in stand:
+            place = f"{source}:{line_of(('paper', number, 'study'), lines) or 1}"
+            raise FormatError(f"{place}: {UnknownName('study in the text', each.study, stand)}")
 
 
 def _divided(text: str, source: str) -> tuple[str, str, int]:

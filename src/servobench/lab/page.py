@@ -15,6 +15,7 @@ from servobench.errors import StorageError
 from servobench.lab.exercise import Exercise
 from servobench.lab.formula import line_html
 from servobench.lab.markdown import to_html
+from servobench.lab.paper_items import PaperItem
 from servobench.lab.studies.base import Shown
 from servobench.lab.told import OFF, PAPER, Told, told
 from servobench.lab.worked import Worked
@@ -47,6 +48,7 @@ class Block:
     study: str = ""
     tables: tuple[tuple[str, tuple[Told, ...], str], ...] = ()
     sentences: tuple[str, ...] = ()
+    paper: tuple[PaperItem, ...] = ()
     drawings: tuple[Drawn, ...] = ()
 
     @property
@@ -138,8 +140,14 @@ def index_page(lab: Sequence[Worked]) -> str:
 
 
 def papers_page(lab: Sequence[Worked]) -> str:
-    """Return the page on the paper: all corrections of all exercises, and each of its numbers beside ours."""
-    return _page("lab_paper.html.j2", title="The paper’s figures and ours", lab=lab, beside=_beside(lab))
+    """Return the page on the paper: what it contains and where that is here, what is corrected, and its numbers beside ours."""
+    return _page(
+        "lab_paper.html.j2",
+        title="The paper’s figures and ours",
+        lab=lab,
+        contained=_contained(lab),
+        beside=_beside(lab),
+    )
 
 
 def page_of(exercise: Exercise) -> str:
@@ -164,7 +172,9 @@ def _page(name: str, **known: Any) -> str:
 
 def _blocks(worked: Worked) -> tuple[Block, ...]:
     return tuple(
-        _study(piece.study, worked.shown(piece.study)) if piece.study else _text(piece.text)
+        _study(piece.study, worked.shown(piece.study), worked.exercise.shows(piece.study))
+        if piece.study
+        else _text(piece.text)
         for piece in worked.exercise.pieces
     )
 
@@ -190,9 +200,10 @@ def _text(text: str) -> Block:
     return Block(html=Markup(html))
 
 
-def _study(name: str, shown: Shown) -> Block:
+def _study(name: str, shown: Shown, paper: tuple[PaperItem, ...]) -> Block:
     return Block(
         study=name,
+        paper=paper,
         tables=tuple((table.title, told(table), table.note) for table in shown.tables),
         sentences=shown.sentences,
         drawings=tuple(drawn for figure in shown.figures if (drawn := single(figure))),
@@ -206,6 +217,12 @@ def _neighbours(lab: Sequence[Worked], number: int) -> Neighbours:
         before=lab[number - 1].exercise if number else None,
         after=lab[number + 1].exercise if number + 1 < len(lab) else None,
     )
+
+
+def _contained(lab: Sequence[Worked]) -> list[tuple[PaperItem, Exercise]]:
+    """What the paper contains and the exercise that does it again, by the paper's parts and then in the exercises' order."""
+    found = [(item, worked.exercise) for worked in lab for item in worked.exercise.paper]
+    return sorted(found, key=lambda each: each[0].part)
 
 
 def _beside(lab: Sequence[Worked]) -> tuple[Beside, ...]:
