@@ -108,6 +108,11 @@ def test_the_example_is_imported_asked_about_and_identified(served: Served) -> N
     frame = http.get("/api/recordings/logger/rows", headers=headers).content
     t = np.frombuffer(frame, "<f8", 1000, 24)
     np.testing.assert_allclose(t, 0.005 * np.arange(1000), atol=1e-9)
+    early = http.get("/api/recordings/logger/result", headers=headers)
+    assert (early.status_code, early.json()["error"]) == (
+        404,
+        "logger isn't identified yet: identify it first",
+    )
     answer = http.post("/api/recordings/logger/identify", headers=headers, json={}, timeout=300).json()
     # The same as the command says of the same file.
     recording = assign(sb.load(LOGGER)[0], time="time:s", input="voltage:V", output="angle:deg", chain="none")
@@ -115,6 +120,10 @@ def test_the_example_is_imported_asked_about_and_identified(served: Served) -> N
     assert answer["verdict"] == told["verdict"]
     for name, parameter in told["parameters"].items():
         assert answer["parameters"][name]["value"] == pytest.approx(parameter["value"], rel=1e-6)
+    # It can be had again, until somebody says that the columns are others.
+    assert http.get("/api/recordings/logger/result", headers=headers).json() == answer
+    http.post("/api/recordings/logger/columns", headers=headers, json=right)
+    assert http.get("/api/recordings/logger/result", headers=headers).status_code == 404
 
 
 def test_times_in_milliseconds_are_what_the_answer_says(served: Served) -> None:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.errors import UnknownName, UsageError
+from servobench.errors import FormatError, UnknownName, UsageError
 from servobench.panel.library import About, Library, about_in, checked_name, keep_about
 from tests.panel.conftest import Served
 
@@ -96,7 +96,7 @@ def test_names_lead_nowhere_over_the_network_either(served: Served, folder: Path
 
     for name in [*ODD, *(each for each in names(150) if not fits(each))]:
         told = quote(name.encode("utf-8", "surrogatepass"), safe="").replace(".", "%2e")
-        for way in ("download", "rows", "download?as=csv"):
+        for way in ("download", "rows", "download?as=csv", "result"):
             assert asked("GET", f"/api/recordings/{told}/{way}", headers) in (400, 404), name
         assert asked("GET", f"/reports/{told}", headers) in (400, 404), name
         assert asked("GET", f"/static/{told}", headers) == 404, name
@@ -175,6 +175,20 @@ def test_a_spoilt_note_spoils_no_list(tmp_path: Path, text: str) -> None:
     (folder / "about.json").write_text(text, encoding="utf-8", errors="surrogatepass")
 
     assert [each["name"] for each in library.list()] == ["a"]
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{", "[" * 100_000, "\ud800"])
+def test_a_spoilt_result_says_what_to_do(tmp_path: Path, text: str) -> None:
+    library = Library(tmp_path)
+    library.prepare()
+    folder = a_recording(library, "a")
+    assert library.result("a") is None
+    library.judge(folder, {"verdict": "trusted"})
+    assert library.result("a") == {"verdict": "trusted"}
+    (folder / "result.json").write_text(text, encoding="utf-8", errors="surrogatepass")
+
+    with pytest.raises(FormatError, match="identify a again"):
+        library.result("a")
 
 
 @pytest.mark.parametrize("notes", [None, 3, "x" * 10_001, ["a"]])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from itertools import combinations
 from pathlib import Path
 from typing import Any
 
@@ -106,7 +107,8 @@ TOGETHER = [
     ("reference", "speed_raw"),
     ("reference", "position"),
 ]
-PAIRS = [(f"trace-{a}", f"trace-{b}") for a, b in TOGETHER] + [("compare-0", "compare-1")]
+PAIRS = [(f"trace-{a}", f"trace-{b}") for a, b in TOGETHER]
+PAIRS += list(combinations([name for name in TRACES if name.startswith("compare-")], 2))
 
 
 def lab(light: np.ndarray) -> np.ndarray:
@@ -179,6 +181,10 @@ def test_axe_finds_nothing_grave(browser: Any, theme: str, size: tuple[int, int]
         page.get_by_label("Compare square-1-3").check()
         page.get_by_role("img", name="Speed of square-1-3 over time").wait_for()
         seen["recordings"] = findings(page)
+        page.get_by_label("Compare prbs-disc").check()
+        page.get_by_label("Compare chirp-slow").check()
+        page.get_by_role("table").get_by_text("differs: 5.0 sd apart").wait_for()
+        seen["models"] = findings(page)
         page.evaluate("fetch('/fake/fault', {method: 'POST'})")
         page.get_by_role("button", name="Acknowledge").wait_for()
         page.get_by_role("spinbutton", name="Low").fill("5")

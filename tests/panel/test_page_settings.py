@@ -125,12 +125,15 @@ def test_sentences_stand_below_each_other_and_what_went_wrong_stays_until_it_is_
     panel.until(lambda: (panel.bench.recording or {}).get("name") == "first-run")
 
 
-def test_a_third_recording_takes_a_place_and_says_whose(panel: Panel) -> None:
+def test_a_fifth_recording_takes_a_place_and_says_whose(panel: Panel) -> None:
     panel.until(lambda: panel.bench.motor.tick > 500)
+    one = panel.bench.recordings["square-1-3"]
+    panel.bench.recordings |= {name: {**one, "name": name} for name in ("fourth", "fifth")}
+    panel.page.reload()
     panel.tab("Recordings")
-    for name in ("square-1-3", "prbs-disc", "chirp-slow"):
+    for name in ("square-1-3", "prbs-disc", "chirp-slow", "fourth", "fifth"):
         panel.page.get_by_label(f"Compare {name}").check()
-    panel.page.locator("#toast").get_by_text("Two at a time: square-1-3 made room for chirp-slow").wait_for()
+    panel.page.locator("#toast").get_by_text("Four at a time: square-1-3 made room for fifth").wait_for()
 
 
 def test_a_device_offers_the_motors_that_are_known_and_sets_nothing_that_nobody_set(panel: Panel) -> None:

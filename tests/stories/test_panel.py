@@ -5,6 +5,7 @@ SERVOBENCH_SCREENSHOTS=docs makes the pictures of the documentation in that fold
 
 from __future__ import annotations
 
+import json
 import os
 import re
 from collections.abc import Iterator
@@ -111,6 +112,7 @@ def test_a_newcomer_drives_records_identifies_and_stops(browser: Any, program: P
         page.page.locator("#toast").get_by_text("Recorded first").wait_for()
         identifies(page, program)
         opens_the_report(page)
+        compares_with_a_second_one(page, program)
         stops_by_escape(page, program)
 
         assert page.complaints == []
@@ -171,6 +173,32 @@ def opens_the_report(page: Page) -> None:
     assert "time constant" in report.locator("body").inner_text().lower()
     assert report.locator("svg").count() > 0
     report.close()
+
+
+def compares_with_a_second_one(page: Page, program: Program) -> None:
+    """What the page says of the difference is that of the results as they are on the disk."""
+    record(page, "second", "5")
+    page.page.locator("#toast").get_by_text("Recorded second").wait_for()
+    page.page.get_by_label("Compare first").check()
+    page.page.get_by_label("Compare second").check()
+    models = page.page.locator(".models")
+    models.get_by_role("button", name="Identify second").click()
+    models.get_by_role("link", name="Open the report of second").wait_for(timeout=300_000)
+    gain = models.locator("tbody tr").filter(has_text="Gain").locator("td")
+    said = gain.nth(1).inner_text()
+    picture(page, "panel-compare.png")
+
+    first, second = (
+        json.loads((program.folder / name / "result.json").read_text()) for name in ("first", "second")
+    )
+    a, b = (each["parameters"]["gain"] for each in (first, second))
+    apart = abs(a["value"] - b["value"]) / np.hypot(a["sd"], b["sd"])
+    assert ("more than 10 sd apart" if apart > 10 else f"{apart:.1f} sd apart") in said
+    shown, _, half = gain.nth(0).inner_text().partition(" ± ")
+    low, high = a["interval"]
+    assert abs(float(shown) - a["value"]) < 0.1 * float(half)
+    assert abs(float(half) - (high - low) / 2) < 0.1 * float(half)  # two digits of it
+    page.tab("Scopes")
 
 
 def stops_by_escape(page: Page, program: Program) -> None:

@@ -16,7 +16,7 @@ from tempfile import NamedTemporaryFile
 from threading import Lock
 from typing import Any
 
-from servobench.errors import StorageError, UnknownName, UsageError
+from servobench.errors import FormatError, StorageError, UnknownName, UsageError
 from servobench.recording.lease import hold
 
 RECORDING = "recording.mcap"
@@ -198,6 +198,23 @@ class Library:
         """Keep what was identified from the recording in a folder; raises `StorageError`."""
         replace_file(folder / RESULT, json.dumps(result, indent=2, allow_nan=False) + "\n")
         self._revise(folder, verdict=str(result["verdict"]))
+
+    def result(self, name: object) -> dict[str, Any] | None:
+        """Return what was identified from a recording, None where nothing was since somebody said what its columns are.
+
+        Raises as `folder_of`, and `FormatError` for a file that somebody has spoilt.
+        """
+        folder = self.folder_of(name)
+        path = _file(folder, RESULT)
+        if path is None or not about_in(folder).verdict:
+            return None
+        try:
+            found = json.loads(path.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError) as error:
+            raise FormatError(f"{path} can't be read: {error}; identify {folder.name} again") from error
+        if not isinstance(found, dict):
+            raise FormatError(f"{path} holds no result; identify {folder.name} again")
+        return found
 
     def say_columns(self, folder: Path, mapping: str, length: float, samples: int) -> None:
         """Keep which columns of the recording in a folder are what, as TOML; raises `StorageError`."""

@@ -130,6 +130,15 @@ async def identification_ended(request: Request, panel: Panel) -> Response:
     return as_json({})
 
 
+async def result(request: Request, panel: Panel) -> Response:
+    """What was identified from one, as it was answered then; raises `Refused` where nothing is, or not with these columns."""
+    name = _name(request)
+    found = await asyncio.to_thread(panel.library.result, name)
+    if found is None:
+        raise Refused(404, f"{name} isn't identified yet: identify it first")
+    return as_json({**found, "report": f"/reports/{name}"})
+
+
 async def report(request: Request, panel: Panel) -> Response:
     """The report of one, which may do nothing."""
     page = await asyncio.to_thread(panel.library.file, _name(request), REPORT)

@@ -63,6 +63,7 @@ TABLE = (
         asks=CHANGES,
         answer=recordings.identification_ended,
     ),
+    Way(method="GET", path="/api/recordings/{name}/result", asks=READS, answer=recordings.result),
     Way(method="GET", path="/api/recordings/{name}/columns", asks=READS, answer=recordings.columns),
     Way(method="POST", path="/api/recordings/{name}/columns", asks=CHANGES, answer=recordings.columns_said),
     Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),

@@ -1,10 +1,14 @@
-// Two recordings over each other, each from its own beginning.
+// A few recordings over each other, each from its own beginning, and what was identified from them side by side.
 
 import { toast } from "./announcer.js";
 import { bytes } from "./api.js";
 import { byId, el } from "./dom.js";
 import { decode } from "./frames.js";
 import { decimals, fixed } from "./format.js";
+import { makeModels } from "./models.js";
+
+const MOST = 4;
+const DASHES = [undefined, [6, 3], [2, 3], [9, 3, 2, 3]]; // they differ for who sees no colours
 
 const SHOWN = [
     { column: "applied", title: "Applied voltage", unit: "V" },
@@ -13,7 +17,7 @@ const SHOWN = [
 ];
 const token = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 
-// The common times of two recordings, and each one's values there (null outside): what uPlot wants to draw two lines. `since`
+// The common times of recordings, and each one's values there (null outside): what uPlot wants to draw their lines. `since`
 // counts a column from its first value on.
 export function aligned(recordings, column, since = false) {
     const times = recordings.map(({ t }) => Float64Array.from(t, (time) => time - t[0]));
@@ -39,32 +43,38 @@ export function fromFirstChange(recording) {
     return Object.fromEntries(Object.entries(recording).map(([name, values]) => [name, values.subarray(change - 1)]));
 }
 
-export function makeCompare(show) {
+export function makeCompare(show, store) {
     const chosen = [];
     const kept = new Map();
+    const models = makeModels((name) => compare.identify(name));
+    store.on("work", models.work);
     const compare = {
         onChange: () => {},
+        identify: async () => false, // whether it went well
+        know: models.know,
         has: (name) => chosen.includes(name),
         drop: (name) => {
             kept.delete(name);
             if (chosen.includes(name)) compare.toggle(name);
         },
-        // Two at most: a third one takes the first one's place.
+        // A few at most: one more takes the first one's place.
         toggle: async (name) => {
             if (chosen.includes(name)) chosen.splice(chosen.indexOf(name), 1);
             else chosen.push(name);
-            if (chosen.length > 2) toast(`Two at a time: ${chosen.shift()} made room for ${name}.`);
+            if (chosen.length > MOST) toast(`Four at a time: ${chosen.shift()} made room for ${name}.`);
             compare.onChange();
             if (chosen.length) show();
             await draw();
         },
     };
-    const place = byId("compare");
+    const place = el("div", { class: "lines" });
+    byId("compare").append(models.element, place);
     const together = el("input", { type: "checkbox", id: "compare-together", on: { change: () => draw() } });
     const choice = el("label", { class: "inline" }, together, el("span", {}, "Begin each where its voltage changes first"));
     let plots = [];
     const draw = async () => {
         const names = [...chosen];
+        models.show(names);
         let recordings;
         try {
             recordings = await Promise.all(names.map((name) => rowsOf(name, kept)));
@@ -76,7 +86,7 @@ export function makeCompare(show) {
         for (const plot of plots) plot.destroy();
         plots = [];
         const keys = names.map((name, k) => el("span", { class: `key key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name));
-        const hint = el("p", { class: "quiet none" }, "Tick one or two recordings to see them here.");
+        const hint = el("p", { class: "quiet none" }, "Tick recordings, four at most, to see them here: over each other, and what was identified from them side by side.");
         place.replaceChildren(names.length ? el("div", { class: "row between" }, el("p", { class: "keys" }, keys), choice) : hint);
         const drawn = together.checked ? recordings.map(fromFirstChange) : recordings;
         if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, drawn));
@@ -93,7 +103,7 @@ async function rowsOf(name, kept) {
 }
 
 function plot(place, { column, title, unit, since }, names, recordings) {
-    const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.join(" and ")} over time` });
+    const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.length > 2 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names.join(" and ")} over time` });
     place.append(el("section", { class: "scope" }, el("header", {}, el("h3", {}, title), el("span", { class: "unit" }, unit)), holder));
     const grid = { stroke: token("--scope-grid"), width: 1 };
     const axis = { stroke: token("--scope-text"), font: "11px system-ui, sans-serif", ticks: { show: false }, grid };
@@ -101,7 +111,7 @@ function plot(place, { column, title, unit, since }, names, recordings) {
         label: name,
         stroke: token(`--compare-${k}`),
         width: 1.5,
-        dash: k ? [6, 3] : undefined,
+        dash: DASHES[k],
         points: { show: false },
     }));
     const options = {

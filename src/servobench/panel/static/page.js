@@ -75,9 +75,9 @@ async function begin() {
         byId("keep").hidden = tab !== "tab-scopes";
         mountExtra(tab);
     });
-    makeTabs(byId("results"), mountExtra);
-    const compare = makeCompare(() => views.show("tab-compare"));
-    const loadRecordings = makeRecordings(store, compare);
+    const results = makeTabs(byId("results"), mountExtra);
+    const compare = makeCompare(() => views.show("tab-compare"), store);
+    const loadRecordings = makeRecordings(store, compare, () => results.show("tab-recordings"));
     makeOpening(store);
     makeLights(store, commands);
     makeRecord(store, commands);

@@ -9,7 +9,7 @@ import { makeProgress, megabytes, uploadProgress, workProgress } from "./progres
 
 const DELETED = "/deleted"; // no recording's name has a slash
 
-export function makeRecordings(store, compare) {
+export function makeRecordings(store, compare, showSelf) {
     const list = byId("recordings");
     const search = byId("search");
     const open = new Set(); // names whose details are open
@@ -25,6 +25,7 @@ export function makeRecordings(store, compare) {
             return complain(`The recordings can't be listed: ${error.message}`);
         }
         store.emit("library-names", new Set(all.map((each) => each.name)));
+        compare.know(all.filter((each) => !each.deleted));
         show();
     };
     const act = async (name, what, body = {}) => {
@@ -67,10 +68,18 @@ export function makeRecordings(store, compare) {
         forms.get(name).querySelector("select").focus();
     };
     const identify = async (name) => {
-        if (all.find((each) => each.name === name)?.columns === "open") return forms.has(name) || askColumns(name);
+        if (all.find((each) => each.name === name)?.columns === "open") {
+            if (!forms.has(name)) await askColumns(name);
+            return false;
+        }
         const result = await act(name, "identify", { structure: "auto" });
         if (result) results.set(name, result);
         await load();
+        return Boolean(result);
+    };
+    compare.identify = (name) => {
+        showSelf(); // the form for its columns stands there
+        return identify(name);
     };
     store.on("work", (message) => {
         const { name } = message;
