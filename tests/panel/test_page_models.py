@@ -63,7 +63,7 @@ def test_two_models_stand_side_by_side_with_how_far_they_lie_apart(panel: Panel)
     assert [each.split("\n")[0] for each in row(panel, "Verdict")] == ["Trusted", "Doubtful"]
     told = panel.page.locator(".models .told li").all_inner_texts()
     assert told[0].startswith("prbs-disc differs from square-1-3 in coulomb voltage: that is no chance")
-    assert told[1].startswith("prbs-disc: this result is doubtful")
+    assert told[1].startswith("prbs-disc is doubtful: its intervals may be too narrow")
     link = panel.page.get_by_role("link", name="Open the report of prbs-disc")
     assert link.first.get_attribute("href") == "/reports/prbs-disc"
     assert panel.complaints == []

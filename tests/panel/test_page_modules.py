@@ -269,3 +269,32 @@ def test_recordings_that_begin_where_the_voltage_changes_keep_one_row_before_it(
     assert call("compare", cut) == [[1, 2, 3], [0, 3, 3]]
     still = "(m) => [...m.fromFirstChange({ t: Float64Array.of(0, 1), applied: Float32Array.of(2, 2) }).t]"
     assert call("compare", still) == [0, 1]
+
+
+SQUARE = {"type": "square", "frequency": 0.4, "start": 1}  # until 1 s + 2 periods of 2.5 s
+STEP = {"type": "step", "start": 3}  # 10 s, as nothing of it says when it's over
+SEGMENTS = [{"duration": 2.5, "signal": STEP}, {"duration": 1.5, "signal": SQUARE}]
+
+
+@pytest.mark.parametrize(
+    ("signal", "seconds"),
+    [
+        (SQUARE, 6),
+        (STEP, 10),
+        (
+            {"type": "sequence", "segments": SEGMENTS, "start": 1},
+            1 + 1.04 * 4,
+        ),  # and a little of what comes then
+        ({"type": "sum", "parts": [SQUARE, STEP]}, 10),
+        ({"type": "sum", "parts": [SQUARE, {"type": "sequence", "segments": SEGMENTS}]}, 6),
+        (
+            {"type": "sequence", "segments": [{"duration": 1e6, "signal": STEP}]},
+            3600,
+        ),  # the server draws no more
+        ({"type": "sequence", "segments": [{"duration": "2 s", "signal": STEP}]}, 10),  # a text of a form
+        ({"type": "sequence", "segments": [{}]}, 10),
+        ({"type": "sum", "parts": []}, 10),
+    ],
+)
+def test_a_signal_is_drawn_over_all_its_parts(call: Call, signal: dict[str, Any], seconds: float) -> None:
+    assert call("generator", "(m, g) => m.spanOf(g)", signal) == pytest.approx(seconds)

@@ -41,4 +41,4 @@ export function summary(name, first, differences) {
     return `${name} agrees with ${first}: no difference is more than what chance makes.`;
 }
 
-const listed = (names) => (names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0]);
+export const listed = (names) => (names.length > 1 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names[0]);

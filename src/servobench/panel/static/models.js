@@ -2,7 +2,7 @@
 
 import { announce } from "./announcer.js";
 import { get } from "./api.js";
-import { difference, isTold, summary } from "./difference.js";
+import { difference, isTold, listed, summary } from "./difference.js";
 import { el, say, shape, slug } from "./dom.js";
 import { fixed, plainly, significant, words } from "./format.js";
 import { workProgress } from "./progress.js";
@@ -22,11 +22,12 @@ export function makeModels(identify) {
 
     const draw = async () => {
         const mine = (turn += 1);
-        const results = await Promise.all(names.map((name) => resultOf(known.get(name))));
+        const held = names.length > 1 ? [...names] : []; // one alone is told in the list of recordings
+        const results = await Promise.all(held.map((name) => resultOf(known.get(name))));
         if (mine !== turn) return;
         const at = element.contains(document.activeElement) ? document.activeElement.id : null;
-        element.hidden = names.length < 2; // one alone is told in the list of recordings
-        element.replaceChildren(...(names.length > 1 ? content(names.map((name, k) => ({ name, about: known.get(name), going: going.get(name), ...results[k] })), start) : []));
+        element.hidden = !held.length;
+        element.replaceChildren(...(held.length ? content(held.map((name, k) => ({ name, about: known.get(name), going: going.get(name), ...results[k] })), start) : []));
         if (at) (document.getElementById(at) ?? element.querySelector(".scroll")).focus();
     };
     const start = async (name) => {
@@ -88,7 +89,8 @@ function content(columns, start) {
 function doubts(columns) {
     const doubtful = columns.filter(({ result }) => result.verdict === "doubtful").map(({ name }) => name);
     if (!doubtful.length) return null;
-    return el("li", {}, `${doubtful.join(" and ")}: this result is doubtful, so its intervals may be too narrow, and differences smaller than they look. Its report says why.`);
+    const [be, its, report] = doubtful.length > 1 ? ["are", "their", "Their reports say"] : ["is", "its", "Its report says"];
+    return el("li", {}, `${listed(doubtful)} ${be} doubtful: ${its} intervals may be too narrow, and differences smaller than they look. ${report} why.`);
 }
 
 const heading = ({ name }, k) => el("th", { scope: "col", class: `key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name);
