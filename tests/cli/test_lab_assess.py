@@ -114,6 +114,7 @@ def test_what_comes_out_is_told_as_json(servobench: Command, given: Path) -> Non
     assert [each["student"] for each in handed["students"]] == ["ada", "=blaise"]
     assert [(b["id"], b["asked_of"]) for b in handed["blanks"]] == [("tau", 2), ("turns", 2)]
     assert handed["blanks"][1]["passed_by_others"] == 1.0
+    assert [b["same_for_all"] for b in handed["blanks"]] == [False, True]
     assert [each["student"] for each in found["students"]] == ["ada", "=blaise"]
     assert {b["verdict"] for each in found["students"] for b in each["blanks"]} == {"missing"}
     assert found["stray"] == []

@@ -23,10 +23,10 @@ from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import NAME, blank_form, forms_in, read_form
 from servobench.lab.assessment.handing_out import HandedOut, hand_out
 from servobench.lab.assessment.marking import Marked, mark, marks_table
-from servobench.lab.assessment.questions import passed_by_others, questions
+from servobench.lab.assessment.questions import passed_by_others, questions, same_for_all
 from servobench.lab.assessment.roster import Student, read_roster
 from servobench.lab.assessment.tables import harmless, read_table, unquoted
-from servobench.lab.exercise import exercise, load_exercise
+from servobench.lab.exercise import exercise, exercises, load_exercise
 from servobench.lab.stand import MotorStand
 from servobench.lab.truth import truth_of
 from servobench.motor.individual import (
@@ -403,6 +403,54 @@ def test_a_neighbours_answers_seldom_pass(secret: Path) -> None:
     assert passed["time_constant"] == by_hand / 6
     assert passed["lag"] == passed["level"] == 1.0  # which have nothing to do with the motor
     assert math.isnan(passed_by_others(asked[:1])["lag"])
+
+
+def test_a_definition_is_everybodys_answer_and_a_measured_one_is_a_students_own(secret: Path) -> None:
+    made = assessment(secret)
+    asked = [questions(made.exercise, made.stand(student.id)) for student in CLASS]
+
+    same = same_for_all(asked)
+
+    assert {blank for blank, is_same in same.items() if is_same} == {"level", "lag"}  # 1 - 1/e and 1/50
+    assert not any(same_for_all(asked[:1]).values())  # with one student nobody can tell
+
+
+ASSESS = (Path(__file__).parents[2] / "docs" / "how-to" / "assess.md").read_text(encoding="utf-8")
+GUIDE = re.findall(r"^\| (`[a-z_`, ]+) \| ([^|]*) \| ([^|]*)\|$", ASSESS, re.MULTILINE)
+
+
+def test_the_guide_says_of_every_exercise_what_is_a_students_own() -> None:
+    told = [name for row in GUIDE for name in re.findall(r"`([a-z_]+)`", row[0])]
+
+    assert {each.name for each in exercises()} <= set(told)
+
+
+@pytest.mark.parametrize(
+    "name", ["encoder", "driving", "step", "stability", "parameter_estimation"]
+)  # the quick ones
+def test_the_guide_is_right_on_what_is_a_students_own(secret: Path, name: str) -> None:
+    row = next(row for row in GUIDE if f"`{name}`" in row[0])
+    own = [set(re.findall(r"`([a-z_]+)`", cell)) for cell in row[1:]]
+
+    for with_motor, expected in ((False, own[0]), (True, own[0] | own[1])):
+        made = assessment(secret, name, with_motor=with_motor)
+        asked = [questions(made.exercise, made.stand(student.id)) for student in CLASS[:2]]
+        same = same_for_all(asked)
+        assert {q.blank.id for each in asked for q in each if q.is_asked and not same[q.blank.id]} == expected
+
+
+def test_the_frequency_response_is_asked_of_who_has_the_motor(secret: Path) -> None:
+    """At a phase of -arctan(ωτ), moved forward by friction: below the linear one, above three quarters of it."""
+    made = assessment(secret, "frequency_response", with_motor=True)
+    _, tau, _ = physical(individual(SECRET, "frequency_response", "ada"))
+
+    asked = {q.blank.id: q for q in questions(made.exercise, made.stand("ada"))}
+
+    assert all(q.is_asked for q in asked.values())
+    assert 0.75 * tau < asked["by_phase"].right < tau
+    assert asked["by_magnitude"].right == pytest.approx(
+        tau, rel=0.1
+    )  # what friction leaves of the corner, as the exercise says
 
 
 # --- rosters

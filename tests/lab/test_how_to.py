@@ -9,6 +9,7 @@ from types import ModuleType
 from servobench.lab.check import check
 from servobench.lab.exercise import Blank, Correction, Mistake, _Front, read_exercise
 from servobench.lab.facts import facts_on_the_twin
+from servobench.lab.paper_items import PaperItem
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "how-to" / "exercise.md"
@@ -53,12 +54,13 @@ def test_every_key_that_a_file_may_have_is_listed() -> None:
         if row.startswith("| `")
     }
 
-    own = {"title", "sentence", "order", "[[blanks]]", "[studies.NAME]", "[[corrections]]"}
+    own = {"title", "sentence", "order", "[[blanks]]", "[studies.NAME]", "[[corrections]]", "[[paper]]"}
     assert {key.strip("[]").partition(".")[0] for key in own} == set(_Front.model_fields)
     assert own | {"[experiment]"} == set(rows)
     mistakes = set(Mistake.model_fields)
     assert rows["[[blanks]]"] == set(Blank.model_fields) - {"mistakes"} | {"[[blanks.mistakes]]"} | mistakes
     assert rows["[[corrections]]"] == set(Correction.model_fields)
+    assert rows["[[paper]]"] == set(PaperItem.model_fields)
 
 
 def write_studies() -> ModuleType:

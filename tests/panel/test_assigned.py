@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
-import subprocess
-import sys
 from collections.abc import Iterator
 from functools import cache
 from typing import Any
@@ -17,7 +14,8 @@ from servobench.lab.exercise import exercise
 from servobench.motor.individual import individual
 from servobench.panel.routes import TABLE
 from tests.lab.test_assessment import everything, physical, spellings
-from tests.panel.test_real_loop import PATIENCE, Page, Program, lines, played, turning
+from tests.panel.test_real_loop import Page, Program, played, turning
+from tests.stories.program import running
 
 SECRET = bytes(range(32))
 EXERCISES = ("step", "parameter_estimation")
@@ -29,23 +27,9 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
     folder = tmp_path_factory.mktemp("assigned")
     (folder / "secret").write_bytes(SECRET)
     (folder / "secret").chmod(0o600)
-    words = ["panel", "--no-open", "--port", "0", "--folder", str(folder / "recordings"), "--assess", "Ada"]
-    words += ["--secret", "secret", "--exercise", "parameter_estimation"]
-    process = subprocess.Popen(
-        [sys.executable, "-m", "servobench", *words],
-        stderr=subprocess.PIPE,
-        text=True,
-        bufsize=1,
-        cwd=folder,
-        start_new_session=True,
-    )
-    try:
-        base, _, key = lines(process, r"(http://\S+)").partition("/?token=")
-        yield Program(process, base, key, folder / "recordings")
-    finally:
-        process.send_signal(signal.SIGINT)
-        said = process.communicate(timeout=PATIENCE)[1]
-    assert process.returncode == 0, said
+    words = ("--assess", "Ada", "--secret", "secret", "--exercise", "parameter_estimation")
+    with running(folder, *words) as found:
+        yield Program(found.process, found.base, found.key, found.folder)
 
 
 @cache

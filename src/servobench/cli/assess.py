@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -13,6 +13,7 @@ if TYPE_CHECKING:
 
     from servobench.lab.assessment.handing_out import HandedOut
     from servobench.lab.assessment.marking import Marks
+    from servobench.lab.assessment.questions import Question
     from servobench.lab.exercise import Exercise
 
 HANDED_OUT, MARKS = "servobench.handed-out/1", "servobench.marks/1"
@@ -172,31 +173,29 @@ def _show_handed_out(
 
     from servobench.cli.layout import show_table, show_wrapped
     from servobench.cli.terminal import say
-    from servobench.lab.assessment.questions import all_passed_by_others, passed_by_others
+    from servobench.lab.assessment.questions import all_passed_by_others, passed_by_others, same_for_all
+    from servobench.lab.exercise import FOLDER
+    from servobench.lab.formula import line_text
 
     asked = [each.asked for each in made]
-    passed = passed_by_others(asked)
+    passed, same = passed_by_others(asked), same_for_all(asked)
     rows = []
     for column in zip(*asked, strict=True):
         blank, count = column[0].blank, sum(question.is_asked for question in column)
         of = "all" if count == len(column) else "nobody" if not count else f"{count} of {len(column)}"
-        rows.append((blank.id, of, _percent(passed[blank.id]) if count else "", blank.label))
+        whose = "" if count < 2 else "everybody's" if same[blank.id] else "own"
+        part = _percent(passed[blank.id]) if count else ""
+        rows.append((blank.id, of, whose, part, line_text(blank.label)))
     others = "others' answers pass"
-    show_table(console, ("blank", "asked of", others, "what is asked for"), rows, right=(others,))
-    whole = all_passed_by_others(asked)
-    if not math.isnan(whole):
-        sentence = (
-            f"Of all pairs of students, {_percent(whole)} could hand in each other's whole form and pass."
-        )
-        if whole == 1.0:
-            sentence += (
-                " Nothing that is asked hangs on whose motor it is: expect the same answers from everybody."
-            )
+    headings = ("blank", "asked of", "right answer", others, "what is asked for")
+    show_table(console, headings, rows, right=(others,))
+    if sentence := _tells_apart(all_passed_by_others(asked), same, passed):
         show_wrapped(console, Text(), sentence, hanging=0)
-    for column in zip(*asked, strict=True):
-        question = next((question for question in column if not question.is_asked), None)
-        if question is not None:
-            show_wrapped(console, Text(f"{question.blank.id}: "), _not_asked(question.why_not), hanging=2)
+    for why, blanks in _untold(asked).items():
+        show_wrapped(console, Text(f"{', '.join(blanks)}: "), _not_asked(why), hanging=2)
+    if Path(exercise.source).parent == FOLDER:
+        sentence = "This exercise comes along: its rules are public, and servobench itself works the answers out of a recording."
+        show_wrapped(console, Text(), sentence, hanging=0)
     for each in made:
         if each.cut_short:
             say(console, f"! the run of {each.student.id} ended before its time: {each.cut_short}")
@@ -211,6 +210,34 @@ def _show_handed_out(
         console,
         f"later: servobench lab {exercise.name} --assess ROSTER.csv --secret {secret}{again} --answers DIR --marks marks.csv",
     )
+
+
+def _tells_apart(whole: float, same: Mapping[str, bool], passed: Mapping[str, float]) -> str:
+    """What is to be said of whole forms, and of answers that are everybody's; empty with one student alone."""
+    if math.isnan(whole):
+        return ""
+    said = f"Of all pairs of students, {_percent(whole)} could hand in each other's whole form and pass."
+    if all(same[blank] for blank, part in passed.items() if not math.isnan(part)):
+        return (
+            f"{said} Nothing that is asked hangs on whose motor it is: expect the same answers from everybody, and no mark that "
+            "tells who did the work."
+        )
+    blanks = ", ".join(blank for blank, is_same in same.items() if is_same)
+    return (
+        f"{said} The same for everybody, as a definition or a data sheet gives it: {blanks}."
+        if blanks
+        else said
+    )
+
+
+def _untold(asked: Sequence[tuple[Question, ...]]) -> dict[str, list[str]]:
+    """The blanks that somebody isn't asked, by the reason."""
+    reasons: dict[str, list[str]] = {}
+    for column in zip(*asked, strict=True):
+        question = next((question for question in column if not question.is_asked), None)
+        if question is not None:
+            reasons.setdefault(question.why_not, []).append(question.blank.id)
+    return reasons
 
 
 def _not_asked(why: str) -> str:
@@ -240,10 +267,10 @@ def _show_marks(console: Console, found: Marks, stray: Sequence[str], marks: Pat
 
 
 def _handed_out_as_data(exercise: Exercise, made: Sequence[HandedOut], folder: Path) -> dict[str, Any]:
-    from servobench.lab.assessment.questions import all_passed_by_others, passed_by_others
+    from servobench.lab.assessment.questions import all_passed_by_others, passed_by_others, same_for_all
 
     asked = [each.asked for each in made]
-    passed = passed_by_others(asked)
+    passed, same = passed_by_others(asked), same_for_all(asked)
     return {
         "schema": HANDED_OUT,
         "exercise": exercise.name,
@@ -256,6 +283,7 @@ def _handed_out_as_data(exercise: Exercise, made: Sequence[HandedOut], folder: P
             {
                 "id": column[0].blank.id,
                 "asked_of": sum(question.is_asked for question in column),
+                "same_for_all": same[column[0].blank.id],
                 "passed_by_others": _finite(passed[column[0].blank.id]),
                 "why_not": next((question.why_not for question in column if question.why_not), None),
             }

@@ -31,6 +31,11 @@ class Truth:
     coulomb_torque: float
 
 
+def truth_if_known(recording: Recording) -> Truth | None:
+    """Return the true figures of the simulated motor behind a recording; None for another device, and for a student's own."""
+    return truth_of(recording) if recording.info is not None and recording.info.name == "twin" else None
+
+
 def truth_of(recording: Recording) -> Truth:
     """Return the true figures of the simulated motor behind a recording, from the settings that it was connected with.
 

@@ -10,6 +10,7 @@ from pathlib import Path
 from servobench.errors import FormatError
 from servobench.lab.assessment.tables import read_table, written_table
 from servobench.lab.exercise import Blank
+from servobench.lab.formula import line_text
 
 NAME = "answers.csv"
 _BLANK, _ANSWER, _CODE = "blank", "answer", "(code)"
@@ -32,7 +33,7 @@ class Form:
 def blank_form(blanks: Sequence[Blank], code: str) -> str:
     """Return the text of a form to fill in."""
     rows = [(_BLANK, _ANSWER, "unit", "what is asked for")]
-    rows += [(blank.id, "", blank.unit, blank.label) for blank in blanks]
+    rows += [(blank.id, "", blank.unit, line_text(blank.label)) for blank in blanks]
     rows.append((_CODE, code, "", "says whose form this is: leave it as it is"))
     return written_table(rows)
 

@@ -51,7 +51,10 @@ def hand_out(
         reached((number + 1) / (2 * len(students)))
     blanks = asked_of_anybody([asked for _, _, asked in made])
     if not blanks:
-        why = "; ".join(f"{question.blank.id}: {question.why_not}" for question in made[0][2])
+        reasons: dict[str, list[str]] = {}
+        for question in made[0][2]:
+            reasons.setdefault(question.why_not, []).append(question.blank.id)
+        why = "; ".join(f"{', '.join(ids)}: {reason}" for reason, ids in reasons.items())
         more = (
             ""
             if assessment.with_motor

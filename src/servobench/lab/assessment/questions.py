@@ -53,6 +53,15 @@ def passed_by_others(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, floa
     return found
 
 
+def same_for_all(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
+    """Return, by blanks, whether the right answer is everybody's, as it hangs on nobody's motor; False with one student alone."""
+    found = {}
+    for column in zip(*asked, strict=True):
+        right = [question.right for question in column if question.is_asked]
+        found[column[0].blank.id] = len(right) > 1 and all(each == right[0] for each in right)
+    return found
+
+
 def all_passed_by_others(asked: Sequence[tuple[Question, ...]]) -> float:
     """Return which part of the others' whole forms would pass for a student's own; NaN with one student alone."""
     pairs = [(mine, other) for mine in asked for other in asked if mine is not other]

@@ -17,13 +17,14 @@ from servobench.errors import NotIdentifiable, UsageError
 from servobench.experiment import Experiment
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.truth import Truth, truth_of
+from servobench.lab.truth import Truth, truth_if_known
 from servobench.rounding import plain
 from servobench.settings import PositiveFrequency, PositiveTime, PositiveVoltage, Voltage
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
 
 if TYPE_CHECKING:
+    from servobench.lab.graphs import Line
     from servobench.recording.recording import Recording
     from servobench.report.illustrations import Illustration
 
@@ -72,14 +73,14 @@ class SineSweep(StudySettings):
     def __call__(self, stand: Stand) -> Shown:
         """Return the table, the Bode diagram and τ from magnitude and phase.
 
-        Raises `UsageError` where the frequencies don't rise or the motor isn't simulated, `NotIdentifiable` where the gain
-        doesn't fall by 3 dB between them.
+        Where the motor is simulated, what its parameters foretell stands beside what was measured. Raises `UsageError` where the
+        frequencies don't rise, `NotIdentifiable` where the gain doesn't fall by 3 dB between them.
         """
         if any(b <= a for a, b in pairwise(self.frequencies)):
             raise UsageError(
                 f"the frequencies {self.frequencies} Hz don't rise; expected each above the one before"
             )
-        truth = truth_of(stand.recording)
+        truth = truth_if_known(stand.recording)
         gain = self._constant(stand)
         points = [_Point(frequency=0.0, gain=gain, phase=0.0)]
         points += [self._sine(stand, frequency) for frequency in self.frequencies]
@@ -88,9 +89,9 @@ class SineSweep(StudySettings):
             "corner": corner,
             "tau_magnitude": 1 / corner,
             "tau_phase": math.tan(-points[1].phase) / (2 * math.pi * points[1].frequency),
-            "true_gain": truth.gain,
-            "true_time_constant": truth.time_constant,
         }
+        if truth:
+            facts |= {"true_gain": truth.gain, "true_time_constant": truth.time_constant}
         return Shown(
             tables=(self._table(points, truth), _readings(facts)),
             figures=(self._figure(points, truth),),
@@ -136,9 +137,7 @@ class SineSweep(StudySettings):
     def _reverses(self, truth: Truth) -> bool:
         return abs(self.offset) - self.amplitude < truth.coulomb_voltage
 
-    def _table(self, points: Sequence[_Point], truth: Truth) -> Table:
-        expected = [self._at(point.frequency, truth) for point in points]
-        law = "with friction's describing function" if self._reverses(truth) else "of the linear motor"
+    def _table(self, points: Sequence[_Point], truth: Truth | None) -> Table:
         return Table(
             title=f"Sines of {plain(self.amplitude)} V around {plain(self.offset)} V",
             columns=(
@@ -146,10 +145,17 @@ class SineSweep(StudySettings):
                 _column("gain", "gain", "rad/(s·V)", [p.gain for p in points]),
                 _column("decibels", "gain", "dB", [_db(p.gain) for p in points]),
                 _column("phase", "phase", "°", [math.degrees(p.phase) for p in points]),
-                _column("expected_gain", f"gain {law}", "rad/(s·V)", [abs(e) for e in expected]),
-                _column("expected_phase", "its phase", "°", [math.degrees(cmath.phase(e)) for e in expected]),
+                *(self._foretold(points, truth) if truth else ()),
             ),
             note="The row at 0 Hz is the constant voltage. Decibels are 20 log₁₀ of the gain in rad/(s·V).",
+        )
+
+    def _foretold(self, points: Sequence[_Point], truth: Truth) -> tuple[Column, Column]:
+        expected = [self._at(point.frequency, truth) for point in points]
+        law = "with friction's describing function" if self._reverses(truth) else "of the linear motor"
+        return (
+            _column("expected_gain", f"gain {law}", "rad/(s·V)", [abs(e) for e in expected]),
+            _column("expected_phase", "its phase", "°", [math.degrees(cmath.phase(e)) for e in expected]),
         )
 
     def _at(self, frequency: float, truth: Truth) -> complex:
@@ -159,46 +165,51 @@ class SineSweep(StudySettings):
         lost = 0.0 if self.offset else truth.coulomb_voltage
         return complex(truth.gain * (1 - lost / self.amplitude))
 
-    def _figure(self, points: Sequence[_Point], truth: Truth) -> Illustration:
+    def _figure(self, points: Sequence[_Point], truth: Truth | None) -> Illustration:
         from servobench.lab.graphs import Graph, Line, figure_of
 
         seen = points[1:]
         f = np.array([p.frequency for p in seen])
-        fine = np.geomspace(f[0], f[-1], 200)
-        linear = truth.gain / (1 + 2j * math.pi * fine * truth.time_constant)
-        friction = np.array([self._expected(float(each), truth) for each in fine])
-
-        def lines(measured: Array, law: Array, plain_law: Array) -> tuple[Line, ...]:
-            linear_line = Line(x=fine, y=plain_law, mark="reference", label="K/(τs + 1)")
-            friction_line = Line(x=fine, y=law, mark="strong", label="with friction")
-            points_line = Line(x=f, y=measured, mark="points", label="measured")
-            return (
-                (linear_line, friction_line, points_line)
-                if self._reverses(truth)
-                else (linear_line, points_line)
-            )
-
-        size = lines(
-            np.array([_db(p.gain) for p in seen]),
-            20 * np.log10(np.abs(friction)),
-            20 * np.log10(np.abs(linear)),
-        )
-        angle = lines(
-            np.degrees([p.phase for p in seen]), np.degrees(np.angle(friction)), np.degrees(np.angle(linear))
-        )
+        size, angle = self._laws(f, truth) if truth else ((), ())
+        gains, phases = np.array([_db(p.gain) for p in seen]), np.degrees([p.phase for p in seen])
+        said = "Dashed: the linear motor. Points: measured." if truth else "Points: measured."
+        if truth and self._reverses(truth):
+            said += " Blue: with what friction takes as the motor turns round."
         return figure_of(
             "sweep",
             f"Bode diagram by sines of {plain(self.amplitude)} V around {plain(self.offset)} V",
-            "Dashed: the linear motor. Points: measured."
-            + (" Blue: with what friction takes as the motor turns round." if self._reverses(truth) else ""),
+            said,
             "; ".join(
                 f"{plain(p.frequency)} Hz: {plain(_db(p.gain))} dB, {plain(math.degrees(p.phase), 3)}°"
                 for p in seen
             ),
-            (
-                Graph(title="Magnitude (dB)", over="frequency (Hz)", lines=size, log="x"),
-                Graph(title="Phase (°)", over="frequency (Hz)", lines=angle, log="x"),
+            tuple(
+                Graph(
+                    title=title,
+                    over="frequency (Hz)",
+                    lines=(*laws, Line(x=f, y=measured, mark="points", label="measured")),
+                    log="x",
+                )
+                for title, laws, measured in (("Magnitude (dB)", size, gains), ("Phase (°)", angle, phases))
             ),
+        )
+
+    def _laws(self, f: Array, truth: Truth) -> tuple[tuple[Line, ...], tuple[Line, ...]]:
+        """Lines of magnitude [dB] and phase [°]: of the linear motor and, where it turns round, with friction."""
+        from servobench.lab.graphs import Line
+
+        fine = np.geomspace(f[0], f[-1], 200)
+        linear = truth.gain / (1 + 2j * math.pi * fine * truth.time_constant)
+        friction = np.array([self._expected(float(each), truth) for each in fine])
+
+        def lines(law: Array, linear_law: Array) -> tuple[Line, ...]:
+            linear_line = Line(x=fine, y=linear_law, mark="reference", label="K/(τs + 1)")
+            friction_line = Line(x=fine, y=law, mark="strong", label="with friction")
+            return (linear_line, friction_line) if self._reverses(truth) else (linear_line,)
+
+        return (
+            lines(20 * np.log10(np.abs(friction)), 20 * np.log10(np.abs(linear))),
+            lines(np.degrees(np.angle(friction)), np.degrees(np.angle(linear))),
         )
 
 
@@ -233,25 +244,20 @@ def _corner(points: Sequence[_Point]) -> float:
 
 
 def _readings(facts: dict[str, float]) -> Table:
-    rows = (
+    rows = [
         ("from the magnitude: 1/ω where it has fallen by 3.01 dB", facts["tau_magnitude"]),
         ("from the phase at the lowest frequency: tan(-φ)/ω", facts["tau_phase"]),
-        ("the motor's own", facts["true_time_constant"]),
-    )
-    return Table(
-        title="The time constant",
-        columns=(
-            _words("from", [label for label, _ in rows]),
-            _column("tau", "τ", "s", [value for _, value in rows]),
-            _column(
-                "tau_error",
-                "error",
-                "%",
-                [100 * (value / facts["true_time_constant"] - 1) for _, value in rows],
-                2,
-            ),
-        ),
-    )
+    ]
+    true = facts.get("true_time_constant")
+    if true:
+        rows.append(("the motor's own", true))
+    columns = [
+        _words("from", [label for label, _ in rows]),
+        _column("tau", "τ", "s", [value for _, value in rows]),
+    ]
+    if true:
+        columns.append(_column("tau_error", "error", "%", [100 * (value / true - 1) for _, value in rows], 2))
+    return Table(title="The time constant", columns=tuple(columns))
 
 
 def _db(gain: float) -> float:

@@ -15,7 +15,7 @@ from servobench.lab.expression import Expression, Fact
 from servobench.lab.motion import Level, at_levels
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.studies.stall_table import TEN
-from servobench.lab.truth import Truth, truth_of
+from servobench.lab.truth import Truth, truth_if_known
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Voltage
 from servobench.signals.staircase import Staircase
@@ -50,8 +50,8 @@ class SpinTable(StudySettings):
     def __call__(self, stand: Stand) -> Shown:
         """Return the table, the parameters and the line of friction.
 
-        Raises `UsageError` where a voltage doesn't turn the shaft or the motor isn't simulated, `UnknownName` for a fact or a
-        data sheet that isn't there.
+        The motor's own parameters stand beside where it is simulated. Raises `UsageError` where a voltage doesn't turn the shaft,
+        `UnknownName` for a fact or a data sheet that isn't there.
         """
         from servobench.motor.parameters import data_sheet
 
@@ -60,7 +60,7 @@ class SpinTable(StudySettings):
         signal = Staircase(levels=self.voltages, dwell=self.dwell)
         update = {"signal": signal, "duration": self.dwell * len(self.voltages)}
         recording = stand.run(stand.experiment.model_copy(update=update))
-        truth, levels = truth_of(recording), at_levels(recording, self.dwell)
+        truth, levels = truth_if_known(recording), at_levels(recording, self.dwell)
         still = [level.voltage for level in levels if level.speed == 0]
         if still:
             raise UsageError(
@@ -124,7 +124,7 @@ _ROWS: tuple[tuple[str, str, str], ...] = (
 )
 
 
-def _all(found: dict[str, float], truth: Truth, sheet: MotorParameters) -> Table:
+def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -> Table:
     stated: dict[str, float] = {
         "resistance": sheet.resistance,
         "motor_constant": sheet.motor_constant,
@@ -132,6 +132,7 @@ def _all(found: dict[str, float], truth: Truth, sheet: MotorParameters) -> Table
         **_followed(sheet.resistance, sheet.motor_constant, sheet.viscous_friction, sheet.inertia),
     }
     nothing: Cell = math.nan
+    own = tuple(getattr(truth, name) for name, _, _ in _ROWS) if truth else ()
     return Table(
         title="The motor's parameters",
         columns=(
@@ -144,11 +145,7 @@ def _all(found: dict[str, float], truth: Truth, sheet: MotorParameters) -> Table
                 heading="data sheet",
                 values=tuple(stated.get(name, nothing) for name, _, _ in _ROWS),
             ),
-            Column(
-                name="true",
-                heading="the motor's own",
-                values=tuple(getattr(truth, name) for name, _, _ in _ROWS),
-            ),
+            *((Column(name="true", heading="the motor's own", values=own),) if own else ()),
             Column(name="unit", heading="unit", values=tuple(unit for _, _, unit in _ROWS)),
         ),
         note="A data sheet has no friction.",

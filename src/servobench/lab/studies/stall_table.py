@@ -14,7 +14,7 @@ from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.expression import Fact
 from servobench.lab.motion import at_levels
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.truth import truth_of
+from servobench.lab.truth import truth_if_known
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Voltage
 from servobench.signals.staircase import Staircase
@@ -40,13 +40,13 @@ class StallTable(StudySettings):
     """Time at each voltage; the current is the mean of its second half [s]."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the table, the line and the resistance; raises `UsageError` for 0 V or a motor that isn't simulated."""
+        """Return the table, the line and the resistance; raises `UsageError` for 0 V."""
         if 0.0 in self.voltages:
             raise UsageError(
                 f"the voltages {self.voltages} V hold 0 V, which drives no current; leave it out"
             )
         recording = stand.run(blocked(stand.experiment, self.voltages, self.dwell))
-        truth, levels = truth_of(recording), at_levels(recording, self.dwell)
+        truth, levels = truth_if_known(recording), at_levels(recording, self.dwell)
         v = np.array(self.voltages)
         i = np.array([level.current for level in levels])
         slope, sd = _resistance(v, i)
@@ -55,7 +55,7 @@ class StallTable(StudySettings):
             "resistance": slope,
             "resistance_sd": sd,
             "mean": float(each.mean()),
-            "true_resistance": truth.resistance,
+            **({"true_resistance": truth.resistance} if truth else {}),
         }
         return Shown(
             tables=(_table(v, i, each, slope, sd),),
