@@ -120,6 +120,15 @@ def test_a_formula_by_itself_is_shown_large() -> None:
     assert to_html("$$1/s$$").startswith('<p><span class="shown"><math display="block"')
 
 
+def test_a_comma_stays_with_its_formula() -> None:
+    html = to_html("In $K$, $τ$ and $ω_n$ (or $ζ$).")
+
+    assert re.findall(r'<span class="kept"><math [^>]*alttext="(.*?)".*?</math>(.*?)</span>', html) == [
+        ("K", ","),
+        ("ζ", ")."),
+    ]
+
+
 def test_a_terminal_gets_text() -> None:
     inline = as_text("The frequency $ω_n$ of $$1/s$$.")[1]
 

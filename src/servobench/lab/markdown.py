@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -14,6 +15,7 @@ if TYPE_CHECKING:
     from markdown_it.token import Token
 
 _FORMULA, _SHOWN = "formula", "formula_shown"
+_BEFORE_MARK = re.compile(r"(<math (?:(?!</?math\b).)*</math>[,.;:?!)]+)")
 
 
 def to_html(text: str) -> str:
@@ -32,7 +34,10 @@ def to_html(text: str) -> str:
         for inner in token.children or ():
             if inner.type == "link_open":
                 inner.attrSet("rel", "noopener noreferrer")
-    return str(reader.renderer.render(tokens, reader.options, {}))
+    html = str(reader.renderer.render(tokens, reader.options, {}))
+    return _BEFORE_MARK.sub(
+        r'<span class="kept">\1</span>', html
+    )  # no line ends between a formula and its comma
 
 
 def as_text(text: str) -> list[Token]:
