@@ -14,7 +14,7 @@ from servobench.lab.exercise import exercise
 from servobench.motor.individual import individual
 from servobench.panel.routes import TABLE
 from tests.lab.test_assessment import everything, physical, spellings
-from tests.panel.test_real_loop import Page, Program, played, turning
+from tests.panel.test_real_loop import PATIENCE, Page, Program, played, turning
 from tests.stories.program import running
 
 SECRET = bytes(range(32))
