@@ -259,6 +259,30 @@ def test_even_a_text_that_a_server_let_through_holds_nothing_but_text(opened: An
     assert inside == "<p>a document.title='run'<a>b</a>c</p>"
 
 
+def test_formulas_are_set_and_keep_nothing_that_does_anything(opened: Any) -> None:
+    bad = (
+        '<p><math href="javascript:x()" onclick="x()"><mi href="javascript:x()">x</mi><annotation-xml encoding="text/html">'
+        '<p onclick="x()">y</p></annotation-xml></math><span class="other">z</span></p>'
+    )
+    pieces = [{"html": to_html("Of $ω_n$, and $$K/(τs + 1)$$")}, {"html": bad}]
+    page = opened("exercises", ANSWERS | {"/api/exercises/step": STEP | {"pieces": pieces}})
+    page.get_by_role("button", name=SHOWN.title).click()
+    page.wait_for_selector("form")
+
+    text = page.locator(".exercises-text")
+    assert text.locator(".kept msub mi").all_text_contents() == ["ω", "n"]
+    (fraction,) = text.locator(".shown mfrac").all()
+    above, below = (fraction.locator(f":scope > :nth-child({n})").bounding_box() for n in (1, 2))
+    assert above["y"] + above["height"] <= below["y"] + 1  # K stands above the bar, and not beside it
+    names = text.evaluate("(e) => [...e.querySelectorAll('*')].map((each) => each.localName)")
+    assert not {"annotation-xml", "a"} & set(names)
+    assert text.locator("[href], [onclick], [encoding], .other").count() == 0
+    assert "xyz" in (text.text_content() or "")
+    # The browser tells that its policy keeps out what the server's text holds, before it is sorted.
+    assert all("Content Security Policy" in told for told in opened.said)
+    opened.said.clear()
+
+
 FOUND = {
     "studies": {
         "levels": {

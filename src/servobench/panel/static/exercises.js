@@ -7,6 +7,10 @@ const KEPT = new Set([
   "P", "H1", "H2", "H3", "H4", "H5", "H6", "UL", "OL", "LI", "STRONG", "EM", "CODE", "PRE", "BLOCKQUOTE", "HR", "BR", "A",
   "TABLE", "THEAD", "TBODY", "TR", "TH", "TD",
 ]);
+const MATHML = "http://www.w3.org/1998/Math/MathML";
+const FORMULA = new Set(["math", "mrow", "mi", "mn", "mo", "mtext", "mspace", "mfrac", "msup", "msub", "msubsup", "msqrt"]);
+const SET = ["display", "alttext", "form", "lspace", "rspace", "width", "mathvariant"]; // how a formula is set
+const PLACED = ["shown", "kept"]; // a formula by itself, and one with its comma
 const CHECK = "Check the answers";
 let mounted = 0;
 
@@ -111,7 +115,8 @@ async function checked(view, exercise, rows, button, failed) {
   }
 }
 
-// The nodes of a text: the server makes it from Markdown, and here only plain text elements without attributes get through.
+// The nodes of a text: the server makes it from Markdown, and here only plain text elements without attributes, and formulas, get
+// through.
 function safe(source) {
   const parsed = new DOMParser().parseFromString(source, "text/html");
   return [...parsed.body.childNodes].flatMap(kept);
@@ -121,6 +126,12 @@ function kept(node) {
   if (node.nodeType === Node.TEXT_NODE) return [document.createTextNode(node.data)];
   if (node.nodeType !== Node.ELEMENT_NODE) return [];
   const inner = [...node.childNodes].flatMap(kept);
+  if (node.namespaceURI === MATHML) return FORMULA.has(node.localName) ? [formula(node, inner)] : inner;
+  if (node.tagName === "SPAN" && PLACED.includes(node.className)) {
+    const place = html("span", { class: node.className });
+    place.append(...inner);
+    return [place];
+  }
   if (!KEPT.has(node.tagName)) return inner;
   const copy = document.createElement(node.tagName);
   const target = node.tagName === "A" ? node.getAttribute("href") ?? "" : "";
@@ -131,6 +142,15 @@ function kept(node) {
   }
   copy.append(...inner);
   return [copy];
+}
+
+function formula(node, inner) {
+  const copy = document.createElementNS(MATHML, node.localName);
+  for (const name of SET) {
+    if (node.hasAttribute(name)) copy.setAttribute(name, node.getAttribute(name));
+  }
+  copy.append(...inner);
+  return copy;
 }
 
 function html(name, attributes = {}, content = "") {
