@@ -104,10 +104,10 @@ def _table(levels: Sequence[Level], k: Array) -> Table:
     return Table(
         title="The shaft free",
         columns=(
-            column("voltage", "V", "V", [level.voltage for level in levels]),
+            column("voltage", "v", "V", [level.voltage for level in levels]),
             column("speed", "ω", "rad/s", [level.speed for level in levels]),
             column("current", "i", "A", [level.current for level in levels]),
-            column("constant", "(V - R i)/ω", "V·s/rad", list(k)),
+            column("constant", "(v − R i)/ω", "V·s/rad", list(k)),
         ),
         note=f"Mean of the last column: {plain(float(k.mean()))} V·s/rad.",
     )

@@ -90,11 +90,11 @@ def _table(v: Array, i: Array, each: Array, slope: float, sd: float) -> Table:
     return Table(
         title="The shaft held by hand",
         columns=(
-            Column(name="voltage", heading="V", unit="V", values=tuple(map(float, v))),
+            Column(name="voltage", heading="v", unit="V", values=tuple(map(float, v))),
             Column(name="current", heading="i", unit="A", values=tuple(map(float, i))),
-            Column(name="ohm", heading="V/i", unit="Ω", values=tuple(map(float, each))),
+            Column(name="ohm", heading="v/i", unit="Ω", values=tuple(map(float, each))),
         ),
-        note=f"Mean of V/i: {plain(float(each.mean()))} Ω. Slope of the line: {plain(slope)} Ω ± {plain(sd, 2)} Ω (sd).",
+        note=f"Mean of v/i: {plain(float(each.mean()))} Ω. Slope of the line: {plain(slope)} Ω ± {plain(sd, 2)} Ω (sd).",
     )
 
 
