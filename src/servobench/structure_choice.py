@@ -22,16 +22,17 @@ from servobench.doubts.base import about_data
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.estimators.covariance import andrews_lag, long_run
+from servobench.estimators.disturbance import innovation_sd
 from servobench.estimators.least_squares import Minimum
 from servobench.estimators.output_error import best_minimum, fitted_roughly
 from servobench.explanations.base import is_damaged, names_a_cause
-from servobench.finding import Finding, info
+from servobench.finding import Finding, info, warning
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nonlinear.grammar import with_term
 from servobench.models.search import smoothed_speed, turns_both_ways
-from servobench.score_test import ASKED, Shown
+from servobench.score_test import ASKED, LIMIT, Shown
 from servobench.validation import explains_the_colour
 from servobench.winding import about_winding
 
@@ -39,6 +40,7 @@ _RUNGS = 5  # as many as there are
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
+_CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
 _WITH_WINDING = {
     "first_order": "second_order",
     "first_order_coulomb": "second_order_coulomb",
@@ -57,12 +59,16 @@ class Choice:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Rung:
-    """A rung that was tried: its term, the fit with it, as it is and as it is allowed for, and why it can't be kept."""
+    """A rung that was tried: its term, the fit with it, as it is and as it is allowed for, and why it can't be kept.
+
+    `hidden` is what to say of one that can't be left out for certain, either.
+    """
 
     term: str
     plain: Fit
     fit: Fit
     doubt: str
+    hidden: Finding | None = None
 
 
 def chosen(
@@ -152,7 +158,7 @@ def _climbed(
     allow: Callable[[Fit], Fit],
 ) -> Choice:
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
-    plain, fit, refused = base, allow(base), dict[str, str]()
+    plain, fit, refused = base, allow(base), dict[str, _Rung]()
     shown = shown_terms(fit)
     if any(finding.code == _REST for finding in findings):
         return Choice(fit=fit, shown=shown, findings=findings)  # nothing more can be told of its friction
@@ -169,7 +175,8 @@ def _climbed(
         findings = (*earlier, _found(kept, plain, fit))
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
-    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused)))
+    hidden = [rung.hidden for rung in refused.values() if rung.hidden]
+    return Choice(fit=fit, shown=shown, findings=(*findings, _stopped(fit, shown, refused), *hidden))
 
 
 def _damaged(data: Sequence[Dataset], fit: Fit) -> bool:
@@ -183,10 +190,10 @@ def _with(structure: str, term: str) -> str | None:
     return _WITH_WINDING.get(structure) if term == "winding" else with_term(structure, term)
 
 
-def _noted(rung: _Rung, refused: dict[str, str]) -> bool:
+def _noted(rung: _Rung, refused: dict[str, _Rung]) -> bool:
     """Whether something speaks against a rung; it is noted in `refused`."""
     if rung.doubt:
-        refused[rung.term] = rung.doubt
+        refused[rung.term] = rung
     return bool(rung.doubt)
 
 
@@ -256,7 +263,10 @@ def _tried(
         allowed = allow(richer)
     except NotIdentifiable as error:
         return _Rung(term=term, plain=plain, fit=fit, doubt=str(error))
-    return _Rung(term=term, plain=richer, fit=allowed, doubt=_doubt(term, asked, richer, allowed, fit))
+    doubt, hidden = _doubt(term, asked, richer, allowed, fit), None
+    if not doubt:
+        doubt, hidden = _fed_back(term, allowed, fit)
+    return _Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
 
 
 def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
@@ -293,6 +303,51 @@ def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
         worth += len(residual) / max(colour, 1.0)
     samples = sum(int(prediction.valid.sum()) for prediction in richer.predictions)
     return worth * float(np.log(before / richer.cost)) > max(more, 1) * float(np.log(samples))
+
+
+def _fed_back(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:
+    """Why a rung can't be kept in a closed loop where a random torque acts, and what to say if it can't be left out; else nothing.
+
+    There the input answers to the torque, so that a simulation from the input alone lacks what is no part of the motor, and a rung
+    such as gravity, which pulls the shaft to a place as the controller does, makes up for it. The innovations don't lack it, and
+    are white: twice the logarithm of their likelihoods' ratio is χ² with a degree of freedom for each parameter more if the term
+    is none (Wilks 1938). It has to be beyond the limit of the score tests, and worth the parameters by Schwarz's criterion.
+    """
+    from scipy.special import chdtri, ndtr
+
+    if allowed.disturbance is None or not any(record.data.closed_loop for record in allowed.records):
+        return "", None
+    more = max(len(allowed.vector) - len(fit.vector), 1)
+    samples = sum(int(record.valid.sum()) for record in allowed.records)
+    worth = _deviance(fit) - _deviance(allowed)
+    needed = max(float(chdtri(more, 2 * ndtr(-LIMIT))), more * float(np.log(samples)))
+    if worth > needed:
+        return "", None
+    doubt = f"beside the random torque it explains little: a likelihood ratio of {worth:.2g}, limit {needed:.2g}"
+    chance = float(chdtri(more, _CHANCE))
+    if worth <= chance or not _moved(allowed, fit):
+        return doubt, None
+    sentence = (
+        f"This closed loop doesn't tell whether there is {_TERMS[term]}: with it the gain would be {allowed['gain'].value:.4g} "
+        f"instead of {fit['gain'].value:.4g}. Chance alone seldom makes it look as likely (likelihood ratio {worth:.2g}; chance "
+        f"exceeds {chance:.2g} once in 20 runs), but a random torque acts, to which the controller answers: record a longer run, "
+        "larger steps, or one in open loop."
+    )
+    return doubt, warning("term-hidden", sentence, parameters=("gain", "time_constant"))
+
+
+def _deviance(fit: Fit) -> float:
+    """-2 ln of the likelihood of a fit's innovations, but for a constant: the sum of e²/s² + 2 ln s over the samples."""
+    total = 0.0
+    for record in fit.records:
+        spread = np.full(len(record.residual), fit.residual_sd)
+        if fit.disturbance is not None:
+            theta = np.concatenate([fit.model.theta, record.nuisance])
+            spread = innovation_sd(
+                record.data, fit.model.structure.sliding(theta, record.data), fit.disturbance
+            )
+        total += float(np.sum((record.innovations**2 + 2 * np.log(spread))[record.valid]))
+    return total
 
 
 def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
@@ -435,13 +490,13 @@ def _estimate(fit: Fit, name: str) -> str:
     return f"{found.value:.3g} ± {1.959964 * found.sd:.1g}{unit}"
 
 
-def _stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, str]) -> Finding:
+def _stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, _Rung]) -> Finding:
     """The finding that says why no further rung was climbed: nothing asks for one, or what was tried can't be told."""
     sentence = f"The structure is {fit.structure}."
     strong = any(one.term.rung in refused and one.size > one.term.limit for one in shown)
     # A rung that was tried on a hint, and explained nothing, is no news.
     if refused and (strong or not explains_the_colour(fit)):
-        reasons = "; ".join(f"{_TERMS[term]} ({why.rstrip('.')})" for term, why in refused.items())
+        reasons = "; ".join(f"{_TERMS[term]} ({rung.doubt.rstrip('.')})" for term, rung in refused.items())
         sentence += f" Something is left to explain, but it can't be told to be {reasons}."
     else:
         sentence += " No further term of friction or gravity is asked for by the data."

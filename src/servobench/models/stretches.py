@@ -5,6 +5,15 @@ counts. When it slips is decided by what is smaller than anything that is measur
 A simulation that misses one slip is off for the rest of the record, as nothing leads it back. And what the controller does in
 the meantime is its answer to the shaft. So the rests tell of friction next to nothing, of gain and time constant nothing at all,
 and a fit over them is ruled by them. In open loop that isn't so: there the input says when the shaft starts.
+
+Nor is it so where the reference jumps: the voltage jumps with it, and the shaft starts at once. Just that start is what tells the
+delay. In the motion that follows the reference stands, and a proportional law's voltage is kp (r - θ(t - d)): to first order in d,
+
+    τ ω' = -(1 - K kp d) ω + K (kp (r - θ) - u₀ - u_c sgn ω)
+
+in which K/τ and (1 - K kp d)/τ are told, two numbers for the three of K, τ and d. So a stretch that a jump sets off begins
+in the rest before it. It is not enough to begin with the jump: a start speed that nobody knows would be told from what the first
+milliseconds of the jump do by nothing.
 """
 
 from __future__ import annotations
@@ -23,6 +32,8 @@ _SLOW = 0.05  # of the top speed: below that friction decides about standing or 
 _QUANTA = 40.0  # in a step of the top speed: then what is slow is at least two of them
 _RESTS = 0.02  # of the record: with less, the shaft only turns round
 _SHORTEST = 20  # samples in a stretch; two start states are found from each
+_REST = 20  # samples before a jump, if the shaft stands so long: time for friction to make sure of it
+_AT_ONCE = 0.5  # of the reference's change: less isn't a jump
 _TRAVEL = 0.1  # of the record's range: a slip to and fro about the set point isn't a motion
 
 
@@ -48,7 +59,7 @@ def _stretches(data: Dataset) -> tuple[Dataset, ...]:
         return ()
     span = _span(data)
     bounds = [
-        (first, last)
+        (_set_off(data, first, 2 * span + _SHORTEST), last)
         for first, last in _runs(_quick(data, span), 2 * span)
         if last - first >= _SHORTEST and np.ptp(data.y[first:last]) > _TRAVEL * np.ptp(data.y)
     ]
@@ -92,6 +103,25 @@ def _runs(quick: Mask, pause: int) -> list[tuple[int, int]]:
         else:
             runs.append((first, last))
     return runs
+
+
+def _set_off(data: Dataset, first: int, reach: int) -> int:
+    """The sample with which a stretch begins: in the rest before the jump that sets the shaft off, else `first` itself.
+
+    A jump is at most `reach` samples before `first`, comes after a reference that stood, and is most of what that does until then.
+    """
+    reference = np.zeros(0) if data.reference is None else data.reference
+    window = np.searchsorted(data.t_input, data.t_output[[max(first - reach, 0), first]], side="right")
+    changes = np.flatnonzero(np.diff(reference[window[0] - 1 : window[1]])) + window[0]
+    if not len(changes) or changes[0] < _REST or np.ptp(reference[changes[0] - _REST : changes[0]]) > 0:
+        return first
+    steps = np.abs(reference[changes[0] : window[1]] - reference[changes[0] - 1])
+    if steps[0] < _AT_ONCE * steps.max():
+        return first
+    jump = int(np.searchsorted(data.t_output, data.t_input[changes[0]]))
+    before = data.y[max(jump - _REST, 0) : jump + 1]
+    moved = np.flatnonzero(np.abs(before - before[-1]) > 0.5 * (data.quantum or np.inf))
+    return jump - len(before) + 1 + (int(moved[-1]) + 1 if len(moved) else 0)
 
 
 def _told(data: Dataset, parts: Sequence[Dataset]) -> Finding:
