@@ -13,7 +13,7 @@ from servobench.estimators.prediction_error import (
     disturbance_test,
     rounding_explains,
 )
-from servobench.estimators.repetition import period, repeats
+from servobench.estimators.repetition import period, repeats, stretches_repeat
 from servobench.estimators.second_weighing import weighed_twice
 from servobench.finding import info
 from servobench.validation import explains_the_colour
@@ -55,13 +55,16 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
     Rounding then repeats with the input, and no average over the record makes it less. Taken as bins, the counts say more. But a
     few distinct errors decide, so that by how much the two estimates differ is part of the covariance.
     """
-    again = fit.model.structure.friction and any(
+    data = [record.data for record in fit.records]
+    again = any(
         record.data.quantum and (cycle := period(record.data)) and repeats(record.residual, cycle)
         for record in fit.records
+    ) or (
+        all(record.quantum and record.closed_loop for record in data)
+        and stretches_repeat(data, [record.residual for record in fit.records])
     )
-    if not again:
+    if not (fit.model.structure.friction and again):
         return None
-    data = [record.data for record in fit.records]
     counts = ESTIMATORS["interval_likelihood"]
     if counts.supports(fit.model.structure, data) is not None:
         return None

@@ -306,12 +306,12 @@ def _worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
 
 
 def _fed_back(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:
-    """Why a rung can't be kept in a closed loop where a random torque acts, and what to say if it can't be left out; else nothing.
+    """Why a rung can't be kept where a controller answers to a random torque, and what to say if it can't be left out, either.
 
-    There the input answers to the torque, so that a simulation from the input alone lacks what is no part of the motor, and a rung
-    such as gravity, which pulls the shaft to a place as the controller does, makes up for it. The innovations don't lack it, and
-    are white: twice the logarithm of their likelihoods' ratio is χ² with a degree of freedom for each parameter more if the term
-    is none (Wilks 1938). It has to be beyond the limit of the score tests, and worth the parameters by Schwarz's criterion.
+    There a simulation from the input alone lacks what is no part of the motor, and a rung such as gravity, which pulls the shaft
+    to a place as the controller does, makes up for it. The innovations don't lack it, and are white: without the term, twice
+    the logarithm of their likelihoods' ratio is χ² with a degree of freedom for each parameter more (Wilks 1938). It has to be
+    beyond the limit of the score tests, and worth the parameters by Schwarz's criterion.
     """
     from scipy.special import chdtri, ndtr
 
@@ -323,7 +323,9 @@ def _fed_back(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:
     needed = max(float(chdtri(more, 2 * ndtr(-LIMIT))), more * float(np.log(samples)))
     if worth > needed:
         return "", None
-    doubt = f"beside the random torque it explains little: a likelihood ratio of {worth:.2g}, limit {needed:.2g}"
+    doubt = (
+        f"beside the random torque it explains little: a likelihood ratio of {worth:.2g}, limit {needed:.2g}"
+    )
     chance = float(chdtri(more, _CHANCE))
     if worth <= chance or not _moved(allowed, fit):
         return doubt, None

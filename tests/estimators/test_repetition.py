@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.estimators.output_error import OutputError
-from servobench.estimators.repetition import Cycle, folded, period, repeats
+from servobench.estimators.repetition import Cycle, folded, period, repeats, stretches_repeat
 from servobench.identification import identify
 from servobench.models.base import STRUCTURES
 from tests.datasets import QUANTUM, dataset
@@ -159,3 +159,15 @@ def test_where_rounding_repeats_the_counts_are_taken_as_bins() -> None:
     assert len(errors) >= 7
     taken, plainly = np.sqrt(np.mean(np.square(errors), axis=0))
     assert taken < 0.7 * plainly  # about 0.4, known to 25 % from ten records
+
+
+def test_stretches_repeat_where_most_of_a_recording_have_a_residual_like_another_ones() -> None:
+    random = np.random.default_rng(1)
+    same, other = random.standard_normal(100), random.standard_normal(100)
+    record = dataset(seed=1, samples=100, y=np.zeros(100))
+    # Of 100 normal numbers a correlation of 0.6 is six standard deviations of chance.
+    assert stretches_repeat([record] * 3, [same, same[:95], other])
+    assert not stretches_repeat([record] * 4, [same, same, other, -other])
+    assert not stretches_repeat([record] * 2, [same, same[:50]])
+    elsewhere = dataset(seed=1, samples=100, y=np.zeros(100))
+    assert not stretches_repeat([record, elsewhere], [same, same])

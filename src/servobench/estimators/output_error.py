@@ -135,12 +135,12 @@ def uncertainty(structure: Structure, data: Sequence[Dataset], minimum: Minimum)
 def _covariance(layout: Layout, minimum: Minimum, h: Array, variance: float) -> Array:
     """The covariance of the joint vector.
 
-    A parameter at a bound that is a limit of nature, such as no friction, is held there for the others' sake; its own standard deviation is that of
-    a free one. A parameter that the data say nothing about has an infinite one.
+    A parameter at a bound that is a limit of nature, such as no friction, is held there for the others' sake; its own standard
+    deviation is that of a free one. A parameter that the data say nothing about has an infinite one.
 
-    The bound of a delay is no place where a motor may well be: that much lies between it and the truth on one side. There nothing
-    is held. The truth being within the bounds, the bound brings the estimate no farther from it, measured by H (a projection onto
-    a convex set), so that the covariance of a free one is enough; that of a held one would take the bound for the delay.
+    Nothing is held where a delay ends at its bound, which allows for columns out of step and is no place where motors are. As
+    the truth lies within the bounds, the bound brings the estimate no farther from it, measured by H (a projection onto a convex
+    set): the covariance of a free delay is enough, that of a held one would take the bound for the delay.
     """
     lower, upper = layout.bounds()
     held = ((minimum.theta <= lower) & (lower >= 0)) | (minimum.theta >= upper)

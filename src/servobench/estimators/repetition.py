@@ -9,6 +9,7 @@ summed over what goes together: Liang and Zeger 1986; when that is done: docs/de
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,6 +24,7 @@ _REPEATS = 0.6  # correlation of the residual with itself a period before; chanc
 _FIRST = (
     4  # changes of the input from which its period is measured: one of them may have come in a missing row
 )
+_ALIKE_IN_LENGTH = 0.9  # of the longer stretch
 _MET = 0.1  # of the samples have to meet one a period before; half of them do in two whole periods
 
 
@@ -61,6 +63,33 @@ def repeats(residual: Array, cycle: Cycle) -> bool:
     """Return whether a residual (M,) is alike in successive periods."""
     later, earlier = cycle.pairs()
     now, before = residual[later], residual[earlier]
+    power = float(np.sqrt(np.sum(now**2) * np.sum(before**2)))
+    return power > 0 and float(now @ before) > _REPEATS * power
+
+
+def stretches_repeat(data: Sequence[Dataset], residuals: Sequence[Array]) -> bool:
+    """Return whether the stretches of one recording repeat: most of them have a residual like that of another one.
+
+    They are compared from their first samples on. That is for stretches that begin in the same way, as those that a jump sets off
+    do; those that go the other way are the mirror image of the first, to which no encoder's rounding is bound.
+    """
+    alike = 0
+    for n, (one, residual) in enumerate(zip(data, residuals, strict=True)):
+        others = (
+            other
+            for m, (record, other) in enumerate(zip(data, residuals, strict=True))
+            if m != n and record.source is one.source
+        )
+        alike += any(_alike_from_start(residual, other) for other in others)
+    return alike > 0.5 * len(data)
+
+
+def _alike_from_start(one: Array, other: Array) -> bool:
+    """Whether two residuals are alike over the length of the shorter one, of nearly the same length."""
+    size = min(len(one), len(other))
+    if size < _ALIKE_IN_LENGTH * max(len(one), len(other)):
+        return False
+    now, before = one[:size], other[:size]
     power = float(np.sqrt(np.sum(now**2) * np.sum(before**2)))
     return power > 0 and float(now @ before) > _REPEATS * power
 
