@@ -149,3 +149,29 @@ def test_drag_too_large_for_a_score_test_is_told_with_its_size(
     told = float(found.sentence.split("takes about ")[1].split(" V")[0])
     assert told == pytest.approx(drag * fastest**2, rel=0.12)
     assert [f.code for f in identify(record).findings].count("drag-not-linear") == 1
+
+
+@pytest.mark.parametrize(("percent", "severity"), [(0.9, "info"), (1.1, "warning")])
+def test_a_difference_of_the_directions_that_the_interval_of_the_gain_holds_is_no_doubt(
+    percent: float, severity: str
+) -> None:
+    """The gain is K ± 1 %, and K (1 ± a/u) in the two directions, with a of u = 3 V known to a hundredth of it."""
+    fit = identify(odd(1)).fit
+    assert fit is not None
+    at = fit.model.names.index("gain")
+    covariance = fit.covariance.copy()
+    covariance[at, at] = (0.01 * fit["gain"].value / 1.959964) ** 2
+    (term,) = (term for term in TERMS if term.code == "directions-differ")
+    amount = 3.0 * percent / 100
+    shown = Shown(
+        term=term,
+        size=9.0,
+        fit=replace(fit, covariance=covariance, intervals={}),
+        largest=3.0,
+        amount=np.array([amount]),
+        covariance=np.array([[(0.01 * amount / 1.959964) ** 2]]),
+    )
+    (told,) = missing_terms([shown])
+    assert told.severity == severity
+    (moved,) = missing_terms([replace(shown, moved=1.1)])
+    assert moved.severity == "warning"

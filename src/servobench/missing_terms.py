@@ -45,6 +45,13 @@ def _directions_sized(shown: Shown) -> str:
     return f"Turning the {way} way it answers about {percent * size:.2g} ± {percent * half:.1g} % more."
 
 
+def _directions_within(shown: Shown) -> bool:
+    """Whether the interval of the gain K holds those of both directions, K (1 ± a/u) for an amount a of a largest input u."""
+    size, half = shown.whole
+    gain = shown.fit["gain"]
+    return (size + half) / shown.largest * abs(gain.value) <= 1.959964 * gain.sd
+
+
 def _ripple_sized(shown: Shown) -> str:
     return _of_input(shown, "to and fro")
 
@@ -103,6 +110,7 @@ TERMS = (
         to_input=lambda m: (m.input * np.sign(m.speed),),
         rung="asymmetric",
         sized=_directions_sized,
+        within=_directions_within,
     ),
     Term(
         code="drag-differs",
@@ -160,12 +168,14 @@ def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
 
 
 def _finding(code: str, shown: Shown) -> Finding:
-    """What a missing term is to the user: a doubt, unless a filter that nobody told of may be what makes it up."""
+    """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up."""
     concerned = ("gain", "time_constant")
     data = [record.data for record in shown.fit.records]
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
         told = f"{_sentence(shown)} That may all come from a filter of which nobody told: say first how the speed was measured."
         return info(code, told, parameters=concerned)
+    if shown.term.within and shown.moved <= 1 and shown.term.within(shown):
+        return info(code, f"{_sentence(shown)} The intervals hold that as well.", parameters=concerned)
     return warning(code, _sentence(shown), parameters=concerned)
 
 

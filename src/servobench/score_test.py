@@ -48,7 +48,8 @@ class Term:
     """A term that a model may lack: its finding's code, a sentence, and what it adds, `to_input` or `to_output`, for a motion.
 
     `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations. `rung` is what a
-    structure with the term has in its name, where there is one. `sized` says how much of the term there is.
+    structure with the term has in its name, where there is one. `sized` says how much of the term there is, `within` whether
+    that is so little that the intervals of the fit hold it as well.
     """
 
     code: str
@@ -59,6 +60,7 @@ class Term:
     limit: float = LIMIT
     rung: str | None = None
     sized: Callable[[Shown], str] | None = None
+    within: Callable[[Shown], bool] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
