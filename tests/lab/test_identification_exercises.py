@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
+from fractions import Fraction
 from functools import cache
 
 import numpy as np
@@ -408,11 +409,12 @@ def test_sines_that_never_turn_the_motor_round_show_its_linear_transfer_function
     s = 2j * math.pi * f
     response = K / ((L * s + R) * (J * s + B) + K * K)
 
-    # 240 to 9000 counts of amplitude, and the rounding of a shaft that runs on is no white noise: a tenth of a count of it, and
-    # what is left of the start after ten time constants, e^-10.
+    # Rounding to counts of variance 1/12 repeats once sine and samples are in step again, after p samples: as an amplitude that
+    # is √(2/12p) of a count, of which five are allowed, beside e^-10, what is left of the start after ten time constants.
+    p = np.array([Fraction(each).limit_denominator(10_000).denominator for each in f * T])
     amplitude = 3 * np.abs(response) / (2 * math.pi * f) / Q
     off = numbers("frequency_response", "shifted", "gain")[1:] / np.abs(response) - 1
-    assert np.all(np.abs(off) < 0.1 / amplitude + math.exp(-10)), off * amplitude
+    assert np.all(np.abs(off) < 5 / np.sqrt(6 * p) / amplitude + math.exp(-10)), off * amplitude
     assert numbers("frequency_response", "shifted", "phase")[1:] == pytest.approx(
         np.degrees(np.angle(response)), abs=0.02
     )
@@ -449,10 +451,15 @@ def test_the_describing_function_solves_its_balance_and_is_what_is_measured() ->
     speed = 3 * response
     friction = 4 * VOLTAGE / math.pi * speed / np.abs(speed)
     assert GAIN * (3 - friction) == pytest.approx((1 + 2j * math.pi * f * TAU) * speed, rel=1e-5)
-    # The winding's lag L/R, 0.02 to 0.24 degrees, and the harmonics that it leaves out: 0.2 degrees, most where friction is.
-    lag = np.degrees(2 * math.pi * f * L / R)
+    # What it leaves out: the winding's lag, and the harmonics. Those of a square of friction make the speed cross zero by at most
+    # the sum of their amplitudes over the speed's too early or late, and friction's own part of the speed goes with it.
+    omega, n = 2 * math.pi * f, np.arange(3, 1000, 2)[:, None]
+    lag = np.degrees(omega * L / R)
+    square = GAIN * 4 * VOLTAGE / math.pi / np.abs(speed)
+    crossing = np.sum(square / n / np.hypot(1, n * omega * TAU), axis=0)
+    allowed = np.degrees(square / np.hypot(1, omega * TAU) * crossing)
     assert numbers("frequency_response", "sweep", "gain")[1:] == pytest.approx(gain, rel=2e-3)
-    assert numbers("frequency_response", "sweep", "phase")[1:] == pytest.approx(phase - lag, abs=0.2)
+    assert np.all(np.abs(numbers("frequency_response", "sweep", "phase")[1:] - (phase - lag)) < allowed)
 
 
 @pytest.mark.parametrize("study", ["sweep", "shifted"])

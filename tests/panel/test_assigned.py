@@ -28,8 +28,6 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
     folder = tmp_path_factory.mktemp("assigned")
     (folder / "secret").write_bytes(SECRET)
     (folder / "secret").chmod(0o600)
-    words = ("--assess", "Ada", "--secret", "secret", "--exercise", "parameter_estimation")
-    with running(folder, *words) as found:
     options = ["--assess", "Ada", "--secret", "secret", "--exercise", "parameter_estimation"]
     with running(folder, *options) as found:
         yield Program(found.process, found.base, found.key, found.folder)

@@ -7,7 +7,8 @@ the meantime is its answer to the shaft. So the rests tell of friction next to n
 and a fit over them is ruled by them. In open loop that isn't so: there the input says when the shaft starts.
 
 Nor is it so where the voltage jumps with the reference, and the shaft starts at once. Just that start is what tells the
-delay. In the motion that follows the reference stands, and what acts of a proportional law is kp (r - θ(t - d)): to first order,
+delay. In the motion that follows the reference stands, and what acts of a proportional law is kp (r - θ(t - d)). By algebra, with
+θ(t - d) = θ - d ω to first order,
 
     τ ω' = -(1 - K kp d) ω + K (kp (r - θ) - u₀ - u_c sgn ω)
 
