@@ -214,7 +214,11 @@ def test_romi_has_the_published_ks_or_says_why_its_tests_speak_against_it(
     named = {
         name for each in result["findings"] if each["code"] == "records-apart" for name in each["parameters"]
     }
-    assert friction["value"] == pytest.approx(0.1298, rel=0.15) or "coulomb_voltage" in named
+    # Where friction falls with the speed a line's intercept has a part of that, too: then any figure of friction may be the one
+    # that the tests don't agree on, but the published one has to be among what is possible.
+    of_friction = named & {"coulomb_voltage", "stribeck_voltage", "stribeck_speed"}
+    low, high = friction["interval"]
+    assert friction["value"] == pytest.approx(0.1298, rel=0.15) or (of_friction and low <= 0.1298 <= high)
     # Widened to what each choice of tests says, it doesn't exclude the published figure.
     assert friction["interval"][0] < 0.1298 < friction["interval"][1]
 
