@@ -147,6 +147,16 @@ def test_the_folder_of_a_killed_run_says_that_it_is_not_whole(servobench: Comman
     assert "cut short" in servobench("inspect", killed_run / "recording.mcap.part").out
 
 
+def test_what_is_missing_of_a_file_is_told_before_what_is_left_of_it(
+    servobench: Command, killed_run: Path
+) -> None:
+    lines = servobench("inspect", killed_run / "recording.mcap.part").out.splitlines()
+
+    (told,) = [number for number, line in enumerate(lines) if "the recording was cut short" in line]
+    (table,) = [number for number, line in enumerate(lines) if line.split()[:2] == ["channel", "unit"]]
+    assert told < table
+
+
 @pytest.mark.promise("S28")
 @pytest.mark.parametrize("lost", ["nothing", "experiment.toml"])
 def test_recover_makes_the_folder_of_a_killed_run_whole(

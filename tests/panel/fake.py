@@ -119,6 +119,7 @@ class Bench:
             str, dict[str, Any]
         ] = {}  # what differs from what an identification says otherwise
         self.uploads: list[tuple[str, int]] = []
+        self.warnings: list[str] = []  # of the next upload
         self.unclear: dict[str, Any] | None = None  # what is asked about the next upload
         self.said: dict[str, Any] = {}
         self.received: list[dict[str, Any]] = []
@@ -377,10 +378,11 @@ def app() -> Starlette:
 
     async def upload(request: Request) -> Response:
         bench.uploads.append((request.query_params["name"], len(await request.body())))
+        bench.recordings["prbs-disc"]["warnings"] = bench.warnings
         while bench.hold:
             await asyncio.sleep(0.01)
         if bench.unclear is None:
-            return JSONResponse({"name": "uploaded", "open": False})
+            return JSONResponse({"name": "uploaded", "open": False, "warnings": bench.warnings})
         entry = {"name": "theirs", "created": "2026-11-21T10:00:00", "duration": 0.0, "samples": 1000}
         more = {"signal": "", "notes": "", "verdict": "", "deleted": False, "columns": "open"}
         bench.recordings["theirs"] = {**entry, **more}

@@ -13,7 +13,7 @@ import pytest
 
 import servobench as sb
 from servobench.errors import FormatError, UnknownName, UsageError
-from servobench.panel.library import About, Library, about_in, checked_name, keep_about
+from servobench.panel.library import ABOUT, About, Library, about_in, checked_name, keep_about
 from tests.panel.conftest import Served
 
 ODD = (
@@ -208,6 +208,44 @@ def test_recordings_of_one_second_have_names_of_their_own(tmp_path: Path) -> Non
     assert len({library.new().name for _ in range(5)}) == 5
 
 
+def test_what_is_lost_of_a_damaged_file_is_said_at_import_and_kept(served: Served, tmp_path: Path) -> None:
+    """Flipped in its middle or cut off: what came before is imported, and nobody takes it for all there was."""
+    with sb.connect("twin") as motor:
+        made = sb.run(sb.Experiment(duration=10), motor)
+    sb.save(made, tmp_path / "whole.mcap")
+    whole = (tmp_path / "whole.mcap").read_bytes()
+    late = (
+        len(whole) * 85 // 100
+    )  # among the samples of the second chunk: after each chunk come places of messages
+    flipped = whole[:late] + bytes(255 - each for each in whole[late : late + 64]) + whole[late + 64 :]
+    session = served.session()
+    upload = served.headers(session, "application/octet-stream")
+
+    for name, content in (("flipped", flipped), ("cut", whole[: len(whole) // 2])):
+        (tmp_path / f"{name}.mcap").write_bytes(content)
+        (read,) = sb.load(tmp_path / f"{name}.mcap")
+        (lost,) = (each.sentence for each in read.findings if each.code == "recording-cut-short")
+        answer = served.http.post(f"/api/upload?name={name}.mcap", headers=upload, content=content).json()
+        assert answer == {"name": name, "open": False, "warnings": [lost]}
+        listed = served.http.get("/api/recordings", headers=served.headers(session)).json()
+        (entry,) = [each for each in listed if each["name"] == name]
+        assert entry["warnings"] == [lost]
+        assert entry["duration"] < 9
+
+
+@pytest.mark.parametrize("spoilt", ['"a sentence"', "[1, 2]", "7"])
+def test_warnings_that_somebody_has_spoilt_are_none(tmp_path: Path, spoilt: str) -> None:
+    (tmp_path / ABOUT).write_text(f'{{"notes": "mine", "warnings": {spoilt}}}')
+
+    assert about_in(tmp_path) == About(notes="(about.json can't be read)")
+
+
+def test_warnings_of_a_recording_outlast_the_panel(tmp_path: Path) -> None:
+    keep_about(tmp_path, About(warnings=("the end is missing",)))
+
+    assert about_in(tmp_path).warnings == ("the end is missing",)
+
+
 def test_a_recording_is_uploaded_noted_deleted_and_downloaded(served: Served, tmp_path: Path) -> None:
     with sb.connect("twin") as motor:
         made = sb.run(sb.Experiment(duration=1), motor)
@@ -221,7 +259,7 @@ def test_a_recording_is_uploaded_noted_deleted_and_downloaded(served: Served, tm
         "/api/upload?name=mine.csv", headers=upload, content=(tmp_path / "mine.csv").read_bytes()
     )
 
-    assert answer.json() == {"name": "mine", "open": False}
+    assert answer.json() == {"name": "mine", "open": False, "warnings": []}
     assert (
         http.post("/api/recordings/mine/notes", headers=headers, json={"notes": "Übung 1"}).status_code == 200
     )

@@ -571,6 +571,22 @@ def test_a_file_tells_how_far_it_is_while_it_is_sent_and_can_be_ended(panel: Pan
     assert going.count() == 0
 
 
+def test_what_reading_a_file_warns_of_stays_in_sight_and_stands_with_the_recording(panel: Panel) -> None:
+    panel.tab("Recordings")
+    panel.bench.warnings = ["the recording was cut short; the last 94492 bytes of the file were left out"]
+    chosen(panel, 1000)
+    told = panel.page.locator("#toast .wrong").get_by_text(
+        "Imported theirs.csv as uploaded. Reading it warns:"
+    )
+    told.wait_for()
+    assert panel.bench.warnings[0] in told.inner_text()
+    panel.page.reload()
+    panel.tab("Recordings")
+    panel.button("prbs-disc").click()
+    kept = panel.page.locator("li.recording", has_text="prbs-disc").locator(".findings")
+    kept.get_by_text("94492 bytes").wait_for()
+
+
 def test_a_file_that_is_unclear_is_asked_about_and_identified_then(panel: Panel) -> None:
     column = {"unit": None, "samples": 1000}
     nothing = {"column": None, "unit": None}

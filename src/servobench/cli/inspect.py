@@ -97,8 +97,11 @@ def _show(console: Console, recording: Recording) -> None:
 
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import printable, say
+    from servobench.finding import Severity
 
     console.print(Text(printable(recording.name), style="bold"))
+    # What is missing or damaged comes first: all that follows is about what is left.
+    show_findings(console, [each for each in recording.findings if each.severity is not Severity.INFO])
     _show_channels(console, recording)
     for line in _times(recording):
         say(console, f"  {line}")
@@ -106,7 +109,7 @@ def _show(console: Console, recording: Recording) -> None:
         console.print(printable(line), soft_wrap=True)
     if recording.stopped.reason != "unknown":
         say(console, f"  ended: {recording.stopped.sentence}")
-    show_findings(console, recording.findings)
+    show_findings(console, [each for each in recording.findings if each.severity is Severity.INFO])
     lines, doubts = _support(recording)
     for line in lines:
         say(console, line)

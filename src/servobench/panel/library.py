@@ -45,6 +45,8 @@ class About:
     verdict: str = ""
     columns: str = ""
     """Of an imported file: "open" where somebody has to say what its columns are, "said" or "known" where that is known."""
+    warnings: tuple[str, ...] = ()
+    """What reading it warns of, such as that its file was damaged and the end is missing: a sentence each."""
 
 
 def checked_name(name: object) -> str:
@@ -270,10 +272,19 @@ def about_in(folder: Path) -> About:
         return About()
     try:
         given = json.loads(path.read_text(encoding="utf-8"))
-        known = {key: type(value)(given[key]) for key, value in asdict(About()).items() if key in given}
+        known = {key: _as(type(value), given[key]) for key, value in asdict(About()).items() if key in given}
     except (OSError, ValueError, TypeError, RecursionError):
         return About(notes="(about.json can't be read)")
     return About(**known)
+
+
+def _as(kind: type[Any], given: Any) -> Any:
+    """What about.json says of one thing as what it has to be; raises `ValueError`, `TypeError` where it can't be that."""
+    if kind is not tuple:
+        return kind(given)
+    if not isinstance(given, list) or not all(isinstance(each, str) for each in given):
+        raise TypeError("expected a list of sentences")
+    return tuple(given)
 
 
 def keep_about(folder: Path, about: About) -> None:

@@ -171,7 +171,13 @@ async def uploaded(request: Request, panel: Panel) -> Response:
         await asyncio.to_thread(panel.library.forget, folder)
         raise
     panel.motor.tell({"kind": "library"})
-    return as_json({"name": folder.name, "open": found["questions"]["open"]})
+    return as_json(
+        {
+            "name": folder.name,
+            "open": found["questions"]["open"],
+            "warnings": found["about"]["warnings"],
+        }
+    )
 
 
 async def columns(request: Request, panel: Panel) -> Response:

@@ -10,6 +10,7 @@ from typing import Any
 
 from servobench.errors import ServobenchError
 from servobench.experiment import Experiment
+from servobench.finding import Severity
 from servobench.loop.recording_process import Recorded, RecorderProcess
 from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
 from servobench.loop.spec import DONE, FAILED
@@ -190,4 +191,10 @@ def about(path: Path, created: str, signal: str) -> About:
     recording = read(path)[0]
     t = recording.series[0].t
     length = 0.0 if t is None or not len(t) else float(t[-1] - t[0])
-    return About(created=created, duration=length, samples=len(recording.series[0].values), signal=signal)
+    return About(
+        created=created,
+        duration=length,
+        samples=len(recording.series[0].values),
+        signal=signal,
+        warnings=tuple(each.sentence for each in recording.findings if each.severity is not Severity.INFO),
+    )

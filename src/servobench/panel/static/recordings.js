@@ -139,7 +139,10 @@ function makeImport(imported) {
         try {
             const made = await sending.done;
             const renamed = made.name && made.name !== chosen.name.replace(/\.[^.]*$/, "");
-            toast(`Imported ${chosen.name}${renamed ? ` as ${made.name}` : ""}${made.open ? "; say what its columns are" : ""}`);
+            const sentence = `Imported ${chosen.name}${renamed ? ` as ${made.name}` : ""}${made.open ? "; say what its columns are" : ""}`;
+            // What is missing of it is there until somebody has read it.
+            if (made.warnings?.length) complain(`${sentence}. Reading it warns: ${made.warnings.map(plainly).join(" ")}`);
+            else toast(sentence);
             await imported(made);
         } catch (error) {
             toast(`${chosen.name}: ${error.message}`);
@@ -241,8 +244,17 @@ function details(recording, id, actions) {
         el("a", { class: "plain", href: `${path}?as=csv`, download: true, "aria-label": `Download ${name} as CSV` }, "CSV"),
         el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
     );
-    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, actions.forms.get(name), going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
+    return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, warningsOf(recording, actions.results.get(name)), actions.forms.get(name), going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
 }
+
+// What reading the file warned of, as long as no result beside it says the same.
+function warningsOf({ warnings }, result) {
+    const said = new Set((result?.findings ?? []).map(({ sentence }) => sentence));
+    const left = (warnings ?? []).filter((each) => !said.has(each));
+    return left.length ? el("ul", { class: "findings" }, left.map((each) => finding("warning", each))) : null;
+}
+
+const finding = (severity, sentence) => el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, plainly(sentence)));
 
 // What the identification said; a recording that was identified before still has its report.
 function identified(recording, result) {
@@ -259,9 +271,7 @@ function identified(recording, result) {
             el("span", { class: "interval" }, interval ? `${significant(interval[0], 4)} to ${significant(interval[1], 4)}` : "no interval"),
         );
     });
-    const findings = (result.findings ?? []).map(({ severity, sentence }) =>
-        el("li", { "data-level": SEVERITIES[severity] ?? "off" }, shape(), el("span", {}, plainly(sentence))),
-    );
+    const findings = (result.findings ?? []).map(({ severity, sentence }) => finding(severity, sentence));
     return el(
         "div",
         { class: "result" },
