@@ -163,6 +163,12 @@ def test_a_sum_within_a_sequence_is_a_form_and_what_is_deeper_a_text(panel: Pane
     text.fill('[{"type": "square"},\n {"type": "sine",}]')
     wrong(panel, "Segment 1: Part 1: Parts: a comma")
     wrong(panel, "in line 2")
+    text.fill("  ")
+    wrong(panel, "Segment 1: Part 1: Parts: nothing is filled in")
+    text.fill("null")
+    wrong(panel, "Segment 1: Part 1: parts isn't given; expected: an array")
+    text.fill("[1]")
+    wrong(panel, "Segment 1: Part 1: Part 1: 1 is no signal")
 
 
 def wrong(panel: Panel, text: str) -> None:

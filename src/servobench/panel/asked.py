@@ -18,6 +18,14 @@ ASSIGNED = "assigned"
 """The device that is somebody's own in an assessment: a panel that has it keeps it."""
 SIMULATED = ("twin", ASSIGNED)
 
+_SINGULAR = {"parts": "Part", "segments": "Segment", "levels": "Level", "entries": "Entry"}
+"""What the page calls one of several; of any other the name of all stands before its number."""
+_EXPECTED = {
+    "tuple_type": "an array",
+    **dict.fromkeys(("dict_type", "mapping_type", "model_type", "model_attributes_type"), "a table"),
+}
+"""What has to be there, by the kind of a mistake, in the words that files of experiments are told of it in."""
+
 
 def command_from(given: Mapping[str, Any]) -> Command:
     """Return the command that a page's message describes; raises `UsageError` for what can't be."""
@@ -69,10 +77,35 @@ def told(error: ValidationError) -> str:
 
 
 def _one(wrong: ErrorDetails) -> str:
-    place, said = ".".join(map(str, wrong["loc"])), wrong["msg"].removeprefix("Value error, ")
+    place, said = _place(wrong["loc"]), wrong["msg"].removeprefix("Value error, ")
+    if wrong["type"] == "missing":
+        return f"{place} isn't given"
     expected = said.removeprefix("Input should be ")
     if expected == said:
         return f"{place}: {said}" if place else said
+    expected = _EXPECTED.get(wrong["type"], expected)
     given = wrong["input"]
+    if given is None:
+        return f"{place} isn't given; expected: {expected}"
     value = f"{given:g}" if isinstance(given, float) else repr(given)[:60]
     return f"{place} is {value}; expected: {expected}"
+
+
+def _place(path: tuple[int | str, ...]) -> str:
+    """Where a setting is, in the words of the page: `Segment 1: Part 2: low` for the third key in the second part of the first."""
+    places: list[str] = []
+    keys: list[str] = []
+    for each in path:
+        if isinstance(each, str):
+            keys.append(each)
+            continue
+        item = keys.pop() if keys else "entries"
+        # A part's own signal is the part, as far as a person sees.
+        places += [
+            ".".join(key for key in keys if key != "signal"),
+            f"{_SINGULAR.get(item, item)} {each + 1}",
+        ]
+        keys = []
+    if places and keys[:1] == ["signal"] and len(keys) > 1:
+        keys = keys[1:]
+    return ": ".join(filter(None, [*places, ".".join(keys)]))

@@ -82,11 +82,12 @@ function list(_, field) {
 
 // Where a text isn't as it has to be, as far as the browser tells.
 function unread(text, { message }) {
+    if (!text.trim()) return "nothing is filled in. Back brings the last one that was applied";
     const at = Number(/position (\d+)/.exec(message)?.[1] ?? text.length);
     const before = text.slice(0, at).trimEnd();
     const near = before.split("\n").at(-1).trim().slice(-24);
     const line = before.split("\n").length;
-    return `a comma, a quotation mark or a bracket is missing, or one too many, in line ${line}, after “${near}”. Back brings the last one that was applied`;
+    return `a comma, a quotation mark or a bracket is missing, or one too many, in line ${line}, ${near ? `after “${near}”` : "at its beginning"}. Back brings the last one that was applied`;
 }
 
 // Signals within a signal: as the text that a file would have.

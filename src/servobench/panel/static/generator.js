@@ -3,7 +3,7 @@
 import { post } from "./api.js";
 import { announce } from "./announcer.js";
 import { byId, el, shape } from "./dom.js";
-import { significant, words } from "./format.js";
+import { significant } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
@@ -89,9 +89,6 @@ export function spanOf(signal) {
     return span > 0 ? Math.min(span, LONGEST) : 10;
 }
 
-// A mistake in a part, by the number that it has on the page: segments.0.duration → Segment 1: duration.
-const placed = (sentence) => sentence.replace(/\b([a-z]+)s\.(\d+)\.(?:signal\.)?/g, (_, each, at) => `${words(each)} ${Number(at) + 1}: `);
-
 // A line through the points; what isn't finite is left out of it.
 function path(x, y) {
     let begun = false;
@@ -126,7 +123,7 @@ class Preview {
         try {
             found = await post("/api/preview", { signal, duration });
         } catch (error) {
-            return turn === this.turn ? placed(error.message) : null;
+            return turn === this.turn ? error.message : null;
         }
         if (turn !== this.turn) return null;
         const { t, unit, warnings } = found;
