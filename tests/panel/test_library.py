@@ -233,6 +233,30 @@ def test_what_is_lost_of_a_damaged_file_is_said_at_import_and_kept(served: Serve
         assert entry["duration"] < 9
 
 
+@pytest.mark.parametrize(
+    ("name", "content"),
+    [
+        ("Übung 日本.mcap", b"no recording"),
+        ("my run.csv", b"t [s],u [V]\n"),
+        ("empty.mat", b"MATLAB 5.0 MAT-file" + bytes(200)),
+        ("torn.mcap", b"\x89MCAP0\r\n\x01"),
+        ("A.LOG.Parquet", b"PAR1 and no more"),
+    ],
+)
+def test_a_file_that_cannot_be_imported_is_called_as_its_owner_calls_it(
+    served: Served, name: str, content: bytes
+) -> None:
+    upload = served.headers(served.session(), "application/octet-stream")
+    answer = served.http.post("/api/upload", params={"name": name}, headers=upload, content=content)
+
+    assert answer.status_code == 400
+    told = answer.json()["error"]
+    assert name in told
+    assert "upload" not in told
+    assert str(served.panel.library.folder) not in told
+    assert "/." not in told
+
+
 @pytest.mark.parametrize("spoilt", ['"a sentence"', "[1, 2]", "7"])
 def test_warnings_that_somebody_has_spoilt_are_none(tmp_path: Path, spoilt: str) -> None:
     (tmp_path / ABOUT).write_text(f'{{"notes": "mine", "warnings": {spoilt}}}')

@@ -7,6 +7,7 @@ import json
 import os
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
 from pathlib import Path
@@ -35,8 +36,10 @@ from servobench.panel.library import (
 )
 from servobench.panel.pages import Panel, as_json
 from servobench.panel.replayed import frame_of
+from servobench.panel.work import Said, nobody_asks
 
 _SUFFIXES = 16  # characters of a file's ending that matter to what it is
+_LONGEST_SHOWN = 80  # characters of a file's name in a sentence
 
 
 async def listed(request: Request, panel: Panel) -> Response:
@@ -79,7 +82,8 @@ async def download(request: Request, panel: Panel) -> Response:
     folder = await asyncio.to_thread(TemporaryDirectory, prefix="servobench-")
     try:
         text = Path(folder.name) / f"{name}.csv"
-        await panel.work({"do": "convert", "file": os.fspath(native), "to": os.fspath(text)})
+        asked = {"do": "convert", "file": os.fspath(native), "called": name, "to": os.fspath(text)}
+        await panel.work(asked)
     except BaseException:
         await asyncio.to_thread(folder.cleanup)
         raise
@@ -112,13 +116,24 @@ async def identified(request: Request, panel: Panel) -> Response:
     name = _name(request)
     native = await asyncio.to_thread(panel.library.file, name, RECORDING)
     page = native.parent / REPORT
-    asked = {"do": "identify", "file": os.fspath(native), "structure": structure, "report": os.fspath(page)}
+    asked = {
+        "do": "identify",
+        "file": os.fspath(native),
+        "called": name,
+        "structure": structure,
+        "report": os.fspath(page),
+    }
     known = await asyncio.to_thread(about_in, native.parent)
     if known.columns == "open":
         raise Refused(409, f"what the columns of {name} are has to be said first: choose Columns there")
-    answer = await panel.jobs.identify(panel.work, panel.motor.tell, name, asked, known.samples)
-    result: dict[str, Any] = answer["result"]
-    await asyncio.to_thread(panel.library.judge, native.parent, result)
+
+    async def judged(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
+        """The result, kept before anybody is told that the identification is over: who asks then gets it."""
+        found: dict[str, Any] = (await panel.work(asked, said))["result"]
+        await asyncio.to_thread(panel.library.judge, native.parent, found)
+        return found
+
+    result = await panel.jobs.identify(judged, panel.motor.tell, name, asked, known.samples)
     panel.motor.tell({"kind": "library"})
     return as_json({**result, "report": f"/reports/{name}"})
 
@@ -149,17 +164,20 @@ async def report(request: Request, panel: Panel) -> Response:
 
 async def uploaded(request: Request, panel: Panel) -> Response:
     """A file that somebody has, as a recording; its name is made to fit, and what its columns are may have to be said."""
-    stem, suffix = _stem_and_suffix(request.query_params.get("name", ""))
+    given = request.query_params.get("name", "")
+    stem, suffix = _stem_and_suffix(given)
     folder = await asyncio.to_thread(panel.library.new_like, stem)
     try:
         place = await asyncio.to_thread(TemporaryDirectory, prefix=".", dir=folder)
         try:
-            file = Path(place.name) / f"upload{suffix}"
+            # Its recording is called after it; what can't be a name everywhere is none on this disk.
+            file = Path(place.name) / f"{fitting_name(stem)}{suffix}"
             await _kept(request, file)
             asked = {
                 "do": "import",
                 "file": os.fspath(file),
-                "name": f"{fitting_name(stem)}{suffix}",
+                "called": _shown(given),
+                "name": file.name,
                 "to": os.fspath(folder / RECORDING),
                 "created": datetime.now().isoformat(timespec="seconds"),
             }
@@ -199,7 +217,8 @@ async def columns_said(request: Request, panel: Panel) -> Response:
     await asyncio.to_thread(
         panel.library.file, _name(request), QUESTIONS
     )  # or else it says itself what it holds
-    said = await panel.work({"do": "map", "file": os.fspath(native), "said": given})
+    asked = {"do": "map", "file": os.fspath(native), "called": _name(request), "said": given}
+    said = await panel.work(asked)
     await asyncio.to_thread(
         panel.library.say_columns, native.parent, said["mapping"], said["length"], said["samples"]
     )
@@ -238,6 +257,11 @@ def _stem_and_suffix(name: str) -> tuple[str, str]:
             f"{name[:80]!r} has no ending that says what kind of file it is; expected one such as .csv"
         )
     return stem, dot + suffix.lower()
+
+
+def _shown(name: str) -> str:
+    """The name of somebody's file in a sentence: in one line, and not longer than a line."""
+    return "".join(each if each.isprintable() else "?" for each in name)[:_LONGEST_SHOWN]
 
 
 def _name(request: Request) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 import os
+import re
 import subprocess
 import sys
 from collections.abc import Awaitable, Callable, Iterator, Mapping
@@ -44,14 +45,15 @@ _LONGEST = 16 * 1024 * 1024  # bytes of an answer
 _DOING = b"doing: "
 
 
-def _nobody_asks(doing: str) -> None:
-    pass
+def nobody_asks(doing: str) -> None:
+    """Take no notice of what is done now."""
 
 
-async def done_elsewhere(asked: Mapping[str, Any], said: Said = _nobody_asks) -> dict[str, Any]:
+async def done_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
-    `asked` is JSON, whose `do` says which: see `PIECES`. `said` is told what is done now. Cancelled, it ends the process.
+    `asked` is JSON, whose `do` says which: see `PIECES`. What is wrong with its `file` is told by the name `called`. `said` is
+    told what is done now. Cancelled, it ends the process.
     Raises `UsageError` also for a piece that took too long, or ended without an answer.
     """
     async with _AT_ONCE:
@@ -274,6 +276,15 @@ PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
 }
 
 
+def _called(asked: Mapping[str, Any], sentence: str) -> str:
+    """What is told of the file that was asked about, by the name that the user knows: `called`, where that is another one."""
+    if "called" not in asked:
+        return sentence
+    file = str(asked["file"])
+    ours = re.compile(f"{re.escape(file)}|(?<![^\\s'\"`]){re.escape(os.path.basename(file))}")
+    return ours.sub(lambda _: str(asked["called"]), sentence)
+
+
 def main() -> int:
     """Do what standard input asks for, and say on standard output what came out."""
     give_way()
@@ -281,7 +292,7 @@ def main() -> int:
     try:
         answer = PIECES[asked["do"]](asked)
     except ServobenchError as error:
-        answer = {"error": type(error).__name__, "sentence": str(error)}
+        answer = {"error": type(error).__name__, "sentence": _called(asked, str(error))}
     except MemoryError:
         answer = {
             "error": "UsageError",
