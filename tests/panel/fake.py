@@ -359,9 +359,9 @@ def app() -> Starlette:
             while bench.working is not None:
                 await bench.tell({"kind": "work", "name": entry["name"], **bench.working})
                 await asyncio.sleep(0.05)
-            await bench.tell({"kind": "work", "name": entry["name"], "over": True})
             found = identified(entry["name"])
             entry["verdict"] = found["verdict"]
+            await bench.tell({"kind": "work", "name": entry["name"], "over": True})
             return JSONResponse(found)
         await bench.tell({"kind": "library"})
         return JSONResponse({})

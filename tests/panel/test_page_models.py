@@ -34,6 +34,14 @@ def panel(browser: Any) -> Iterator[Panel]:
         panel.context.close()
 
 
+# Whatever stands in the column from now on, however short.
+_WATCH = """() => {
+    const models = document.querySelector('.models');
+    window.shown = [];
+    new MutationObserver(() => window.shown.push(models.innerText)).observe(models, { childList: true, subtree: true });
+}"""
+
+
 def compare(panel: Panel, *names: str) -> None:
     for name in names:
         panel.page.get_by_label(f"Compare {name}").check()
@@ -79,8 +87,12 @@ def test_what_isnt_identified_says_so_and_can_be_from_there(panel: Panel) -> Non
     panel.page.keyboard.press("Enter")
     panel.page.locator(".models").get_by_text("step 3 of 4: identifying").wait_for()
     assert button.get_attribute("aria-disabled") == "true"
+    panel.page.evaluate(_WATCH)
     panel.bench.working = None
     panel.page.locator(".models").get_by_text("chirp-slow agrees with square-1-3").wait_for()
+    shown = panel.page.evaluate("window.shown")
+    assert shown
+    assert not [each for each in shown if "Not identified yet" in each and "Identifying" not in each]
     panel.page.locator("#announcer").get_by_text("chirp-slow is identified").wait_for()
     # The button is gone; the focus is at what came in its place.
     assert panel.page.evaluate("document.activeElement.matches('.models .scroll')")

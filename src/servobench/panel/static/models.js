@@ -18,6 +18,7 @@ export function makeModels(identify) {
     let names = [];
     let known = new Map(); // name -> what the list of recordings says
     const going = new Map(); // name -> how far its identification is
+    const over = new Set(); // names of those that are over, but what came of them isn't known here yet
     let turn = 0;
 
     const draw = async () => {
@@ -42,15 +43,18 @@ export function makeModels(identify) {
         },
         know: (recordings) => {
             known = new Map(recordings.map((each) => [each.name, each]));
+            for (const name of over) going.delete(name);
+            over.clear();
             if (names.length) draw();
         },
         work: (message) => {
+            if (message.over) return over.add(message.name); // `know` follows
             const begun = going.has(message.name);
-            if (message.over) going.delete(message.name);
-            else going.set(message.name, message);
+            over.delete(message.name);
+            going.set(message.name, message);
             if (!names.includes(message.name)) return;
             const place = document.getElementById(`models-${slug(message.name)}-progress`);
-            if (begun && !message.over && place) say(place, workProgress(message).sentence);
+            if (begun && place) say(place, workProgress(message).sentence);
             else draw();
         },
     };

@@ -86,7 +86,7 @@ export function makeRecordings(store, compare, showSelf) {
         if (message.over) {
             working.get(name)?.over();
             working.delete(name);
-            return show();
+            return load(); // with what came of it: what is known so far would say that nothing did
         }
         const begins = !working.has(name);
         if (begins) working.set(name, makeProgress(`Identifying ${name}`, () => act(name, "identify/end")));
