@@ -9,6 +9,8 @@ import jsonschema
 import pytest
 
 from servobench.lab.exercise import exercises
+from servobench.lab.page import exercise_page
+from servobench.lab.worked import Worked
 from tests.cli.conftest import Command, Ended
 
 MINE = """+++
@@ -238,6 +240,35 @@ def test_all_exercises_are_pages_in_a_folder(servobench: Command, folder: Path, 
     assert names == ["index.html", "mine.html", "other.html", "paper.html"]
     again = servobench("lab", "--all", "--folder", folder, "--out", tmp_path / "pages")
     assert (again.status, "isn't an empty folder" in again.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("done", "said"),
+    [
+        (0, "interrupted before the first of 2 exercises was done; there is no page in {}"),
+        (1, "interrupted: 1 of 2 exercises are in {}, whose index.html says which are missing"),
+    ],
+)
+def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
+    servobench: Command, folder: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: int, said: str
+) -> None:
+    (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
+    written = []
+
+    def page(worked: Worked, **settings: Any) -> str:
+        written.append(worked)
+        if len(written) == done + 1:
+            raise KeyboardInterrupt
+        return exercise_page(worked, **settings)
+
+    monkeypatch.setattr("servobench.lab.page.exercise_page", page)
+    pages = tmp_path / "pages"
+    ended = servobench("lab", "--all", "--folder", folder, "--out", pages)
+
+    assert ended.status == 130
+    assert said.format(pages) in ended.err
+    kept = sorted(path.name for path in pages.iterdir())
+    assert kept == (["index.html", "mine.html", "paper.html"] if done else [])
 
 
 @pytest.mark.parametrize(

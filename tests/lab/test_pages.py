@@ -2,6 +2,8 @@
 
 import re
 from collections import Counter
+from collections.abc import Callable
+from dataclasses import replace
 from functools import lru_cache
 from itertools import pairwise
 from pathlib import Path
@@ -10,7 +12,7 @@ import pytest
 
 from servobench.lab.exercise import Exercise, exercises, read_exercise
 from servobench.lab.expression import Expression
-from servobench.lab.page import INDEX, PAPERS, exercise_page, page_of, write_lab
+from servobench.lab.page import INDEX, PAPERS, InPart, exercise_page, page_of, papers_page, write_lab
 from servobench.lab.stand import stand_on_the_twin
 from servobench.lab.told import told
 from servobench.lab.worked import Worked
@@ -207,6 +209,61 @@ def test_the_pages_of_a_folder_lead_to_each_other_and_nowhere_else(tmp_path: Pat
     assert links["second.html"] == [INDEX, PAPERS, "first.html", "third.html"]
     assert links["first.html"] == [INDEX, PAPERS, "second.html"]
     assert [link for link in links[INDEX] if link != PAPERS] == [page_of(each.exercise) for each in lab]
+
+
+@pytest.mark.parametrize("done", [1, 2, 3])
+def test_pages_that_are_interrupted_lead_to_each_other_and_say_what_is_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, done: int
+) -> None:
+    """Interrupted where an exercise begins; with all three done it is where the page on the paper would be written."""
+    lab = [replaced_name(worked(corrected()), name) for name in ("first", "second", "third")]
+
+    def begun(number: int, _: object) -> None:
+        if number == done:
+            raise KeyboardInterrupt
+
+    if done == len(lab):
+        monkeypatch.setattr("servobench.lab.page.papers_page", interrupted_once(papers_page))
+    with pytest.raises(InPart) as ended:
+        write_lab(tmp_path, lab, solution=False, begun=begun)
+
+    assert (ended.value.folder, ended.value.done, ended.value.of) == (tmp_path, done, 3)
+    pages = {path.name: Page(path.read_text(encoding="utf-8")) for path in tmp_path.iterdir()}
+    assert len(pages) == done + 2
+    links = [a["href"].partition("#")[0] for each in pages.values() for _, a in each.all("a")]
+    assert set(filter(None, links)) <= set(pages)
+    assert pages[INDEX].words.count(" missing") == 3 - done + (done < 3)  # each of them, and the note
+    assert (f"Only {done} of 3 are here" in pages[INDEX].words) == (done < 3)
+    assert ("This page isn’t whole" in pages[PAPERS].words) == (done < 3)
+    assert "1 of 3" in pages["first.html"].words
+
+
+def test_pages_that_are_interrupted_before_the_first_is_done_leave_an_empty_folder(tmp_path: Path) -> None:
+    def begun(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    with pytest.raises(InPart) as ended:
+        write_lab(tmp_path / "pages", [worked(corrected())], solution=False, begun=begun)
+
+    assert (ended.value.done, ended.value.of) == (0, 1)
+    assert list((tmp_path / "pages").iterdir()) == []
+
+
+def replaced_name(made: Worked, name: str) -> Worked:
+    return replace(made, exercise=replace(made.exercise, name=name, title=name))
+
+
+def interrupted_once(write: Callable[..., str]) -> Callable[..., str]:
+    """What writes a page, as if Ctrl-C was pressed the first time."""
+    calls = []
+
+    def again(*given: object) -> str:
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return write(*given)
+
+    return again
 
 
 def test_the_page_on_the_paper_has_all_corrections_and_each_of_its_numbers(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ import servobench as sb
 from servobench.errors import ServobenchError
 from servobench.formats.mapping import assign
 from servobench.panel.columns import mapping_of, questions
-from servobench.panel.library import Library, fitting_name
+from servobench.panel.library import Library, about_in, fitting_name
 from tests.panel.conftest import Served
 
 LOGGER = Path(__file__).parents[2] / "examples" / "logger.csv"
@@ -80,10 +81,16 @@ def sent(served: Served, name: str, content: bytes) -> httpx.Response:
     return served.http.post("/api/upload", params={"name": name}, headers=headers, content=content)
 
 
-def test_the_example_is_imported_asked_about_and_identified(served: Served) -> None:
+def test_the_example_is_imported_asked_about_and_identified(
+    served: Served, monkeypatch: pytest.MonkeyPatch
+) -> None:
     headers = served.headers(served.session())
     http = served.http
-    assert sent(served, "logger.csv", LOGGER.read_bytes()).json() == {"name": "logger", "open": True}
+    assert sent(served, "logger.csv", LOGGER.read_bytes()).json() == {
+        "name": "logger",
+        "open": True,
+        "warnings": [],
+    }
 
     def listed() -> dict[str, Any]:
         every = http.get("/api/recordings", headers=headers).json()
@@ -113,7 +120,17 @@ def test_the_example_is_imported_asked_about_and_identified(served: Served) -> N
         404,
         "logger isn't identified yet: identify it first",
     )
+    kept = []  # the verdict that is kept when somebody is told that the identification is over
+    tell = served.panel.motor.tell
+
+    def listening(message: Mapping[str, Any]) -> None:
+        if message.get("over"):
+            kept.append(about_in(served.panel.library.folder_of("logger")).verdict)
+        tell(message)
+
+    monkeypatch.setattr(served.panel.motor, "tell", listening)
     answer = http.post("/api/recordings/logger/identify", headers=headers, json={}, timeout=300).json()
+    assert kept == [answer["verdict"]]
     # The same as the command says of the same file.
     recording = assign(sb.load(LOGGER)[0], time="time:s", input="voltage:V", output="angle:deg", chain="none")
     told = sb.identify([sb.measure(recording)]).to_dict()

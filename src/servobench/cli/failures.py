@@ -33,6 +33,10 @@ class NotBegun(KeyboardInterrupt):
     """A run that was stopped before it began; the text says by whom."""
 
 
+class KeptInPart(KeyboardInterrupt):
+    """A command that was stopped when a part was done; the text says what is kept, and what to do."""
+
+
 def failed(error: BaseException, *, debug: bool = False) -> int:
     """Say what went wrong on standard error, and return the exit status.
 
@@ -74,6 +78,8 @@ def _told(error: BaseException) -> tuple[int, str]:
         return CANNOT_WRITE, ""
     if isinstance(error, NotBegun):
         return INTERRUPTED, f"{error} before it began; nothing was recorded"
+    if isinstance(error, KeptInPart):
+        return INTERRUPTED, str(error)
     if isinstance(error, KeyboardInterrupt):
         return INTERRUPTED, "interrupted before there was a result; files that were whole by then are kept"
     if isinstance(error, MissingInformation):

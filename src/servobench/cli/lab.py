@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.lab.exercise import Exercise
+    from servobench.lab.page import InPart
     from servobench.lab.stand import MotorStand
     from servobench.lab.worked import Worked
 
@@ -322,13 +323,14 @@ def _write_all(
     studies: bool,
     as_json: bool,
 ) -> None:
+    from servobench.cli.failures import KeptInPart
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
     from servobench.cli.terminal import print_json, say
     from servobench.errors import UsageError
     from servobench.lab.document import to_dict
     from servobench.lab.exercise import exercises
-    from servobench.lab.page import INDEX, write_lab
+    from servobench.lab.page import INDEX, InPart, write_lab
     from servobench.lab.worked import Worked
 
     found = exercises(folder)
@@ -342,10 +344,24 @@ def _write_all(
         def begun(number: int, worked: Worked) -> None:
             progress.reached(number / len(lab))
 
-        write_lab(target, lab, solution=solution, studies=studies, begun=begun)
+        try:
+            write_lab(target, lab, solution=solution, studies=studies, begun=begun)
+        except InPart as interrupt:
+            raise KeptInPart(_kept(interrupt)) from None
     say(console, f"{len(lab)} exercises: {target / INDEX}")
     if as_json:
         print_json(to_dict(lab, solution=solution))
+
+
+def _kept(interrupt: InPart) -> str:
+    from servobench.lab.page import INDEX
+
+    if not interrupt.done:
+        return f"interrupted before the first of {interrupt.of} exercises was done; there is no page in {interrupt.folder}"
+    return (
+        f"interrupted: {interrupt.done} of {interrupt.of} exercises are in {interrupt.folder}, whose {INDEX} says which are "
+        "missing; for all of them run it again with another --out, or delete that folder first"
+    )
 
 
 def _empty(out: Path | None) -> Path:

@@ -6,7 +6,7 @@ Each page is one file that needs no network and runs nothing; the pages of a fol
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +69,16 @@ class Beside:
     off: str
 
 
+class InPart(KeyboardInterrupt):
+    """The pages of a folder were interrupted: so many are done, of so many."""
+
+    def __init__(self, folder: Path, done: int, of: int) -> None:
+        super().__init__(folder, done, of)
+        self.folder = folder
+        self.done = done
+        self.of = of
+
+
 def exercise_page(
     worked: Worked,
     *,
@@ -120,31 +130,56 @@ def write_lab(
 ) -> None:
     """Write the pages of all exercises, of what they correct, and the way in; `begun` is told of each exercise before its page.
 
+    Whoever interrupts it finds a way in to the exercises that are done, which says what is missing, and is told by `InPart`.
     Raises `StorageError`, which says why one can't be written.
     """
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
-    for number, worked in enumerate(lab):
-        begun(number, worked)
-        text = exercise_page(worked, solution=solution, studies=studies, neighbours=_neighbours(lab, number))
-        write_page(text, folder / page_of(worked.exercise))
-    write_page(papers_page(lab), folder / PAPERS)
-    write_page(index_page(lab), folder / INDEX)
+
+    def page(worked: Worked, neighbours: Neighbours) -> str:
+        return exercise_page(worked, solution=solution, studies=studies, neighbours=neighbours)
+
+    done = 0
+    try:
+        for number, worked in enumerate(lab):
+            begun(number, worked)
+            text = page(worked, _neighbours(lab, number))
+            done = number + 1  # if its file is interrupted it is written below
+            write_page(text, folder / page_of(worked.exercise))
+        _write_ways_in(folder, lab)
+    except KeyboardInterrupt as interrupt:
+        if done:
+            last = lab[done - 1]
+            alone = replace(_neighbours(lab, done - 1), after=None)  # the next one isn't there
+            write_page(page(last, alone), folder / page_of(last.exercise))
+            _write_ways_in(folder, lab[:done], missing=lab[done:])
+        raise InPart(folder, done, len(lab)) from interrupt
 
 
-def index_page(lab: Sequence[Worked]) -> str:
-    """Return the way in: all exercises in their order, and what leads to the page of corrections."""
-    return _page("lab_index.html.j2", title="The laboratory", lab=lab, numbers=len(_beside(lab)))
+def _write_ways_in(folder: Path, lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> None:
+    write_page(papers_page(lab, missing), folder / PAPERS)
+    write_page(index_page(lab, missing), folder / INDEX)
 
 
-def papers_page(lab: Sequence[Worked]) -> str:
-    """Return the page on the paper: what it contains and where that is here, what is corrected, and its numbers beside ours."""
+def index_page(lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> str:
+    """Return the way in: all exercises in their order, the missing ones without a link, and what leads to corrections."""
+    return _page(
+        "lab_index.html.j2", title="The laboratory", lab=lab, missing=missing, numbers=len(_beside(lab))
+    )
+
+
+def papers_page(lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> str:
+    """Return the page on the paper: what it contains and where that is here, what is corrected, and its numbers beside ours.
+
+    What is `missing` is named, as its part of all that isn't there.
+    """
     return _page(
         "lab_paper.html.j2",
         title="The paper’s figures and ours",
         lab=lab,
+        missing=missing,
         contained=_contained(lab),
         beside=_beside(lab),
     )
