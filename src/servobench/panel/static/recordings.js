@@ -141,7 +141,7 @@ function makeImport(imported) {
             const renamed = made.name && made.name !== chosen.name.replace(/\.[^.]*$/, "");
             const sentence = `Imported ${chosen.name}${renamed ? ` as ${made.name}` : ""}${made.open ? "; say what its columns are" : ""}`;
             // What is missing of it is there until somebody has read it.
-            if (made.warnings?.length) complain(`${sentence}. Reading it warns: ${made.warnings.map(plainly).join(" ")}`);
+            if (made.warnings?.length) complain(`${sentence}. Reading it warns: ${fewOf(made.warnings)}`);
             else toast(sentence);
             await imported(made);
         } catch (error) {
@@ -245,6 +245,12 @@ function details(recording, id, actions) {
         el("button", { type: "button", class: "plain square", "aria-label": `Delete ${name}`, on: { click: () => actions.remove(name) } }, icon("bin")),
     );
     return [el("label", { for: `${id}-notes`, class: "hide" }, `Notes on ${name}`), notes, row, warningsOf(recording, actions.results.get(name)), actions.forms.get(name), going?.element, identified(recording, actions.results.get(name))].filter(Boolean);
+}
+
+// As many sentences as somebody reads in passing; all of them stand with the recording.
+function fewOf(sentences) {
+    const [left, few] = [sentences.length - 2, sentences.slice(0, 2).map(plainly).join("; ")];
+    return left > 0 ? `${few}; and ${left} more, which stand with it` : few;
 }
 
 // What reading the file warned of, as long as no result beside it says the same.
