@@ -13,7 +13,8 @@ from scipy.optimize import brentq
 from servobench.errors import UsageError
 from servobench.interop import without_delay
 from servobench.margins import margins
-from servobench.stability_analysis.locus import root_locus, stable_gains
+from servobench.stability_analysis.gains import stable_gains
+from servobench.stability_analysis.locus import root_locus
 from servobench.stability_analysis.nyquist import closed_loop, nyquist_curve
 from servobench.stability_analysis.poles import poles_of
 from servobench.stability_analysis.routh import routh

@@ -46,7 +46,7 @@ def margins(loop: TransferFunction) -> Margins:
     """
     loop = replace(loop, delay=max(loop.delay, 0.0))
     gain_crossovers = _gain_crossovers(loop)
-    phase = _Phase.of(loop)
+    phase = Phase.of(loop)
     phases = [_wrapped(phase(omega) + math.pi) for omega in gain_crossovers]
     nearest = min(range(len(phases)), key=lambda n: abs(phases[n]), default=None)
     phase_crossovers = (
@@ -99,7 +99,7 @@ def _phase_crossovers(loop: TransferFunction) -> list[float]:
 
 
 def _phase_crossovers_behind_delay(
-    phase: _Phase, loop: TransferFunction, gain_crossover: float
+    phase: Phase, loop: TransferFunction, gain_crossover: float
 ) -> list[float]:
     """Where the phase of a loop with a delay crosses -180°: the few crossings whose magnitude is nearest to 1.
 
@@ -126,7 +126,7 @@ def _phase_crossovers_behind_delay(
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Phase:
+class Phase:
     """The phase of a loop [rad] over frequency, without jumps: the sum of those of its roots, of its sign and of its delay.
 
     That of jω - r goes on without a jump for a root r in the right half-plane, too.
@@ -138,7 +138,7 @@ class _Phase:
     delay: float
 
     @classmethod
-    def of(cls, loop: TransferFunction) -> _Phase:
+    def of(cls, loop: TransferFunction) -> Phase:
         leading = next((x for x in loop.numerator if x), 0.0)
         return cls(
             zeros=tuple(map(complex, loop.zeros)),

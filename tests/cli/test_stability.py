@@ -1,12 +1,15 @@
 """`servobench stability`: what is said of a run, a result and a recording, and what is refused."""
 
 import json
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.cli.conftest import Command
+
+_DIGITS = str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹", "0123456789")  # the minus before them stays
 
 
 def test_a_run_and_its_result_say_the_same(servobench: Command, finished_run: Path) -> None:
@@ -182,3 +185,21 @@ def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path)
     assert "of this gain it would be stable" in much
     assert "Gain margin" not in much
     assert "continuous loop's" in " ".join(servobench("stability", finished_run).out.split())
+    assert "no gain of this sign makes this one stable" in " ".join(backwards.out.split())
+
+
+def test_the_gain_that_would_do_is_told_of_any_that_is_too_much(
+    servobench: Command, finished_run: Path
+) -> None:
+    """The limit is the motor's own, whichever gain it is told as a part of: the gain margin with 1 V/rad."""
+    margin = re.search(r"Gain margin ([\d.]+)", servobench("stability", finished_run).out)
+    assert margin
+    for kp in ("400", "1e4", "1e5", "3.1e5", "1e6", "1e9"):
+        said = " ".join(servobench("stability", finished_run, "--kp", kp).out.split())
+        part = re.search(
+            r"With less than ([\d.]+)(?:×10(⁻\d))? of this gain it would be stable", said.translate(_DIGITS)
+        )
+        assert part, said
+        limit = float(part[1]) * 10 ** int((part[2] or "0").replace("⁻", "-")) * float(kp)
+        # Both have four digits, each off by half of the last at most: 5e-4 of the smallest, 1.000.
+        assert limit == pytest.approx(float(margin[1]), rel=1.1e-3)

@@ -198,27 +198,31 @@ def _of_a_system(out: Console, system: TransferFunction) -> None:
 
 
 def _margins(loop: TransferFunction, verdict: str) -> tuple[str, ...]:
-    """What margins a stable loop has; of another one, the gain at which it would be stable, if a smaller one is."""
-    from dataclasses import replace
-
+    """What margins a stable loop has; of another one, the gains at which it would be stable."""
     from servobench.margins import margins
     from servobench.rounding import plain
-    from servobench.stability_analysis.nyquist import closed_loop
+    from servobench.stability_analysis.gains import stable_gains
 
-    left = margins(loop)
     if verdict == "stable":
+        left = margins(loop)
         return (
             f"Gain margin {plain(left.gain_margin)}, phase margin {plain(math.degrees(left.phase_margin), 3)}°, delay margin "
             f"{plain(left.delay_margin, 3)} s.",
             "They are the continuous loop's: a controller that samples and holds adds about half of its sample time as delay, "
             "and the time that it computes, for both of which the delay margin must do.",
         )
-    smaller = replace(loop, numerator=tuple(0.9 * left.gain_margin * c for c in loop.numerator))
-    if left.gain_margin < 1 and closed_loop(smaller).verdict == "stable":
-        return (f"With less than {plain(left.gain_margin)} of this gain it would be stable.",)
-    return (
-        "It has no margins: they say how far a stable loop is from instability, and no smaller gain makes this one stable.",
-    )
+    ranges = stable_gains(loop)
+    smaller = [(low, min(high, 1.0)) for low, high in ranges if low < 1]
+    if smaller:
+        low, high = smaller[-1]
+        below = f"between {plain(low)} and {plain(high)}" if low else f"less than {plain(high)}"
+        return (f"With {below} of this gain it would be stable.",)
+    why = "It has no margins: they say how far a stable loop is from instability, and"
+    if ranges:
+        return (
+            f"{why} only a larger gain makes this one stable, from {plain(ranges[0][0])} times this one on.",
+        )
+    return (f"{why} no gain of this sign makes this one stable.",)
 
 
 def _over_intervals(out: Console, fit: Fit, kp: float) -> None:

@@ -8,16 +8,13 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.responses import mirrored
-from servobench.stability_analysis.poles import poles_of
-from servobench.stability_analysis.verdict import verdict_of
+from servobench.stability_analysis.gains import stable_gains
 from servobench.transfer_function import TransferFunction
 
 _GAINS = 400  # of a locus, where none are given
@@ -69,38 +66,6 @@ def root_locus(loop: TransferFunction, gains: Sequence[float] | Array | None = N
         angles=tuple((2 * k + 1) * math.pi / excess for k in range(excess)),
         stable=stable_gains(loop),
     )
-
-
-def stable_gains(loop: TransferFunction) -> tuple[tuple[float, float], ...]:
-    """Return the gains k > 0 for which 1 + k L has all its roots in the left half-plane, each range as (from, to).
-
-    A root can only cross the imaginary axis where N(jω) D(-jω) is real, which it is at finitely many ω; between the gains of
-    these, one tried decides. Raises `UsageError` as `root_locus` does.
-    """
-    n, d = _parts(loop)
-    product = np.convolve(n, mirrored(d))
-    odd = product[::-1][1::2][::-1]
-    squares = np.roots(mirrored(odd)) if len(odd) else np.empty(0)
-    real = squares[np.abs(squares.imag) <= 1e-7 * np.abs(squares)].real
-    frequencies = [0.0, *np.sqrt(real[real > 0]).tolist()]
-    limits = {0.0, math.inf}
-    for omega in frequencies:
-        above = complex(np.polyval(n, 1j * omega))
-        if above:
-            k = -(complex(np.polyval(d, 1j * omega)) / above).real
-            limits.add(k if k > 0 else 0.0)
-    if len(n) == len(d) and n[0] * d[0] < 0:
-        limits.add(float(-d[0] / n[0]))  # a root passes through infinity there
-    ordered = sorted(limits)
-    ranges: list[tuple[float, float]] = []
-    for low, high in pairwise(ordered):
-        inside = 0.5 * (low + high) if math.isfinite(high) else 2 * low + 1.0
-        if verdict_of(poles_of(_closed(n, d, inside))) == "stable":
-            joined = (
-                bool(ranges) and ranges[-1][1] == low and verdict_of(poles_of(_closed(n, d, low))) == "stable"
-            )
-            ranges[-1:] = [(ranges[-1][0], high)] if joined else [*ranges[-1:], (low, high)]
-    return tuple(ranges)
 
 
 def _parts(loop: TransferFunction) -> tuple[Array, Array]:

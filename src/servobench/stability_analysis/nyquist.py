@@ -26,6 +26,7 @@ _STEP = 0.4  # rad; a phase that moves less between two frequencies, and half as
 _TOUCH = 1e-9  # |F| against its parts; nearer to zero F is taken to be zero
 _ROUNDS = 60  # halvings of a step
 _MOST = 200_000  # frequencies looked at
+_LARGEST = 1e150  # of a coefficient, the square of which is a floating-point number, too
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -59,6 +60,11 @@ def closed_loop(loop: TransferFunction) -> ClosedLoop:
         raise UsageError(
             f"Nyquist: {loop} doesn't fall towards high frequencies; expected a numerator of lower order than the denominator, "
             "as every motor with its filter has"
+        )
+    largest = float(np.abs([*n, *loop.denominator]).max())
+    if largest > _LARGEST:
+        raise UsageError(
+            f"Nyquist: a coefficient of the loop is {largest:.3g}; expected no more than {_LARGEST:.0e}: take a smaller gain"
         )
     count = _zeros_to_the_right(loop)
     if count is None:
@@ -166,7 +172,7 @@ def _phase_growth(loop: TransferFunction, end: float) -> float | None:
             return float(turned.sum())
         if len(omega) + len(wide) > _MOST:
             raise UsageError(
-                f"Nyquist: the delay of {loop.delay:g} s turns the loop {end * loop.delay / (2 * math.pi):.0f} times before it "
+                f"Nyquist: the delay of {loop.delay:g} s turns the loop {end * loop.delay / (2 * math.pi):.3g} times before it "
                 "has fallen; that is beyond what is looked through"
             )
         omega = np.sort(np.concatenate([omega, 0.5 * (omega[wide] + omega[wide + 1])]))

@@ -23,7 +23,7 @@ from servobench.report.illustrations import Illustration
 from servobench.rounding import plain
 from servobench.settings import PositiveTime, Speed
 from servobench.signals.ramp import Ramp
-from servobench.stability_analysis.locus import stable_gains
+from servobench.stability_analysis.gains import stable_gains
 from servobench.transfer_function import TransferFunction
 
 _SETTLED = 0.5  # s after the ramp; the loop's third pole is gone by then

@@ -1,0 +1,102 @@
+"""The gains for which a loop with a delay is stable, against algebra and against Nyquist's count, gain by gain."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.errors import UsageError
+from servobench.stability_analysis.gains import stable_gains
+from servobench.stability_analysis.nyquist import closed_loop
+from servobench.transfer_function import TransferFunction
+
+# Both sides take some tens of roundings of 1.1e-16 each, and the frequency is solved to 1e-14, of which the gain takes twice.
+_EXACT = 1e-12
+_DECADES = (1e-12, 1e-6, 1.0, 1e5, 3.1e5, 1e6, 1e12, 1e60)
+
+
+def loop(numerator: tuple[float, ...], *denominator: float, delay: float = 0.0) -> TransferFunction:
+    return TransferFunction(numerator=numerator, denominator=denominator, delay=delay, unit="1")
+
+
+@pytest.mark.parametrize("gain", _DECADES)
+def test_an_electrical_time_constant_limits_the_gain_by_rouths_array(gain: float) -> None:
+    """τ τe s³ + (τ + τe)s² + s + K k: stable below (τ + τe)/(τ τe K)."""
+    tau, electrical = 0.0998, 1.38e-4
+    motor = loop((gain,), tau * electrical, tau + electrical, 1.0, 0.0)
+    limit = (1 / tau + 1 / electrical) / gain
+    assert stable_gains(motor) == ((0.0, pytest.approx(limit, rel=_EXACT)),)
+
+
+@pytest.mark.parametrize("gain", _DECADES)
+@pytest.mark.parametrize("omega", [1e-3, 1.0, 267.0, 1e6])
+def test_a_delay_limits_the_gain_where_it_takes_what_the_motor_left_of_the_phase(
+    gain: float, omega: float
+) -> None:
+    """-90° - atan τω - dω = -180° at any ω that one likes, with the d that it asks for: k K = ω √(1 + τ²ω²)."""
+    tau = 0.1
+    delay = math.atan2(1.0, tau * omega) / omega
+    motor = loop((gain,), tau, 1.0, 0.0, delay=delay)
+    limit = omega * math.hypot(1.0, tau * omega) / gain
+    # The phase near -π is known to a unit in its last place, 4.4e-16, for each of its four terms; what that moves ω by,
+    # relatively, is over the phase's slope over ln ω. The gain goes with ω² at the most.
+    slope = delay * omega + tau * omega / (1 + (tau * omega) ** 2)
+    allowed = _EXACT + 2 * 4 * 4.4e-16 / slope
+    assert stable_gains(motor) == ((0.0, pytest.approx(limit, rel=allowed)),)
+
+
+@pytest.mark.parametrize("omega", [0.1, 1.0, 30.0])
+def test_an_unstable_pole_needs_some_gain_and_bears_no_more_than_its_delay(omega: float) -> None:
+    """s - 1 + k e^(-ds): a real pole comes back at k = 1, a pair leaves where atan ω = dω, at k = √(1 + ω²)."""
+    balanced = loop((1.0,), 1.0, -1.0, delay=math.atan(omega) / omega)
+    low, high = stable_gains(balanced)[0]
+    assert (low, high) == (pytest.approx(1.0, rel=_EXACT), pytest.approx(math.hypot(1, omega), rel=_EXACT))
+    assert stable_gains(replace(balanced, delay=1.01)) == ()  # with d > 1 a second pole is there before k = 1
+
+
+def test_some_loops_are_stable_for_no_gain() -> None:
+    assert stable_gains(loop((-24.0,), 0.1, 1.0, 0.0, delay=1e-3)) == ()
+    assert stable_gains(loop((1.0,), 1.0, 0.0, 0.0, delay=1e-3)) == ()
+    # Backwards without an integrator: 1 - 2k at s = 0.
+    assert stable_gains(loop((-2.0,), 1.0, 1.0, delay=0.1)) == ((0.0, pytest.approx(0.5, rel=_EXACT)),)
+
+
+def test_loops_that_resonate_are_as_nyquist_counts_gain_by_gain() -> None:
+    """A phase that rises brings poles back: some of these loops are stable in several ranges of the gain."""
+    random = np.random.default_rng(1)
+    several = 0
+    for _ in range(100):
+        corners, damping = 10 ** random.uniform(0, 2, 2), 10 ** random.uniform(-2.5, 0, 2)
+        n = np.array([corners[0] ** -2, 2 * damping[0] / corners[0], 1.0])
+        d = np.convolve(
+            [corners[1] ** -2, 2 * damping[1] / corners[1], 1.0], [0.1, 1.0, random.choice([0.0, 0.5])]
+        )
+        resonant = loop(tuple(n), *d, delay=10 ** random.uniform(-3, 0))
+        ranges = stable_gains(resonant)
+        several += len(ranges) > 1
+        for k in 10 ** random.uniform(-4, 2, 4):
+            judged = closed_loop(replace(resonant, numerator=tuple(k * n))).verdict
+            assert any(low < k < high for low, high in ranges) == (judged == "stable"), (resonant, k, ranges)
+    assert several > 2
+
+
+@pytest.mark.parametrize(
+    "refused",
+    [
+        loop((0.0,), 1.0, 0.0, delay=0.1),
+        loop((1.0, 1.0), 1.0, 0.0, delay=0.1),
+        loop((1.0, 1.0, 1.0), 1.0, 0.0),
+        loop((1.0,), 1.0, 0.0, delay=-0.1),
+    ],
+)
+def test_what_has_no_stable_gains_to_look_for_is_told(refused: TransferFunction) -> None:
+    with pytest.raises(UsageError, match="stable gains"):
+        stable_gains(refused)
+
+
+def test_a_gain_that_no_number_can_hold_squared_is_told() -> None:
+    with pytest.raises(UsageError, match="1e\\+300"):
+        closed_loop(loop((1e300,), 0.1, 1.0, 0.0, delay=1e-3))
