@@ -201,3 +201,11 @@ def test_an_oscillator_is_driven_at_its_own_frequency() -> None:
     assert 2 * math.pi * drive.signal.frequency == pytest.approx(2.0, rel=1e-14)
     # sin 2t through 1/(s² + 4) is (sin 2t - 2t cos 2t)/8: its envelope grows by a quarter a second.
     assert drive.coefficient == pytest.approx(0.25, rel=1e-12)
+
+
+def test_a_number_below_zero_has_a_minus_sign() -> None:
+    said = stability(system(1.0, 0.2, 1.0)).reasons + stability(system(1e-6, 1.0)).reasons
+    assert [each.partition(" is ")[0] for each in said] == [
+        "The pole at −0.1 ±0.995j 1/s",  # √(1 - 0.1²) = 0.99499
+        "The pole at −1000000 1/s",
+    ]

@@ -41,7 +41,7 @@ def test_too_much_gain_is_unstable_by_its_delay(servobench: Command, finished_ru
         assert said.status == 0
         assert f"The position loop with {kp} V/rad: {verdict}" in said.out
         words = " ".join(said.out.split())
-        assert ("goes round -1 twice, clockwise" in words) == (verdict == "unstable")
+        assert ("goes round −1 twice, clockwise" in words) == (verdict == "unstable")
 
 
 @pytest.mark.parametrize(
@@ -178,6 +178,8 @@ def test_a_doubtful_motor_is_told_first(servobench: Command, finished_run: Path,
 
 def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path) -> None:
     backwards = servobench("stability", finished_run, "--kp", "-1")
+    assert "The pole at −" in backwards.out
+    assert not re.search(r"(?<!\w)-\d", backwards.out)  # one minus sign, and no hyphen for it
     assert "unstable" in backwards.out
     assert "no margins" in backwards.out
     assert "Gain margin" not in backwards.out

@@ -17,6 +17,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.responses import step_response
+from servobench.rounding import plain
 from servobench.signals.base import Signal
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
@@ -53,14 +54,14 @@ class Drive:
     def sentence(self) -> str:
         """What to put in, and what comes out, in words."""
         sinusoid = self.rate == 0 and self.pole.imag != 0
-        what = f"A sinusoid of {abs(self.pole.imag):.4g} rad/s" if sinusoid else "A constant"
+        what = f"A sinusoid of {plain(abs(self.pole.imag))} rad/s" if sinusoid else "A constant"
         how = "in proportion to " + {1: "time", 2: "the square of time"}.get(
             self.power, f"time to the power of {self.power}"
         )
         if self.rate:
-            how = f"as e^({self.rate:.4g}/s · t)"
+            how = f"as e^({plain(self.rate)}/s · t)"
         size = "swings that grow" if self.pole.imag else "an output that grows"
-        first = f", {self.coefficient:.4g} {_unit(self.system, self.power)}" if not self.rate else ""
+        first = f", {plain(self.coefficient)} {_unit(self.system, self.power)}" if not self.rate else ""
         return f"{what} as input, bounded as it is, gives {size} {how}{first}."
 
 

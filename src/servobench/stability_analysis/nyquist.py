@@ -18,6 +18,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
+from servobench.rounding import plain
 from servobench.stability_analysis.poles import poles_of
 from servobench.stability_analysis.verdict import StabilityVerdict, verdict_of
 from servobench.transfer_function import TransferFunction
@@ -73,7 +74,7 @@ def closed_loop(loop: TransferFunction) -> ClosedLoop:
             right=None,
             open_right=open_right,
             encirclements=None,
-            sentence="The open loop goes through -1: the closed loop is on the border of stability.",
+            sentence="The open loop goes through −1: the closed loop is on the border of stability.",
         )
     return _judged("unstable" if count else "stable", count, open_right)
 
@@ -101,7 +102,7 @@ def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
             right=right,
             open_right=open_right,
             encirclements=None,
-            sentence=f"The closed loop has a pole on the imaginary axis, at {abs(at.imag):.4g} rad/s: it is on the border.",
+            sentence=f"The closed loop has a pole on the imaginary axis, at {plain(abs(at.imag))} rad/s: it is on the border.",
         )
     return _judged(verdict, right, open_right)
 
@@ -111,9 +112,9 @@ def _judged(verdict: StabilityVerdict, right: int, open_right: int) -> ClosedLoo
     often = {1: "once", 2: "twice"}.get(abs(round_it), f"{abs(round_it)} times")
     sense = "clockwise" if round_it > 0 else "anticlockwise"
     times = (
-        f"its Nyquist curve goes round -1 {often}, {sense}"
+        f"its Nyquist curve goes round −1 {often}, {sense}"
         if round_it
-        else "its Nyquist curve doesn't go round -1"
+        else "its Nyquist curve doesn't go round −1"
     )
     meaning = (
         f" (each turn {sense} is a pole {'more' if round_it > 0 else 'less'} there once the loop is closed)"

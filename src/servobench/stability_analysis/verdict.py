@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from servobench.rounding import plain
 from servobench.stability_analysis.drive import Drive, drive_off
 from servobench.stability_analysis.poles import Pole, multiplicity_at, poles_of
 from servobench.transfer_function import TransferFunction
@@ -84,11 +85,11 @@ def _reason(pole: Pole, left: int) -> str:
         if pole.side
         else "on the imaginary axis"
     )
-    real = "" if pole.side == 0 and at.imag else f"{at.real:.4g}"
-    where = real if at.imag == 0 else f"{real} ±{at.imag:.4g}j".strip()
+    real = "" if pole.side == 0 and at.imag else plain(at.real)
+    where = real if at.imag == 0 else f"{real} ±{plain(at.imag)}j".strip()
     times = {1: "", 2: ", twice,"}.get(count, f", {count} times,")
     if pole.side < 0:
-        return f"The pole at {where} 1/s{times} is {side}: its response dies out with a time constant of {1 / -at.real:.4g} s."
+        return f"The pole at {where} 1/s{times} is {side}: its response dies out with a time constant of {plain(1 / -at.real)} s."
     hidden = " A zero cancels it: the output doesn't show it, but what is inside does." if left <= 0 else ""
     if pole.side > 0:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without bound.{hidden}"
