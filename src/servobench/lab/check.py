@@ -16,6 +16,7 @@ from servobench.units import quantity
 
 _LONGEST = 100  # characters of an answer
 _NEAR = 0.05  # relative; nearer than that is a slip or a rounding, no mistake of understanding
+_SAME_ORDER = math.sqrt(10)  # a factor up to which the nearest power of ten to it is 10⁰
 _SAME = 0.005  # relative; how near an answer has to be to a known factor to be put down to it
 
 _SUM = re.compile(r"[-+*/^().0-9eE\s]*(?:(?:pi|π|sqrt)[-+*/^().0-9eE\s]*)*")
@@ -166,6 +167,8 @@ def _size(ratio: float, of_what: str) -> str:
         return ""
     if abs(ratio - 1) <= _NEAR:
         return f"It is close: within 5 %, a little too {way}. Look at how exactly it was read or rounded."
+    if math.isinf(ratio):
+        return f"It is too {way} by more than any number tells."
     power = math.log10(ratio)
     if round(power) and abs(power - round(power)) < math.log10(1 + _SAME):
         return (
@@ -175,6 +178,8 @@ def _size(ratio: float, of_what: str) -> str:
     for factor, meaning in _FACTORS:
         if abs(ratio / factor - 1) <= _SAME:
             return f"It is too {way}: {meaning}."
-    if abs(power) >= 1:
-        return f"It is too {way}: the order of magnitude is wrong."
-    return f"It is too {way}, by more than 5 %; the order of magnitude is right."
+    factor = max(ratio, 1 / ratio)
+    if factor <= _SAME_ORDER:
+        return f"It is too {way}, by more than 5 %; the order of magnitude is right."
+    # One digit is enough to look for what went wrong, and too little to work the right answer out from it.
+    return f"It is about {plain(float(f'{factor:.0e}'), 1)} times too {way}: the order of magnitude is wrong."
