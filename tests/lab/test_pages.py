@@ -143,7 +143,7 @@ def test_the_papers_number_stands_beside_ours_and_the_correction_has_its_figure(
     tau = 8.4 * (4e-6 + 0.5 * 0.0106 * 0.0111**2 + 0.5 * 0.053 * 0.0248**2) / 0.042**2
     assert f"τ with the rotor {tau:.4g} 0.13 +30 % s" in words
     assert f"The pole is at −{1 / tau:.3g} rad/s." in words
-    assert "worked out as -1 / inertias_value_1" in words
+    assert "inertias_value_1" not in words  # a name of the exercise's own means nothing to who reads the page
 
 
 def test_what_comes_out_is_folded_up_until_it_is_asked_for() -> None:
@@ -270,6 +270,9 @@ def test_the_page_on_the_paper_has_all_corrections_and_each_of_its_numbers(tmp_p
     lab = [worked(corrected())]
     write_lab(tmp_path, lab, solution=False, begun=lambda *_: None)
     words = Page((tmp_path / PAPERS).read_text(encoding="utf-8")).words
+    assert "by Meshari J. Al Jandal, Khaled S. Al Rasheed and Muhammad R. Jamal" in words
+    assert "names neither a year nor where it was published" in words
+    assert "worked out from what is found there" in words
 
     assert "II.E The paper 1/0.13 is −7.69. Here The pole is at −10 rad/s." in words
     assert "Corrected <b> · Time constants <i> τ with the rotor 0.09977 s 0.13 +30 %" in words
