@@ -139,6 +139,7 @@ class Phase:
 
     @classmethod
     def of(cls, loop: TransferFunction) -> Phase:
+        """Return the phase of a loop, of its zeros, its poles [rad/s], its sign and its delay [s]."""
         leading = next((x for x in loop.numerator if x), 0.0)
         return cls(
             zeros=tuple(map(complex, loop.zeros)),
@@ -148,6 +149,7 @@ class Phase:
         )
 
     def __call__(self, omega: float) -> float:
+        """Return the phase [rad] at a frequency [rad/s]."""
         angle = self.sign - self.delay * omega
         for roots, sense in ((self.zeros, 1.0), (self.poles, -1.0)):
             for r in roots:
