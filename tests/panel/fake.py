@@ -118,6 +118,7 @@ class Bench:
         self.results: dict[
             str, dict[str, Any]
         ] = {}  # what differs from what an identification says otherwise
+        self.spoilt: set[str] = set()  # recordings whose file can't be read
         self.uploads: list[tuple[str, int]] = []
         self.warnings: list[str] = []  # of the next upload
         self.unclear: dict[str, Any] | None = None  # what is asked about the next upload
@@ -396,7 +397,10 @@ def app() -> Starlette:
         entry["columns"], entry["duration"] = "said", 4.995
         return JSONResponse({})
 
-    async def rows(_: Request) -> Response:
+    async def rows(request: Request) -> Response:
+        name = request.path_params["name"]
+        if name in bench.spoilt:
+            return JSONResponse({"error": f"{name} is no MCAP file"}, status_code=422)
         return Response(frame(0, bench.kept), media_type="application/octet-stream")
 
     async def download(request: Request) -> Response:

@@ -306,3 +306,32 @@ def test_a_recording_is_uploaded_noted_deleted_and_downloaded(served: Served, tm
     assert http.get("/api/recordings/mine/rows", headers=headers).status_code == 404
     assert http.post("/api/recordings/mine/undelete", headers=headers, json={}).status_code == 200
     assert http.post("/api/upload?name=mine.csv", headers=upload, content=b"x").status_code == 400
+
+
+def test_a_file_that_cannot_be_read_is_told_by_the_recordings_name(served: Served, folder: Path) -> None:
+    session = served.session()
+    headers = served.headers(session)
+    a_recording(served.panel.library, "junk")
+
+    for method, way, status in (
+        ("GET", "rows", 422),
+        ("GET", "download?as=csv", 400),
+        ("POST", "identify", 400),
+    ):
+        body = {"json": {}} if method == "POST" else {}
+        answer = served.http.request(method, f"/api/recordings/junk/{way}", headers=headers, **body)
+        assert answer.status_code == status, way
+        assert answer.json()["error"].startswith("junk is "), way
+        assert str(folder) not in answer.text, way
+
+
+def test_a_path_in_a_sentence_becomes_the_recordings_name(tmp_path: Path) -> None:
+    library = Library(tmp_path / "a+b")
+    inside = library.folder
+
+    assert library.named(f"{inside}/run.1/recording.mcap is torn") == "run.1 is torn"
+    assert (
+        library.named(f"{inside}/run/result.json, {inside}/run/about.json")
+        == "run/result.json, run/about.json"
+    )
+    assert library.named(f"give another --folder than {inside}") == f"give another --folder than {inside}"

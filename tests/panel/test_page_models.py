@@ -136,6 +136,26 @@ def test_what_cannot_be_compared_says_so(panel: Panel) -> None:
     assert said == "prbs-disc and square-1-3 have no figure in common that could be compared."
 
 
+def test_a_recording_that_cannot_be_read_is_named_and_the_others_are_drawn(panel: Panel) -> None:
+    panel.bench.spoilt = {"chirp-slow"}
+    compare(panel, "square-1-3", "chirp-slow", "prbs-disc")
+    for title in ("Applied voltage", "Speed", "Position since the beginning"):
+        panel.page.get_by_role("img", name=f"{title} of square-1-3 and prbs-disc over time").wait_for()
+    panel.page.get_by_role("alert").get_by_text(
+        "chirp-slow can't be drawn: chirp-slow is no MCAP file"
+    ).wait_for()
+    panel.until(lambda: row(panel, "Verdict")[1] == "Its file can't be read")
+    assert panel.button("Identify chirp-slow").count() == 0
+    # The third keeps the colour that it has in the table.
+    assert panel.page.locator("#compare .keys .key-2").inner_text() == "prbs-disc"
+
+    panel.bench.spoilt = set()  # put right: it is asked for again
+    panel.page.get_by_label("Compare chirp-slow").uncheck()
+    panel.page.get_by_label("Compare chirp-slow").check()
+    panel.page.get_by_role("img", name="Speed of square-1-3, prbs-disc and chirp-slow over time").wait_for()
+    panel.page.locator(".models").get_by_role("button", name="Identify chirp-slow").wait_for()
+
+
 @pytest.mark.parametrize("size", [(1024, 768), (390, 844), (320, 640)])
 def test_the_table_fits_or_is_moved_by_itself(browser: Any, size: tuple[int, int]) -> None:
     made = app()

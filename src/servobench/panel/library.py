@@ -190,6 +190,14 @@ class Library:
             raise UnknownName(f"file of {folder.name}", which, [])
         return path
 
+    def named(self, sentence: str) -> str:
+        """Return a sentence with recordings' names in the place of their files' paths, which are nobody's business on a page."""
+        within = re.escape(os.path.join(self.folder, ""))
+        short = re.sub(
+            rf"{within}({_NAME.pattern}){re.escape(os.sep)}{re.escape(RECORDING)}", r"\1", sentence
+        )
+        return re.sub(rf"{within}(?={_NAME.pattern}{re.escape(os.sep)})", "", short)
+
     def note(self, name: object, notes: object) -> None:
         """Keep notes with a recording; raises `UsageError` for what is no text, or too long."""
         if not isinstance(notes, str) or len(notes) > _LONGEST_NOTES:

@@ -18,7 +18,7 @@ from starlette.background import BackgroundTask
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from servobench.errors import UsageError
+from servobench.errors import FormatError, UsageError
 from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
 from servobench.panel.columns import QUESTIONS
 from servobench.panel.gate import REPORT_POLICY, Refused
@@ -96,12 +96,16 @@ async def download(request: Request, panel: Panel) -> Response:
 
 
 async def rows(request: Request, panel: Panel) -> Response:
-    """One as scopes show it."""
+    """One as scopes show it; raises `Refused` with 422 where its file can't be read, so that nothing else can be done with it."""
 
     def drawn() -> bytes:
         return frame_of(panel.library.file(_name(request), RECORDING))
 
-    return Response(await asyncio.to_thread(drawn), media_type="application/octet-stream")
+    try:
+        frame = await asyncio.to_thread(drawn)
+    except FormatError as error:
+        raise Refused(422, panel.library.named(str(error))) from error
+    return Response(frame, media_type="application/octet-stream")
 
 
 async def identified(request: Request, panel: Panel) -> Response:

@@ -105,7 +105,7 @@ class _Answering:
         except Refused as refused:
             response = error_answer(refused)
         except ServobenchError as error:
-            response = error_answer(Refused(_status(error), str(error)))
+            response = error_answer(Refused(_status(error), self._panel.library.named(str(error))))
         except RecursionError:
             response = error_answer(Refused(400, "lists or objects in there are nested too deeply"))
         if not heard.over:

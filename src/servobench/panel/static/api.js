@@ -62,5 +62,5 @@ async function checked(answer) {
     if (answer.headers.get("Content-Type")?.startsWith("application/json")) {
         sentence = (await answer.json()).error ?? sentence;
     }
-    throw new Error(sentence);
+    throw Object.assign(new Error(sentence), { status: answer.status });
 }

@@ -8,6 +8,7 @@ import { decimals, fixed } from "./format.js";
 import { makeModels } from "./models.js";
 
 const MOST = 4;
+const UNREADABLE = 422; // what rows of a file are answered with that can't be read at all
 const DASHES = [undefined, [6, 3], [2, 3], [9, 3, 2, 3]]; // they differ for who sees no colours
 
 const SHOWN = [
@@ -75,21 +76,19 @@ export function makeCompare(show, store) {
     const draw = async () => {
         const names = [...chosen];
         models.show(names);
-        let recordings;
-        try {
-            recordings = await Promise.all(names.map((name) => rowsOf(name, kept)));
-        } catch (error) {
-            place.replaceChildren(el("p", { class: "quiet" }, `The rows can't be had: ${error.message}`));
-            return;
-        }
+        const found = await Promise.all(names.map((name, k) => lineOf(name, k, kept)));
         if (names.join() !== chosen.join()) return;
+        models.spoilt(found.filter(({ error }) => error?.status === UNREADABLE).map(({ name }) => name));
         for (const plot of plots) plot.destroy();
         plots = [];
-        const keys = names.map((name, k) => el("span", { class: `key key-${k}` }, el("span", { class: "swatch", "aria-hidden": "true" }), name));
+        const keys = found.map(({ name, k, error }) => el("span", { class: `key key-${k}` }, error ? null : el("span", { class: "swatch", "aria-hidden": "true" }), error ? `${name} (not drawn)` : name));
+        const wrong = found.filter(({ error }) => error).map(({ name, error }) => el("p", { class: "trouble" }, `${name} can't be drawn: ${error.message}`));
         const hint = el("p", { class: "quiet none" }, "Tick recordings, four at most, to see them here: over each other, and what was identified from them side by side.");
         place.replaceChildren(names.length ? el("div", { class: "row between" }, el("p", { class: "keys" }, keys), choice) : hint);
-        const drawn = together.checked ? recordings.map(fromFirstChange) : recordings;
-        if (names.length) plots = SHOWN.map((shown) => plot(place, shown, names, drawn));
+        if (wrong.length) place.append(el("div", { role: "alert" }, wrong));
+        const lines = found.filter(({ error }) => !error);
+        const drawn = together.checked ? lines.map((line) => ({ ...line, rows: fromFirstChange(line.rows) })) : lines;
+        if (lines.length) plots = SHOWN.map((shown) => plot(place, shown, drawn));
     };
     document.addEventListener("theme", draw);
     new ResizeObserver(() => plots.forEach((each) => each.setSize({ width: place.clientWidth - 2, height: each.height }))).observe(place);
@@ -97,17 +96,23 @@ export function makeCompare(show, store) {
     return compare;
 }
 
-async function rowsOf(name, kept) {
-    if (!kept.has(name)) kept.set(name, decode(await bytes(`/api/recordings/${encodeURIComponent(name)}/rows`)).columns);
-    return kept.get(name);
+// {name, k, rows} of the k-th recording, or {name, k, error}: what is wrong with one is no reason to leave out the others.
+async function lineOf(name, k, kept) {
+    try {
+        if (!kept.has(name)) kept.set(name, decode(await bytes(`/api/recordings/${encodeURIComponent(name)}/rows`)).columns);
+    } catch (error) {
+        return { name, k, error };
+    }
+    return { name, k, rows: kept.get(name) };
 }
 
-function plot(place, { column, title, unit, since }, names, recordings) {
+function plot(place, { column, title, unit, since }, lines) {
+    const names = lines.map(({ name }) => name);
     const holder = el("div", { class: "canvas", role: "img", "aria-label": `${title} of ${names.length > 2 ? `${names.slice(0, -1).join(", ")} and ${names.at(-1)}` : names.join(" and ")} over time` });
     place.append(el("section", { class: "scope" }, el("header", {}, el("h3", {}, title), el("span", { class: "unit" }, unit)), holder));
     const grid = { stroke: token("--scope-grid"), width: 1 };
     const axis = { stroke: token("--scope-text"), font: "11px system-ui, sans-serif", ticks: { show: false }, grid };
-    const series = names.map((name, k) => ({
+    const series = lines.map(({ name, k }) => ({
         label: name,
         stroke: token(`--compare-${k}`),
         width: 1.5,
@@ -126,5 +131,5 @@ function plot(place, { column, title, unit, since }, names, recordings) {
         ],
         series: [{}, ...series],
     };
-    return new uPlot(options, aligned(recordings, column, since), holder);
+    return new uPlot(options, aligned(lines.map(({ rows }) => rows), column, since), holder);
 }

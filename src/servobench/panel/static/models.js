@@ -12,13 +12,15 @@ const LEVELS = { trusted: "ok", doubtful: "warn", refused: "bad" };
 const MILLI = 0.01; // s; shorter times are told in ms
 const EVEN = 0.1; // of its half: an interval that lies more askew than that is told by its ends
 
-// Where the models stand: `show(names)` fills it, `know(recordings)` and `work(message)` keep it true. `identify(name)` is asked for.
+// Where the models stand: `show(names)` fills it, `spoilt(names)` says which of them can't be read, `know(recordings)` and
+// `work(message)` keep it true. `identify(name)` is asked for.
 export function makeModels(identify) {
     const element = el("div", { class: "models", hidden: true });
     let names = [];
     let known = new Map(); // name -> what the list of recordings says
     const going = new Map(); // name -> how far its identification is
     const over = new Set(); // names of those that are over, but what came of them isn't known here yet
+    let unread = [];
     let turn = 0;
 
     const draw = async () => {
@@ -28,7 +30,7 @@ export function makeModels(identify) {
         if (mine !== turn) return;
         const at = element.contains(document.activeElement) ? document.activeElement.id : null;
         element.hidden = !held.length;
-        element.replaceChildren(...(held.length ? content(held.map((name, k) => ({ name, about: known.get(name), going: going.get(name), ...results[k] })), start) : []));
+        element.replaceChildren(...(held.length ? content(held.map((name, k) => ({ name, about: known.get(name), going: going.get(name), spoilt: unread.includes(name), ...results[k] })), start) : []));
         if (at) (document.getElementById(at) ?? element.querySelector(".scroll")).focus();
     };
     const start = async (name) => {
@@ -40,6 +42,11 @@ export function makeModels(identify) {
         show: (chosen) => {
             names = [...chosen];
             return draw();
+        },
+        spoilt: (those) => {
+            if (those.join() === unread.join()) return;
+            unread = those;
+            draw();
         },
         know: (recordings) => {
             known = new Map(recordings.map((each) => [each.name, each]));
@@ -106,7 +113,8 @@ function quantities(all) {
 }
 
 function verdicts(columns, start) {
-    const cells = columns.map(({ name, about, going, result, trouble }) => {
+    const cells = columns.map(({ name, about, going, spoilt, result, trouble }) => {
+        if (spoilt && !result) return el("td", {}, el("p", { class: "trouble" }, "Its file can't be read"));
         if (trouble) return el("td", {}, el("p", { class: "trouble" }, trouble), identifyButton(name, about, going, start, "Identify again"));
         if (!result) return el("td", {}, el("p", { class: "quiet" }, "Not identified yet"), identifyButton(name, about, going, start, "Identify"));
         return el(
