@@ -56,6 +56,28 @@ def test_a_field_that_was_left_empty_is_not_filled_in_behind_its_back(panel: Pan
     assert not [asked for asked in panel.bench.received if asked["do"] == "set"]
 
 
+def test_what_was_typed_is_there_again_when_the_kind_is(panel: Panel) -> None:
+    kind = panel.page.get_by_label("Kind of signal")
+    kind.select_option("sine")
+    panel.page.get_by_role("spinbutton", name="Amplitude").fill("7")
+    kind.select_option("sequence")
+    first = panel.page.get_by_role("group", name="Segment 1 of 2")
+    first.get_by_label("Kind").select_option("sine")
+    first.get_by_role("spinbutton", name="Amplitude").fill("5")
+    first.get_by_label("Kind").select_option("ramp")
+    kind.select_option("sine")
+    assert panel.page.get_by_role("spinbutton", name="Amplitude").input_value() == "7"
+    kind.select_option("sequence")
+    first.get_by_label("Kind").select_option("sine")
+    assert first.get_by_role("spinbutton", name="Amplitude").input_value() == "5"
+
+    # What the loop has is shown whole, whatever was typed before.
+    panel.button("Back").click()
+    panel.bench.signal = {"type": "sine", "frequency": 2.0}
+    panel.page.get_by_role("spinbutton", name="Frequency").wait_for()
+    panel.until(lambda: panel.page.get_by_role("spinbutton", name="Amplitude").input_value() == "1")
+
+
 def test_what_is_wrong_with_a_number_is_said_with_the_number(panel: Panel) -> None:
     panel.page.get_by_role("spinbutton", name="Frequency").fill("-1")
     wrong(panel, "frequency is -1; expected: greater than 0")

@@ -14,6 +14,7 @@ export class SettingsForm {
         this.sentence = el("p", { class: "hint", id: `${prefix}-sentence` });
         this.choice.setAttribute("aria-describedby", this.sentence.id);
         this.fields = [];
+        this.filled = new Map(); // kind -> its fields with what was typed, while the form lives
         this.unitOf = (unit) => unit;
         this.body = el("div", { class: "fields" });
         const top = el("div", { class: "field type" }, el("label", { for: `${prefix}-type`, class: "hide" }, label), this.choice);
@@ -33,7 +34,9 @@ export class SettingsForm {
 
     build() {
         this.sentence.textContent = this.member.sentence;
-        this.fields = this.member.fields.map((field) => this.fieldFor(field));
+        const { name, fields } = this.member;
+        if (!this.filled.has(name)) this.filled.set(name, fields.map((field) => this.fieldFor(field)));
+        this.fields = this.filled.get(name);
         this.measure(this.unitOf);
         const elements = this.fields.map((field) => field.element);
         const more = elements.slice(AT_ONCE);
@@ -76,6 +79,7 @@ export class SettingsForm {
     show(value) {
         if (!this.members.some((each) => each.name === value.type)) return;
         this.choice.value = value.type;
+        this.filled.delete(value.type); // what isn't said is as it is without a word
         this.build();
         for (const field of this.fields) if (field.name in value) field.write(value[field.name]);
     }
