@@ -29,7 +29,7 @@ from servobench.errors import UsageError
 from servobench.experiment import Experiment
 from servobench.panel.asked import told
 from servobench.panel.catalogue import catalogue
-from servobench.panel.pages import previewed
+from servobench.panel.preview import previewed
 from servobench.signals.base import SIGNALS
 from servobench.signals.square import Square
 

@@ -298,3 +298,61 @@ SEGMENTS = [{"duration": 2.5, "signal": STEP}, {"duration": 1.5, "signal": SQUAR
 )
 def test_a_signal_is_drawn_over_all_its_parts(call: Call, signal: dict[str, Any], seconds: float) -> None:
     assert call("generator", "(m, g) => m.spanOf(g)", signal) == pytest.approx(seconds)
+
+
+@pytest.mark.parametrize(
+    ("low", "high", "words"),
+    [
+        (3.09e-7, 2, "0.00 to 2.00"),
+        (-2, 4, "−2.00 to 4.00"),
+        (1, 1, "1.00 to 1.00"),
+        (-3e-13, 3e-13, "0 to 0"),
+        (100.25, 100.5, "100.250 to 100.500"),
+        (0, 100, "0 to 100"),
+        (-1e-9, 2e7, "0 to 2.00e+7"),
+        (0, 0, "0 to 0"),
+        (None, None, "no number that could be drawn"),
+    ],
+)
+def test_a_range_is_told_in_the_digits_that_it_has_use_for(
+    call: Call, low: Any, high: Any, words: str
+) -> None:
+    assert (
+        call("preview", "(m, [low, high]) => m.rangeWords(low ?? Infinity, high ?? -Infinity)", [low, high])
+        == words
+    )
+
+
+def test_what_a_preview_leaves_out_is_said(call: Call) -> None:
+    found = {
+        "low": [1, None],
+        "high": [1, None],
+        "unit": "V",
+        "duration": 3600,
+        "length": 4060,
+        "later": [-3, 3],
+    }
+    said = "1.00 to 1.00 V over the first 3600 s of 4060 s; "
+    assert call("preview", "(m, g) => m.caption(g)", found) == said + "later it goes from −3.00 to 3.00 V"
+    untold = {**found, "later": None}
+    assert call("preview", "(m, g) => m.caption(g)", untold) == said + "what comes later isn't shown"
+    whole = {**found, "duration": 4060, "later": None}
+    assert call("preview", "(m, g) => m.caption(g)", whole) == "1.00 to 1.00 V over 4060 s"
+
+
+def test_a_line_goes_through_all_extremes(call: Call) -> None:
+    rng = np.random.default_rng(5)
+    low = rng.normal(size=200)
+    high = low + rng.exponential(size=200)
+    given = {"t": list(range(201)), "low": low.tolist(), "high": high.tolist()}
+    line = np.array(call("preview", "(m, g) => m.outline(g)", given)).reshape(200, 2, 2)
+    np.testing.assert_array_equal(line[:, :, 0], [[k, k + 1] for k in range(200)])
+    np.testing.assert_array_equal(np.sort(line[:, :, 1]), np.column_stack([low, high]))
+    # It turns back no farther than it has to: the way to each column is the shorter one of the two.
+    begins, ends = line[1:, 0, 1], line[:-1, 1, 1]
+    np.testing.assert_allclose(
+        np.abs(begins - ends), np.minimum(np.abs(low[1:] - ends), np.abs(high[1:] - ends))
+    )
+
+    gap = {"t": [0, 1, 2, 3], "low": [1, None, 2], "high": [1, None, 2]}
+    assert call("preview", "(m, g) => m.outline(g)", gap) == [[0, 1], [1, 1], None, [2, 2], [3, 2]]

@@ -78,6 +78,43 @@ def test_what_was_typed_is_there_again_when_the_kind_is(panel: Panel) -> None:
     panel.until(lambda: panel.page.get_by_role("spinbutton", name="Amplitude").input_value() == "1")
 
 
+def test_a_preview_is_never_that_of_another_signal(panel: Panel) -> None:
+    caption, absent = panel.page.locator("#signal figcaption"), panel.page.locator("#signal .absent")
+    line = panel.page.locator("#signal .preview path").last
+    high = panel.page.get_by_role("spinbutton", name="High")
+    high.fill("100")
+    panel.page.locator("#signal .doubts").get_by_text("the limit is 10 V").wait_for()
+    caption.get_by_text("1.0 to 100.0 V over").wait_for()
+    assert line.get_attribute("d").startswith("M0.00 ")
+
+    for mistake in ("", "-9"):  # the page finds one of them, and the server the other
+        high.fill(mistake)
+        absent.get_by_text("Not shown: the form has a mistake").wait_for()
+        assert (caption.inner_text(), line.get_attribute("d")) == ("", "")
+        assert panel.page.locator("#signal .doubts li").count() == 0
+        assert absent.get_attribute("aria-live") == "polite"
+        high.fill("2")
+        caption.get_by_text("1.00 to 2.00 V over").wait_for()
+        assert absent.inner_text() == ""
+
+
+def test_what_is_drawn_is_dimmed_until_it_is_drawn_anew(panel: Panel) -> None:
+    kept: list[Any] = []
+    panel.page.locator("#signal figcaption").get_by_text("1.00 to 3.00 V").wait_for()
+    panel.page.route("**/api/preview", lambda route: kept.append(route))
+    panel.page.get_by_role("spinbutton", name="High").fill("2")
+    panel.page.locator("#signal .preview.aged").wait_for()
+    panel.until(lambda: len(kept) == 1)
+    panel.page.get_by_role("spinbutton", name="High").fill("5")
+    panel.until(lambda: len(kept) == 2)
+    kept[1].continue_()
+    panel.page.locator("#signal figcaption").get_by_text("1.00 to 5.00 V").wait_for()
+    kept[0].continue_()  # the answer to what is over comes last
+    panel.page.wait_for_timeout(300)
+    panel.page.locator("#signal figcaption").get_by_text("1.00 to 5.00 V").wait_for()
+    assert panel.page.locator("#signal .preview.aged").count() == 0
+
+
 def test_what_is_wrong_with_a_number_is_said_with_the_number(panel: Panel) -> None:
     panel.page.get_by_role("spinbutton", name="Frequency").fill("-1")
     wrong(panel, "frequency is -1; expected: greater than 0")

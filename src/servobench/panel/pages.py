@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import json
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from html import escape
@@ -13,8 +12,6 @@ from importlib.resources import files as resources
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from pydantic import TypeAdapter, ValidationError
 from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
@@ -22,19 +19,18 @@ from servobench._version import __version__
 from servobench.channels import DeviceInfo
 from servobench.errors import UsageError
 from servobench.experiment import Experiment
-from servobench.finding import Severity
 from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
-from servobench.panel.asked import ASSIGNED, told
+from servobench.panel.asked import ASSIGNED
 from servobench.panel.bodies import LARGEST_UPLOAD, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
 from servobench.panel.gate import Asks, Door, Refused
 from servobench.panel.jobs import Jobs
 from servobench.panel.library import Library
+from servobench.panel.preview import previewed
 from servobench.panel.session import MotorSession
 from servobench.panel.work import Work, done_elsewhere
-from servobench.signals.base import AnySignal
 
 _TYPES = {
     ".html": "text/html; charset=utf-8",
@@ -44,8 +40,6 @@ _TYPES = {
     ".png": "image/png",
 }
 UPLOT = ("uPlot.iife.js", "uPlot.min.css")
-_MOST_PREVIEWED = 2000  # points
-_LONGEST_PREVIEW = 3600.0  # s
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -225,26 +219,3 @@ def _drawn(experiment: Experiment, info: DeviceInfo) -> dict[str, Any]:
 @cache
 def _catalogue() -> dict[str, Any]:
     return all_that_can_be_chosen()
-
-
-def previewed(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
-    """Return times and values of a signal over a duration [s], and what an experiment with it can't put out as it is drawn.
-
-    Raises `UsageError` for a duration or a signal that can't be.
-    """
-    duration = given.get("duration", 10.0)
-    if not isinstance(duration, int | float) or not 0 < duration <= _LONGEST_PREVIEW:
-        raise UsageError(f"a preview can't last {duration!r} s; expected a number up to {_LONGEST_PREVIEW:g}")
-    try:
-        signal = TypeAdapter(AnySignal).validate_python(given.get("signal"))
-    except ValidationError as error:
-        raise UsageError(told(error)) from None
-    t = np.linspace(0.0, duration, _MOST_PREVIEWED)
-    value = signal(t)
-    asked = experiment.model_copy(update={"signal": signal, "duration": None})
-    return {
-        "t": t.tolist(),
-        "value": [v if np.isfinite(v) else None for v in value.tolist()],
-        "unit": experiment.controller.reference_unit,
-        "warnings": [each.sentence for each in asked.findings() if each.severity is Severity.WARNING],
-    }

@@ -1,18 +1,16 @@
 // The signal generator: any signal of the library, drawn before it's applied.
 
-import { post } from "./api.js";
 import { announce } from "./announcer.js";
 import { byId, el, shape } from "./dom.js";
 import { significant } from "./format.js";
+import { byId } from "./dom.js";
 import { permit, whyNot } from "./permit.js";
+import { Preview } from "./preview.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
 import { showStatus, track } from "./status.js";
 import { referenceUnit } from "./traces.js";
 
 const WAIT = 150; // ms after the last change, before a preview is asked for
-const LONGEST = 3600; // s of a preview
-const [WIDTH, HEIGHT, PAD] = [280, 60, 6];
-const SVG = "http://www.w3.org/2000/svg";
 
 export function makeGenerator(store, commands, signals) {
     const chip = byId("signal-status");
@@ -33,12 +31,15 @@ export function makeGenerator(store, commands, signals) {
     };
     const draw = async () => {
         const value = read();
-        if (value) applied.trouble.textContent = (await preview.show(value)) ?? "";
+        if (!value) return preview.clear();
+        const wrong = await preview.show(value, spanOf(value));
+        if (wrong) applied.trouble.textContent = wrong;
     };
     let timer = 0;
     const edited = () => {
         applied.touch();
         showStatus(chip, "edited");
+        preview.age();
         clearTimeout(timer);
         timer = setTimeout(draw, WAIT);
     };
@@ -61,6 +62,7 @@ export function makeGenerator(store, commands, signals) {
         if (store.state?.operator && !store.state.enabled) send();
     });
     let unit = "V";
+    let sampleTime = null; // what is drawn is what is put out, at the loop's own times
     const follow = (now) => {
         if (now === unit) return;
         unit = now;
@@ -70,10 +72,10 @@ export function makeGenerator(store, commands, signals) {
     store.on("state", (state) => {
         follow(referenceUnit(state.controller));
         permit(applied.set, whyNot(state));
-        if (state.signal && applied.follow(state.signal)) {
-            showStatus(chip, "applied");
-            draw();
-        }
+        const followed = state.signal && applied.follow(state.signal);
+        if (followed) showStatus(chip, "applied");
+        if (followed || state.sample_time !== sampleTime) draw();
+        sampleTime = state.sample_time;
     });
     draw();
 }
@@ -141,4 +143,5 @@ class Preview {
         this.drawing.setAttribute("aria-label", `Preview: ${said}`);
         return null;
     }
+    return span > 0 && Number.isFinite(span) ? span : 10;
 }
