@@ -1,8 +1,6 @@
 // The signal generator: any signal of the library, drawn before it's applied.
 
 import { announce } from "./announcer.js";
-import { byId, el, shape } from "./dom.js";
-import { significant } from "./format.js";
 import { byId } from "./dom.js";
 import { permit, whyNot } from "./permit.js";
 import { Preview } from "./preview.js";
@@ -88,60 +86,5 @@ export function spanOf(signal) {
     if (parts.length) span = Math.max(...parts);
     else if (lengths.length) span = (signal.start ?? 0) + 1.04 * lengths.reduce((sum, length) => sum + length, 0);
     else if (signal.frequency > 0) span = (signal.start ?? 0) + 2 / signal.frequency;
-    return span > 0 ? Math.min(span, LONGEST) : 10;
-}
-
-// A line through the points; what isn't finite is left out of it.
-function path(x, y) {
-    let begun = false;
-    return x.map((at, k) => {
-        const mark = begun ? "L" : "M";
-        begun = Number.isFinite(y[k]);
-        return begun ? `${mark}${at.toFixed(2)} ${y[k].toFixed(2)}` : "";
-    }).join("");
-}
-
-// The signal as a line over two of its periods, or ten seconds.
-class Preview {
-    constructor() {
-        this.drawing = document.createElementNS(SVG, "svg");
-        this.drawing.setAttribute("viewBox", `0 0 ${WIDTH} ${HEIGHT}`);
-        this.drawing.setAttribute("role", "img");
-        this.drawing.setAttribute("preserveAspectRatio", "none");
-        this.zero = this.drawing.appendChild(document.createElementNS(SVG, "path"));
-        this.zero.setAttribute("class", "zero");
-        this.line = this.drawing.appendChild(document.createElementNS(SVG, "path"));
-        this.caption = el("figcaption", {});
-        this.warnings = el("ul", { class: "doubts", role: "status" });
-        this.element = el("figure", { class: "preview" }, this.drawing, this.caption, this.warnings);
-        this.turn = 0;
-    }
-
-    // Resolves to the sentence that says what is wrong, or null.
-    async show(signal) {
-        const turn = ++this.turn;
-        const duration = spanOf(signal);
-        let found;
-        try {
-            found = await post("/api/preview", { signal, duration });
-        } catch (error) {
-            return turn === this.turn ? error.message : null;
-        }
-        if (turn !== this.turn) return null;
-        const { t, unit, warnings } = found;
-        this.warnings.replaceChildren(...warnings.map((each) => el("li", { "data-level": "warn" }, shape(), el("span", {}, each))));
-        const value = found.value.map((v) => v ?? NaN); // JSON has no word for what isn't finite
-        const finite = value.filter(Number.isFinite);
-        const [low, high] = [Math.min(...finite), Math.max(...finite)];
-        const [bottom, top] = [Math.min(low, 0), Math.max(high, 0)];
-        const x = (time) => (WIDTH * time) / duration;
-        const y = (v) => PAD + (HEIGHT - 2 * PAD) * (1 - (v - bottom) / (top - bottom || 1));
-        this.line.setAttribute("d", path(t.map(x), value.map(y)));
-        this.zero.setAttribute("d", `M0 ${y(0).toFixed(2)}H${WIDTH}`);
-        const said = `${significant(low, 3)} to ${significant(high, 3)} ${unit} over ${significant(duration, 3)} s`;
-        this.caption.textContent = said;
-        this.drawing.setAttribute("aria-label", `Preview: ${said}`);
-        return null;
-    }
     return span > 0 && Number.isFinite(span) ? span : 10;
 }

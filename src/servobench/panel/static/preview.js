@@ -2,15 +2,12 @@
 
 import { post } from "./api.js";
 import { el, say, shape } from "./dom.js";
-import { fixed, significant, words } from "./format.js";
+import { fixed, significant } from "./format.js";
 
 const [WIDTH, HEIGHT, PAD] = [280, 60, 6];
 const SVG = "http://www.w3.org/2000/svg";
 const ROUNDING = 1e-9; // V, rad or whatever it's in: less than that is what is left of a zero
 const MISTAKE = "Not shown: the form has a mistake.";
-
-// A mistake in a part, by the number that it has on the page: segments.0.duration → Segment 1: duration.
-const placed = (sentence) => sentence.replace(/\b([a-z]+)s\.(\d+)\.(?:signal\.)?/g, (_, each, at) => `${words(each)} ${Number(at) + 1}: `);
 
 // A line [[x, y], ...] through the least and the largest value of each column, from `t[k]` to `t[k + 1]`; a column without any
 // begins it anew, as null. A value that holds is level; of two, the one that is nearer to where the line is comes first.
@@ -101,7 +98,7 @@ export class Preview {
         } catch (error) {
             if (turn !== this.turn) return null;
             this.clear(error.status === 400 ? MISTAKE : "Not shown: the server doesn't say what it looks like.");
-            return placed(error.message);
+            return error.message;
         }
         if (turn !== this.turn) return null;
         this.draw(found);
