@@ -183,7 +183,7 @@ def test_answers_that_were_given_are_marked() -> None:
     found = corrected()
 
     words = Page(exercise_page(worked(found, gain="1"), solution=False)).words
-    assert "It is too small" in words
+    assert "about 20 times too small" in words  # 23.7
     sheet = Expression("sheet_gain").evaluate(stand_on_the_twin(found).facts).value
     assert "Right." in Page(exercise_page(worked(found, gain=f"{sheet}"), solution=False)).words
 
