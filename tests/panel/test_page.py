@@ -505,7 +505,7 @@ def test_a_recording_is_made_identified_and_reported(panel: Panel) -> None:
     panel.tab("Recordings")
     panel.button("mine").click()
     panel.button("Identify").click()
-    panel.page.get_by_text("22.04").wait_for()
+    panel.page.get_by_text("22.04", exact=True).wait_for()
     assert (
         panel.page.get_by_role("link", name="Open the report of mine").get_attribute("href")
         == "/reports/mine"

@@ -177,7 +177,7 @@ def test_axe_finds_nothing_grave(browser: Any, theme: str, size: tuple[int, int]
         page.get_by_role("tab", name="Recordings").click()
         page.get_by_role("button", name="square-1-3", exact=True).click()
         page.get_by_role("button", name="Identify").click()
-        page.get_by_text("22.04").wait_for()
+        page.get_by_text("22.04", exact=True).wait_for()
         page.get_by_label("Compare square-1-3").check()
         page.get_by_role("img", name="Speed of square-1-3 over time").wait_for()
         seen["recordings"] = findings(page)
