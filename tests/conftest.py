@@ -1,9 +1,10 @@
 """What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
 
 import os
-from collections.abc import Callable, Generator
+from collections.abc import Callable, Generator, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import hypothesis
 import pytest
@@ -75,3 +76,12 @@ def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest
     if UNDER_CI:
         fail_unlisted_skip(report)
     return report
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Any]:
+    """Chromium for the tests of a file; it skips where there is none."""
+    from tests.panel.browser import chromium
+
+    with chromium() as found:
+        yield found

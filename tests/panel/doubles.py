@@ -53,10 +53,6 @@ class LoopDouble:
         self.left = True
         self._rings.close()
 
-    @property
-    def width(self) -> int:
-        return 1 + len(self.recording.series)
-
     def rows(self, start: int | None = None) -> RowReader:
         return self.ring.reader(start)
 

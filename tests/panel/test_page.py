@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import chromium, served
+from tests.panel.browser import served
 
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
@@ -19,12 +19,6 @@ pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 from servobench.control.base import CONTROLLERS
 from servobench.signals.base import SIGNALS
 from tests.panel.fake import LARGEST, app
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 class Panel:

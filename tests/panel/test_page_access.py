@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
 from itertools import combinations
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.panel.browser import chromium, served
+from tests.panel.browser import served
 
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
@@ -128,12 +127,6 @@ def test_traces_of_one_scope_are_told_apart_whatever_colours_one_sees(
     seen = [lab(np.asarray(BLINDNESS[blindness]) @ linear(theme[name])) for name in (a, b)]
     # Ten times what is just noticed (2.3 in CIELAB, Mahy and others 1994); traces differ by dashes and width besides.
     assert np.linalg.norm(seen[0] - seen[1]) >= 23
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 def findings(page: Any) -> list[str]:

@@ -9,19 +9,13 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import chromium, served
+from tests.panel.browser import served
 
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from tests.panel.fake import app
 from tests.panel.test_page import Panel
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture

@@ -14,8 +14,6 @@ from typing import Any
 
 import pytest
 
-from tests.panel.browser import chromium
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
@@ -42,12 +40,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def program(folder: Path) -> Iterator[Program]:
     cert, key = certificate(folder)
     with running(folder, "--tls-cert", str(cert), "--tls-key", str(key)) as found:
-        yield found
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
         yield found
 
 

@@ -15,8 +15,6 @@ from typing import Any
 import numpy as np
 import pytest
 
-from tests.panel.browser import chromium
-
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
@@ -27,12 +25,6 @@ from tests.stories.program import Page, Program, running, truth_of_the_twin
 PICTURES = os.environ.get("SERVOBENCH_SCREENSHOTS")
 SECONDS = 10 if PICTURES else 5
 TRUTH = truth_of_the_twin()
-
-
-@pytest.fixture(scope="module")
-def browser() -> Iterator[Any]:
-    with chromium() as found:
-        yield found
 
 
 @pytest.fixture(scope="module")

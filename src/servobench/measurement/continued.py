@@ -39,16 +39,6 @@ def continued(chain: Chain, state: State, x: Array, dt: Array) -> tuple[State, A
     return tuple(after), x
 
 
-def differences(x: Array, before: float) -> Array:
-    """Return the differences (N,) of samples x (N,), N at least 1, each to the one before; the first has `before`."""
-    out = np.empty(len(x))
-    out[0] = x[0] - before
-    np.subtract(
-        x[1:], x[:-1], out=out[1:]
-    )  # np.diff with a value put in front takes ten times as long for a short block
-    return out
-
-
 def _is_blockwise(stage: Stage) -> TypeGuard[Blockwise]:
     return _has_block(type(stage))
 

@@ -42,11 +42,6 @@ class Loop(Protocol):
     ring: RowRing
 
     @property
-    def width(self) -> int:
-        """The numbers of a row that are used."""
-        ...
-
-    @property
     def ended(self) -> Stopped | None:
         """Why it ended; None while it goes on."""
         ...
@@ -103,8 +98,8 @@ class News(NamedTuple):
     """What came from the loop since the last look: events, and rows (N, 13) as scopes show them, the first number `first`.
 
     `late` and `missed` count ticks since the run began. `limited` is the time of the last row whose voltage was limited [s], NaN
-    where that is none of these. `live` is a message of what is known of the motor, as JSON, empty where
-    none is due. `ended` says why the run ended, once it did.
+    where that is none of these. `live` is a message of what is known of the motor, as JSON, empty where none is due. `ended` says
+    why the run ended, once it did.
     """
 
     events: tuple[Notice, ...]
