@@ -1,16 +1,13 @@
-"""Check that every public name says what it is: docstrings, errors, sources; fields, shapes and units in the reference.
+"""Check that every public name says what it is: docstrings, errors, fields, shapes, units, sources.
 
 Public is what no underscore hides. Everything is read from the source, nothing imported. Prints one line for each fault and
-exits with status 1. In all of the package:
+exits with status 1.
 
 - Every module, class, function, method and property has a docstring; of the methods with two underscores on both sides those
   that one calls without noticing, `__call__` and `__getitem__`. An empty `__init__.py` says nothing and has to say nothing.
 - An error of ours that is raised in the body of a function is named in its docstring or in that of its class, by itself or by
   an error that it is one of (`UnknownName` is a `UsageError`). What the making of an object raises is said of its class. Of
   commands docs/reference/commands.md says with which status they end; their docstrings are what `--help` prints.
-
-In what the reference shows (the modules and names in docs/reference/python; with `--all` in all of the package):
-
 - Every field of a class, which is each of its names with a type, has a docstring below it, or stands in that of the class:
   `sample_time`, or "the sample time"; or the kind's `base.py` says it for all members.
 - A parameter or a result that is an `Array` has its shape told, such as `(N,)`, in the docstring of the function or the class,
@@ -37,12 +34,11 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src" / "servobench"
-REFERENCE = ROOT / "docs" / "reference" / "python"
 COMMANDS = "cli"  # the folder
 KERNELS = "kernels.py"  # functions that share their arguments
 OPERATORS = {"__call__", "__getitem__"}
 SHAPE = re.compile(
-    r"\([A-Z][^()]*,[^()]*\)|\([a-z](?: \+ 1)?,\)|\b[Ss]hape\b|\([0-9], ?[A-Z0-9]\)|scalar|\([0-9]+,\)"
+    r"\([A-Z][^()]*,[^()]*\)|\([a-z](?: \+ 1)?,\)|\b[Ss]hape\b|\([0-9]+, ?[A-Z0-9]+\)|scalar|\([0-9]+,\)"
 )
 UNIT = re.compile(
     r"\[[^\]]+\]|\bseconds?\b|\bvolts?\b|\bradians?\b|\bHz\b|\brad/s\b|\bSI\b|\bunits?\b|\bfraction\b|\bfactor\b|\brelative\b|"
@@ -80,54 +76,25 @@ class Told:
     """What has been said where a name is looked at: the docstrings around it, and those of the kind's base."""
 
     file: str
-    module: str
     path: str = ""
     around: str = ""
     base: dict[str, str] = field(default_factory=dict)
-    shown: set[str] | None = None
-
-    def in_reference(self, name: str) -> bool:
-        """Whether the reference shows a name of this module, or the class that it stands in."""
-        whole = f"{self.module}.{self.path}{name}"
-        return self.shown is None or any(whole == each or whole.startswith(f"{each}.") for each in self.shown)
 
 
-def problems(source: Path = SOURCE, reference: Path | None = REFERENCE) -> list[str]:
-    """Return one line for each public name below `source` that doesn't say what it should; without a reference all are in it."""
-    shown = None if reference is None else in_reference(reference, source)
+def problems(source: Path = SOURCE) -> list[str]:
+    """Return one line for each public name below `source` that doesn't say what it should."""
     files = [file for file in sorted(source.rglob("*.py")) if _is_public(file, source)]
-    return [fault for file in files for fault in of_file(file, source, shown)]
+    return [fault for file in files for fault in of_file(file, source)]
 
 
-def in_reference(folder: Path, source: Path) -> set[str]:
-    """Return the modules, and the names in modules, that the pages in `folder` show, as `servobench.units` and so on."""
-    found: set[str] = set()
-    for page in sorted(folder.glob("*.md")):
-        text = page.read_text(encoding="utf-8")
-        found |= set(re.findall(r"^\.\. auto\w+:: ([\w.]+)$", text, re.MULTILINE))
-    homes = (
-        ast.parse((source / "__init__.py").read_text(encoding="utf-8"))
-        if (source / "__init__.py").exists()
-        else None
-    )
-    for node in homes.body if homes else []:  # the package's own names, where they live
-        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES":
-            homes_of = ast.literal_eval(node.value)
-            found |= {f"{homes_of[name]}.{name}" for name in homes_of if f"{source.name}.{name}" in found}
-    return found
-
-
-def of_file(file: Path, source: Path = SOURCE, shown: set[str] | None = None) -> Iterator[str]:
-    """Yield one line for each fault in a module; `shown` is what is in the reference, None for all."""
+def of_file(file: Path, source: Path = SOURCE) -> Iterator[str]:
+    """Yield one line for each fault in a module."""
     tree = ast.parse(file.read_text(encoding="utf-8"))
     base = _said_in_base(
         next((each for each in _bases(file, source) if each.exists()), file.parent / "base.py")
     )
-    name = ".".join(file.relative_to(source.parent).with_suffix("").parts).removesuffix(".__init__")
     shared = ast.get_docstring(tree) or "" if file.name == KERNELS else ""
-    told = Told(
-        file=file.relative_to(source.parent).as_posix(), module=name, around=shared, base=base, shown=shown
-    )
+    told = Told(file=file.relative_to(source.parent).as_posix(), around=shared, base=base)
     if tree.body and not ast.get_docstring(tree):
         yield f"{told.file}:1: the module has no docstring"
     if _states_a_law(file, tree, source) and not has_source(tree, source):
@@ -241,8 +208,7 @@ def _class(node: ast.ClassDef, told: Told) -> Iterator[str]:
     if not text:
         yield f"{where} has no docstring"
     inside = replace(told, path=f"{told.path}{node.name}.", around=f"{told.around} {text}")
-    if told.in_reference(node.name):
-        yield from _fields(node, inside)
+    yield from _fields(node, inside)
     yield from _members(node.body, inside)
     for made in node.body:  # what making one raises is said of the class
         if isinstance(made, ast.FunctionDef) and made.name in {"__init__", "__post_init__"}:
@@ -268,9 +234,8 @@ def _function(node: ast.FunctionDef | ast.AsyncFunctionDef, told: Told) -> Itera
         return
     said = f"{text} {told.around} {told.base.get(node.name, '') if told.path else ''}"
     yield from _errors(node, said, where)
-    if told.in_reference(node.name):
-        yield from _shapes(node, said, where)
-        yield from _units(node, said, where)
+    yield from _shapes(node, said, where)
+    yield from _units(node, said, where)
 
 
 def _errors(node: ast.FunctionDef | ast.AsyncFunctionDef, said: str, where: str) -> Iterator[str]:
@@ -345,6 +310,6 @@ def _is_array(annotation: ast.expr) -> bool:
 
 
 if __name__ == "__main__":
-    found = problems(reference=None if "--all" in sys.argv[1:] else REFERENCE)
+    found = problems()
     print("\n".join(found), end="\n" if found else "")
     sys.exit(1 if found else 0)

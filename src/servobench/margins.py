@@ -127,7 +127,7 @@ def _phase_crossovers_behind_delay(
 
 @dataclass(frozen=True, kw_only=True)
 class Phase:
-    """The phase of a loop [rad] over frequency, without jumps: the sum of those of its roots, of its sign and of its delay.
+    """The phase of a loop [rad] over frequency, without jumps: those of its zeros and poles [rad/s], sign and delay [s] together.
 
     That of jω - r goes on without a jump for a root r in the right half-plane, too.
     """

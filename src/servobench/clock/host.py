@@ -39,9 +39,12 @@ class HostClock:
 
     timing: ClassVar[Timing] = "host"
 
-    ALLOWED_LATENESS: ClassVar[float] = 0.1  # of the sample time
-    LEAD_TICKS: ClassVar[int] = 5  # before tick 0, so that what is slow the first time isn't late
-    LONGEST_LEAD: ClassVar[float] = 0.05  # s
+    ALLOWED_LATENESS: ClassVar[float] = 0.1
+    """By which part of the sample time a tick may come after its schedule without being late."""
+    LEAD_TICKS: ClassVar[int] = 5
+    """Ticks that go before tick 0, so that what is slow the first time isn't late."""
+    LONGEST_LEAD: ClassVar[float] = 0.05
+    """The longest time that those ticks may take [s]."""
 
     def __init__(
         self,

@@ -37,6 +37,7 @@ def now(timespec: NDArray[np.int64]) -> int:
 def wait_until(deadline: int, spin: int, timespec: NDArray[np.int64]) -> tuple[int, int, int]:
     """Sleep until `spin` before a deadline, look at the clock until it's there; both are in ns.
 
+    `timespec` (2,) is room for the time that is slept for, as the system has it: whole seconds and the ns behind them.
     Returns the time [ns] at the last look, how long after the time that was slept for it was when the sleep ended [ns], or -1
     where there was no time to sleep, and the system's error number. With an error (such as a signal, which Python has to see),
     the deadline may not be reached yet.

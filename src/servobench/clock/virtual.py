@@ -20,7 +20,8 @@ class VirtualClock:
 
     timing: ClassVar[Timing] = "virtual"
 
-    ALLOWED_LATENESS: ClassVar[float] = 0.1  # of the sample time
+    ALLOWED_LATENESS: ClassVar[float] = 0.1
+    """By which part of the sample time a simulated device may latch a sample late without the tick being late."""
 
     def __init__(self) -> None:
         self._device = DeviceClock()

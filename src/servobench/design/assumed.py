@@ -34,11 +34,11 @@ _KNOWN = 2.5  # standard deviations of an estimate to which the limits hold
 class AssumedMotor:
     """What is known of a motor before the experiment: a first-order motor, by how much it may differ, and the noise.
 
-    `gain` [rad/(s·V)] and `time_constant` [s] may be off by the relative `tolerance`; `coulomb_voltage` and `offset_voltage`
-    [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where `winding` is true.
-    `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least quantum/√12, that of
-    an error spread evenly over a count (Widrow and Kollár 2008); `disturbance` is a random torque, None without one.
-    `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing tells them. `assumptions` are sentences.
+    `name` says which motor it is. `gain` [rad/(s·V)] and `time_constant` [s] may be off by the relative `tolerance`;
+    `coulomb_voltage` and `offset_voltage` [V]; `dead_band` [V] is the amplifier's; `delay` [s] is the lag of the winding where
+    `winding` is true. `quantum` [rad] is a count of the encoder, `noise` the standard deviation of a sample [rad], at least
+    quantum/√12, that of an error spread evenly over a count (Widrow and Kollár 2008); `disturbance` is a random torque, None
+    without one. `resistance` [Ω] and `motor_constant` [V·s/rad] are None where nothing tells them. `assumptions` are sentences.
     """
 
     name: str

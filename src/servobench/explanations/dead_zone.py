@@ -33,7 +33,7 @@ def _dead_zone(case: Case) -> Explained | None:
 
 
 def without_zone(u: Array, width: float) -> Array:
-    """Return what an amplifier with a dead zone puts out: u moved towards zero by its width."""
+    """Return what an amplifier with a dead zone puts out (N,): u (N,) moved towards zero by its width, in the unit of u."""
     return u - np.clip(u, -width, width)
 
 

@@ -32,9 +32,10 @@ _UNSEEN = 0.3  # of the input's standard deviation may pass between two points o
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Motion:
-    """One record on an even grid: times t [s], input u, its unit's largest value, the direction of motion and the position (N,).
+    """One record on an even grid: times t [s], input u, the sense of motion (1, 0 or -1) and the output y, (N,) each.
 
-    `speed_like` is the measured speed, or None where the position was measured. `filter_time` is T [s].
+    `data` is the record as it was measured, y counts from its first value, `step` the time between two points [s],
+    `filter_time` is T [s].
     """
 
     data: Dataset

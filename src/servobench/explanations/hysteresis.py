@@ -33,7 +33,7 @@ def _hysteresis(case: Case) -> Explained | None:
 
 
 def play(u: Array, width: float) -> Array:
-    """Return u behind a play of half that width on either side, from its first value."""
+    """Return u (N,) behind a play of `width` on either side, in the unit of u, from its first value on."""
     out, now = np.empty(len(u)), float(u[0])
     for k, value in enumerate(u.tolist()):
         now = min(max(now, value - width), value + width)

@@ -67,7 +67,7 @@ def check_size(rows: int, columns: int) -> None:
 
 @dataclass(frozen=True, kw_only=True)
 class Leaf:
-    """A column of a table, or a field of a struct in one (`a.b`): where it stands, and what it holds.
+    """A column of a table, or a field of a struct in one (`a.b`): the path of names to it, and what it holds.
 
     `skipped` says what it is where a recording has no place for it.
     """

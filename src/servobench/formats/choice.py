@@ -38,7 +38,7 @@ def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec 
 
 @dataclass(frozen=True, kw_only=True)
 class Chosen:
-    """The series of a role, in its unit, and what is to be known of the choice."""
+    """The series of a role, in its unit, and findings about the choice."""
 
     series: Series
     findings: tuple[Finding, ...] = ()

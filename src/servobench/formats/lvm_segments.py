@@ -48,7 +48,11 @@ class Segment:
 
 @dataclass(frozen=True, kw_only=True)
 class File:
-    """The lines of a file behind its header, the first of them being line `first`, and how they are written."""
+    """The lines of a file behind its header, the first of them being line `first`, and how they are written.
+
+    `separator` stands between cells, `decimal` is the point or comma in a number, and `x_columns` says which columns hold times:
+    "no", "one" for all, or "multi" for one before each channel.
+    """
 
     lines: Sequence[str]
     first: int

@@ -38,7 +38,7 @@ _FACTORS: tuple[tuple[float, str], ...] = (
 
 @dataclass(frozen=True, kw_only=True)
 class Checked:
-    """Whether an answer is right, and what to say to who gave it."""
+    """Whether an answer is right, and the sentence for who gave it."""
 
     right: bool
     sentence: str

@@ -37,7 +37,7 @@ Mark: TypeAlias = Literal["points", "wide", "strong", "thin", "dashed", "dotted"
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Line:
-    """What is drawn through y (N,) at x (N,); `label` is what the legend calls it, nothing for a line without a name."""
+    """What is drawn at x (N,), y (N,), with which mark; `label` is what the legend calls it, empty for a line without a name."""
 
     x: Array
     y: Array
@@ -49,7 +49,7 @@ class Line:
 class Graph:
     """Lines over a common quantity `over`; the title says what is drawn, units included. `log` are the logarithmic axes.
 
-    `ends` are the ends of the vertical axis, which finds its own without.
+    `ends` are the ends of the vertical axis, which finds its own without; `height` is that of the axes [px].
     """
 
     title: str

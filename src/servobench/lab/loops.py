@@ -43,14 +43,17 @@ class OfAMotor(StudySettings):
 
 
 def motor_system(gain: float, tau: float, output: Output) -> TransferFunction:
-    """Return K/(τs + 1) to the speed, K/(s (τs + 1)) to the position."""
+    """Return K/(τs + 1) to the speed, K/(s (τs + 1)) to the position, for K [rad/(s·V)] and τ [s]."""
     if output == "speed":
         return TransferFunction(numerator=(gain,), denominator=(tau, 1.0), output="speed", unit="rad/(s·V)")
     return TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), output="position", unit="rad/V")
 
 
 def on_paper(law: Tunable, gain: float, tau: float) -> TransferFunction:
-    """Return the open loop of a law as it is written: continuous, with a derivative without filter, without hold and delay."""
+    """Return the open loop of a law as it is written: continuous, with a derivative without filter, without hold and delay.
+
+    The motor has the gain K [rad/(s·V)] and the time constant τ [s].
+    """
     below: tuple[float, ...] = (tau, 1.0) if law.output == "speed" else (tau, 1.0, 0.0)
     if isinstance(law, Lead):
         above: tuple[float, ...] = (law.gain / law.zero, law.gain)

@@ -32,7 +32,7 @@ _GAP = 2  # characters between two columns
 
 @dataclass(frozen=True, kw_only=True)
 class Neighbours:
-    """What leads from an exercise's page to the others of a folder: its number, how many there are, and the two beside it."""
+    """What leads from an exercise's page to others of its folder: its number, how many there are, and those before and after."""
 
     number: int
     of: int
@@ -42,7 +42,10 @@ class Neighbours:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """What stands in one place of an exercise's text: HTML of its Markdown, or what a study shows there."""
+    """What stands in one place of an exercise's text: HTML of its Markdown, or what a study shows there.
+
+    Of a study: its tables, each a title, the columns as texts and a note; its sentences; what of the paper it is about; drawings.
+    """
 
     html: str = ""
     study: str = ""
@@ -59,7 +62,10 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Beside:
-    """A number of the paper beside ours, and which exercise's table it stands in."""
+    """A number of the paper beside ours, as texts, and the exercise and its table that it stands in.
+
+    `what` says which row of the table, `off` by how much ours differs.
+    """
 
     exercise: Exercise
     table: str

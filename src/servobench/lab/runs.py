@@ -46,7 +46,7 @@ def simulated(experiment: Experiment, faults: Sequence[Fault] = (), **settings: 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class SteadyRun:
-    """A motor that turned at a constant speed [rad/s]: its data, and from which sample on the speed was constant."""
+    """A motor that turned at a constant speed [rad/s]: its data, and the first sample at which the speed was constant."""
 
     data: Dataset
     speed: float

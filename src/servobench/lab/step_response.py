@@ -86,7 +86,7 @@ class StepFigures:
 
 
 def response_after(recording: Recording, start: float, of: Output, chain: str) -> Response:
-    """Return what happened from a time on, the speed through a chain."""
+    """Return what happened from a time [s] on, the speed through a chain."""
     from servobench.measurement.measure import measure
 
     data = measure(recording, chain if of == "speed" else None)
@@ -136,6 +136,7 @@ def without_friction(
 ) -> Response:
     """Return the answer of the loop as it runs, tick by tick, to the experiment's reference, without friction and limits.
 
+    The motor has the gain K [rad/(s·V)] and the time constant τ [s].
     A speed is looked at through the same chain as that of the run.
     """
     from servobench.tuning.response import unit_step

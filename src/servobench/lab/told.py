@@ -18,7 +18,7 @@ _WRITTEN = 9  # digits of a number of the paper: all that it gives
 
 @dataclass(frozen=True, kw_only=True)
 class Told:
-    """One column as texts: what stands above it, its unit, and its kind: words, our numbers, the paper's, or how far off."""
+    """One column as texts: the heading above it, its unit, and its kind: words, our numbers, the paper's, or how far off."""
 
     heading: str
     unit: str

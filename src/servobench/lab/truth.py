@@ -17,7 +17,8 @@ class Truth:
 
     `gain` K = k/(R b + k²) [rad/(s·V)]; `time_constant` τ = -1 over the slow pole [s]; `coulomb_voltage` T_c R/k [V]; `delay`
     [s], the pure one and the fast pole's time constant, which a first-order model sees as one. `resistance` R [Ω] is the
-    winding's and the amplifier's; then k [V·s/rad], J [kg·m²], b [N·m·s/rad] and the Coulomb torque T_c [N·m].
+    winding's and the amplifier's; then the motor constant k [V·s/rad], the inertia J [kg·m²], the
+    viscous friction b [N·m·s/rad] and the Coulomb torque T_c [N·m].
     """
 
     gain: float

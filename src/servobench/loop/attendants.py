@@ -114,7 +114,10 @@ class GuardTeller:
 
 @dataclass
 class RecorderWatch:
-    """Ends the run where the recorder failed or fell silent: nothing turns unrecorded, unless that was asked for."""
+    """Ends the run where the recorder failed or fell silent: nothing turns unrecorded, unless that was asked for.
+
+    `rows` is the ring that it reads, `now` the monotonic time [ns].
+    """
 
     rows: RowRing
     now: Callable[[], int] = time.monotonic_ns
@@ -133,7 +136,10 @@ class RecorderWatch:
 
 @dataclass
 class OperatorWatch:
-    """Ends the run where nobody has shown that they are there for `timeout` [s]."""
+    """Ends the run where nobody has shown that they are there for `timeout` [s].
+
+    `rows` is the ring in which who is there leaves a mark, `now` the monotonic time [ns].
+    """
 
     rows: RowRing
     timeout: float

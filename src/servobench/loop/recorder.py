@@ -44,7 +44,7 @@ class InMemory:
         self._blocks = [np.empty((0, 1 + len(opening.series)))]
 
     def append(self, rows: Array) -> None:
-        """Keep the rows."""
+        """Keep rows (N, 1 + C): the time [s] and a value of each channel."""
         self._blocks.append(rows)
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:
@@ -84,7 +84,7 @@ class ToFile:
         self._thread.start()
 
     def append(self, rows: Array) -> None:
-        """Hand the rows to the writing thread; raises what went wrong there with earlier ones."""
+        """Hand rows (N, 1 + C), as in `InMemory`, to the writing thread; raises what went wrong there with earlier ones."""
         self._check()
         try:
             self._blocks.put(rows, timeout=self._patience)

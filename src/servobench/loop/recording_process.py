@@ -63,8 +63,8 @@ ENDED_EARLY = warning(
 class Late:
     """What a recorder has to know that begins in the middle of a run.
 
-    The numbers of the first row and the first event that it records, the device as JSON can hold it, and for how long it records
-    [s], None until the word `RECORD_UNTIL` or the run's end says so.
+    The numbers of the first row and the first event that it records, the device as JSON can hold it (`info`), and the duration
+    that it records [s], None until the word `RECORD_UNTIL` or the run's end says so.
     """
 
     row: int
@@ -75,10 +75,11 @@ class Late:
 
 @dataclass(frozen=True, kw_only=True)
 class RecorderSpec:
-    """What a recorder has to know: the names of the rings, the file, the experiment's TOML text, the loop's process if known.
+    """What a recorder has to know: the names of the rings of rows and events, its file's path, the experiment as TOML.
 
-    `late` is None for one that records a run from its first row to its end.
-    The ring of commands is no matter of the recorder's, but where everybody else is dead it clears up that one, too.
+    `loop` is the number of the loop's process, None where it isn't known. `late` is None for one that records a run from its
+    first row to its end. The ring of commands is no matter of the recorder's, but where everybody else is dead it clears up
+    that one, too.
     """
 
     rows: str

@@ -17,7 +17,7 @@ STARTING, RUNNING, ENDED = 0, 1, 2
 
 @dataclass(frozen=True, kw_only=True)
 class LoopSpec:
-    """The experiment as TOML text, the names of the three rings, and the rules of the run.
+    """The experiment as TOML text, the names of the rings of rows, commands and events, and the rules of the run.
 
     `missed_go_on` lets a run go on that misses too many ticks, where no motor can come to harm.
     `recorded` says that a recorder reads the rows; where it fails the run ends, unless `unrecorded_goes_on`. `when_faulted` ends

@@ -54,7 +54,7 @@ class Setting:
 
 @dataclass(frozen=True, kw_only=True)
 class Block:
-    """One block: `kind` says what it is (`signal`, `stage`), `title` which one.
+    """One block with its settings: `id` names it in this diagram, `kind` says what it is (`signal`, `stage`), `title` which one.
 
     `symbol` is its transfer function (see `Symbolic`) or empty, `curve` its course as points (x, y) in 0 to 1, upwards.
     """
@@ -69,7 +69,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True)
 class Wire:
-    """What goes from one block to another, by their ids; `label` says what it is."""
+    """What goes from one block, the source, to another, the target, by their ids; `label` says what it is."""
 
     source: str
     target: str

@@ -52,7 +52,10 @@ class Refused(Exception):
 
 @dataclass(frozen=True, kw_only=True)
 class Door:
-    """What is let in: the names by which this server may be asked for, with the port as browsers send it, and the keys."""
+    """What is let in: the hosts, names by which this server may be asked for with the port as browsers send it, and the keys.
+
+    `scheme` is how browsers have to reach it.
+    """
 
     hosts: frozenset[str]
     port: int

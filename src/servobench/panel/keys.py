@@ -19,7 +19,10 @@ _MOST_SESSIONS = 256
 
 @dataclass(eq=False)
 class Session:
-    """One browser that was let in: `cookie` names it, `token` has to come with what it asks to be done."""
+    """One browser that was let in: `cookie` names it, `token` has to come with what it asks to be done.
+
+    `role` says what it may do, and it expires at that monotonic time [s] if nothing comes from it before.
+    """
 
     role: Role
     cookie: str

@@ -93,7 +93,7 @@ class LiveFit:
         return int(self._waiting[0]) if len(self._waiting) else self._next or 0
 
     def residuals(self, first: int, until: int) -> Array:
-        """Return the residuals of the live model [rad] of rows number `first` to before `until`; NaN where there are none.
+        """Return the residuals (N,) of the live model [rad] of rows number `first` to before `until`; NaN where there are none.
 
         Rows before `until` are forgotten by that.
         """

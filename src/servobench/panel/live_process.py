@@ -75,8 +75,9 @@ class Seen(NamedTuple):
 class LiveSpec:
     """What it has to know.
 
-    The names of the loop's ring and of those that it publishes in and hears wishes from, where in the loop's rows `t`, `applied`,
-    `counts` and the times of writing are, the device as JSON holds it, the sample time [s], and a wish.
+    The names of the rings: the loop's rows, those that it publishes what it has seen and its messages in, and that of wishes;
+    the columns in which the loop's rows have `t`, `applied`, `counts` and the times of writing; the device's info as JSON holds
+    it; the sample time [s], and the first wish.
     """
 
     rows: str
@@ -90,7 +91,7 @@ class LiveSpec:
 
 
 class Identified(Protocol):
-    """A loop, as far as it is identified."""
+    """A loop, as far as it is identified: the info of its device, its recording without rows, and the ring with the rows."""
 
     info: DeviceInfo
     recording: Recording
@@ -191,7 +192,10 @@ def _started(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
 
 
 def live_of(loop: Identified, sample_time: float, wish: Mapping[str, float]) -> LiveProcess | None:
-    """Return what identifies a loop's device while it runs; None where it can't be, as the device doesn't tell its angle."""
+    """Return what identifies a loop's device while it runs; None where it can't be, as the device doesn't tell its angle.
+
+    The loop's sample time is in s.
+    """
     encoder = loop.info.channel("counts")
     return LiveProcess(loop, sample_time, wish) if encoder is not None and encoder.counts_per_rev else None
 

@@ -44,7 +44,7 @@ UPLOT = ("uPlot.iife.js", "uPlot.min.css")
 
 @dataclass(frozen=True, kw_only=True)
 class Panel:
-    """What the answers are made from."""
+    """What the answers are made from: the motor, the library of recordings, the door that says who comes in, the jobs."""
 
     motor: MotorSession
     library: Library

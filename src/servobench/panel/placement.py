@@ -30,7 +30,7 @@ _MARKUP = re.compile(r"[_^]\{([^}]*)\}")
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """A rectangle by its upper left corner."""
+    """A rectangle by its upper left corner x, y (downwards), its width and its height, all in the drawing's units: CSS pixels."""
 
     x: float
     y: float
@@ -55,7 +55,7 @@ class Box:
 
 @dataclass(frozen=True, kw_only=True)
 class Path:
-    """The course of a wire: corners, where its label stands, and whether it branches off another wire."""
+    """The course of a wire: its corners are `points`, its label stands `at` one, and with a `joint` it branches off another."""
 
     points: tuple[Point, ...]
     at: Point
@@ -64,7 +64,7 @@ class Path:
 
 @dataclass(frozen=True, kw_only=True)
 class Placement:
-    """The boxes of the blocks by id, the paths of the wires in their order, the frame of the device, and the size of it all."""
+    """Boxes of the blocks by id, paths of the wires in their order, the frame of the device, width and height of it all."""
 
     boxes: dict[str, Box]
     paths: tuple[Path, ...]

@@ -35,7 +35,7 @@ _NOTHING_KNOWN: dict[str, Any] = {
 
 
 class Loop(Protocol):
-    """What the panel needs of a loop; `LoopProcess` is one."""
+    """What the panel needs of a loop, as `LoopProcess`: the info of its device, its recording without rows, the ring of rows."""
 
     info: DeviceInfo
     recording: Recording
@@ -69,7 +69,7 @@ class Loop(Protocol):
     def record_from(
         self, first: int, path: str, experiment: Experiment, duration: float | None = None
     ) -> RecorderProcess:
-        """Start a recorder of the rows from number `first` on."""
+        """Start a recorder of the rows from number `first` on, for a duration [s], or until `end_recording`."""
         ...
 
     def end_recording(self) -> None:
@@ -95,7 +95,7 @@ class Live(Protocol):
 
 
 class News(NamedTuple):
-    """What came from the loop since the last look: events, and rows (N, 13) as scopes show them, the first number `first`.
+    """What came from the loop since the last look: events, and the `values` of rows (N, 13) from number `first` on.
 
     `late` and `missed` count ticks since the run began. `limited` is the time of the last row whose voltage was limited [s], NaN
     where that is none of these. `live` is a message of what is known of the motor, as JSON, empty where none is due. `ended` says

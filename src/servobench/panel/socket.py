@@ -117,7 +117,10 @@ async def _done(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
 
 @dataclass(frozen=True, kw_only=True)
 class Action:
-    """What a page may ask for: what it may say with it, whether it has to be the operator's, and what is done."""
+    """What a page may ask for: what it takes with it, whether it has to be the operator's (it operates), and who carries it out.
+
+    `carry_out` gets the session, the viewer and what was said, and returns the answer.
+    """
 
     carry_out: Callable[[MotorSession, Viewer, Said], Awaitable[Answer]]
     takes: tuple[str, ...] = ()

@@ -17,7 +17,8 @@ _LIMITED_FOR = 0.5  # s for which a limit's light stays on
 class Standing:
     """What a loop has said since it began.
 
-    `enabled`: whether it lets the controller's voltage through. `heard` is the number of the last command that it has taken,
+    `enabled`: whether it lets the controller's voltage through. `fault` has the fault that holds it, by texts; None without one.
+    `late` and `missed` count ticks. `heard` is the number of the last command that it has taken,
     `last_enable` that of the last one that asks for a voltage, `command` of the one in force in the last row that came.
     `limited_until` is the time [s] until which the limits' light is on. `stopped` says who or what stopped the motor, until
     somebody starts it.

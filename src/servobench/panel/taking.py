@@ -134,7 +134,7 @@ class Takings:
     async def begin(
         self, going_on: Callable[[], Loop], experiment: Experiment, name: str | None, duration: float | None
     ) -> str:
-        """Begin a recording of the loop that `going_on` returns, and return its name.
+        """Begin a recording of the loop that `going_on` returns, for a duration [s] or until it is ended; return its name.
 
         Raises `Refusal` where one goes on, or `going_on` does, and as `Library.new`.
         """

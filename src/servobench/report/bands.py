@@ -28,9 +28,10 @@ __all__ = [
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FrequencyBand:
-    """A frequency response at ω (N,) [rad/s]: magnitude, phase [rad], and half of their 95 % intervals.
+    """A frequency response at `omega` (N,) [rad/s]: magnitude, phase [rad], and half of their 95 % intervals.
 
-    The magnitude's is a factor's logarithm: the band goes from |G| e^(-half) to |G| e^(+half). NaN where it isn't known.
+    `phase_half` is in rad, `magnitude_half` is a factor's logarithm: the band goes from |G| e^(-half) to |G| e^(+half). NaN
+    where it isn't known.
     """
 
     omega: Array
@@ -42,7 +43,7 @@ class FrequencyBand:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class StepBand:
-    """A step response at t (N,) [s] to a step of one unit of input, with half of its 95 % interval (NaN where unknown)."""
+    """A step response y (N,) at t (N,) [s] to a step of one unit of input, with half of its 95 % interval (NaN where unknown)."""
 
     t: Array
     y: Array
@@ -100,7 +101,7 @@ def pole_bands(fit: Fit, output: Output = "speed") -> tuple[PoleBand, ...]:
 
 
 def coefficient_halves(fit: Fit, output: Output = "speed") -> Array:
-    """Return half of the 95 % interval of each coefficient of the transfer function: numerator, denominator, delay."""
+    """Return half of the 95 % interval of each coefficient (N,) of the transfer function: numerator, denominator, delay."""
 
     def coefficients(model: Model) -> Array:
         system = model.transfer_function(output)

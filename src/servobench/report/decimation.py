@@ -10,8 +10,8 @@ from servobench.channels import Array
 def decimated(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
     """Return the points of a line (N,) that a picture of so many columns can show; at most four for each column.
 
-    The first, the last, the lowest and the highest point of each column are kept, so that no spike is lost and the line that
-    is drawn covers the same pixels (Jugel et al. 2014, "M4"). Times increase.
+    The line goes through y at times t [s]. The first, the last, the lowest and the highest point of each column are kept, so
+    that no spike is lost and the line that is drawn covers the same pixels (Jugel et al. 2014, "M4"). Times increase.
     """
     if len(t) <= 4 * columns:
         return t, y

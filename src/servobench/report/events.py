@@ -17,7 +17,7 @@ _ALWAYS = ("opened", "ended")  # each run has them, and the page says them elsew
 
 @dataclass(frozen=True, kw_only=True)
 class EventRow:
-    """One event as a row of texts: when, the tick at which it took effect, what it was, and what it changed or why."""
+    """One event as a row of texts: its time, the tick at which it took effect, what it was, and what is said of it."""
 
     time: str
     tick: str
@@ -27,7 +27,7 @@ class EventRow:
 
 @dataclass(frozen=True, kw_only=True)
 class Events:
-    """The events of a run as a table; `more` says how many aren't shown, empty where all are."""
+    """The events of a run by its name, as rows of a table; `more` says how many aren't shown, empty where all are."""
 
     name: str
     rows: tuple[EventRow, ...]

@@ -21,7 +21,10 @@ from servobench.rounding import plain, with_unit
 
 @dataclass(frozen=True, eq=False)
 class ExplanationReport:
-    """An explanation, and the recordings that it is about, as a page that opens from disk without a network."""
+    """An explanation, and the recordings that it is about, as a page that opens from disk without a network.
+
+    `command` is what made it, to be told on the page; empty where nobody typed one.
+    """
 
     recordings: Sequence[Recording]
     explanation: Explanation

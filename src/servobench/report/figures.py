@@ -46,7 +46,7 @@ _GUTTER = 28.0
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Curve:
-    """A line through y (N,) at t (N,) [s]; `label` is what the legend calls it, nothing for a line without a name."""
+    """A line through y (N,) at t (N,) [s], with the look of what it is; the legend calls it by its `label`, if any."""
 
     t: Array
     y: Array
@@ -56,7 +56,7 @@ class Curve:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Panel:
-    """Curves of one quantity: what it is, its unit, the height in pixels.
+    """Curves of one quantity: the title says what it is; its unit, the height in pixels.
 
     `quantum` adds a scale in counts on the right, and shades half a count on either side of zero.
     """
@@ -70,7 +70,7 @@ class Panel:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Course:
-    """What happened in one record: panels above each other, which share their time."""
+    """What happened in one record: panels above each other, which share their time, under a title."""
 
     panels: tuple[Panel, ...]
     title: str = ""
@@ -87,7 +87,7 @@ class Course:
 
 @dataclass(frozen=True, kw_only=True)
 class Difference:
-    """A value held against another one: the difference in per cent, and half of its 95 % interval."""
+    """A value, by its name, held against another one: the difference in percent, and half of its 95 % interval."""
 
     name: str
     percent: float

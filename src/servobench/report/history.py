@@ -23,7 +23,7 @@ _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")
 
 @dataclass(frozen=True, kw_only=True)
 class Happened:
-    """One recording: its name, what is known of the way it went, and its channels, each as a row."""
+    """One recording: its name, facts about the way it went, and its channels, each as a row."""
 
     name: str
     facts: tuple[Fact, ...]

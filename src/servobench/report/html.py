@@ -37,7 +37,7 @@ SEVERITIES = {Severity.REFUSAL: "Refusal", Severity.WARNING: "Warning", Severity
 
 @dataclass(frozen=True, kw_only=True)
 class Drawn:
-    """A figure on the page: what is said of it, and its drawings, which are markup of ours.
+    """A figure on the page: its name for links, title and caption, and its drawings, wide and narrow, which are our markup.
 
     `wide` is empty for a figure that stands beside another one and is narrow on every page.
     """

@@ -32,7 +32,7 @@ _ROUNDING = 1.0  # a residual of less than so many counts is worth comparing wit
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Illustration:
-    """One figure: an id, a title, a caption, its content in words, and how to draw it in a style."""
+    """One figure: a name for links, a title, a caption, a description in words, and how to draw it in a style."""
 
     name: str
     title: str

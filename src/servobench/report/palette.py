@@ -21,7 +21,10 @@ _POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
 
 @dataclass(frozen=True, kw_only=True)
 class Palette:
-    """The colours of a figure, as `#rrggbb`, by what they stand for."""
+    """The colours of a figure, as `#rrggbb`, by what they stand for: text in ink or muted, rules, what was measured, the model.
+
+    `band` is that of an interval about a curve, `shade` that of what lies behind all curves.
+    """
 
     ink: str
     muted: str
@@ -46,7 +49,7 @@ LIGHT = Palette(
 
 @dataclass(frozen=True, kw_only=True)
 class Style:
-    """The width of a figure in CSS pixels, and its colours. A narrow one stacks what it would else put side by side."""
+    """The width of a figure in CSS pixels, and its palette. A narrow one stacks what it would else put side by side."""
 
     width: float = 720.0
     palette: Palette = LIGHT
@@ -59,7 +62,7 @@ class Style:
 
 @dataclass(frozen=True, kw_only=True)
 class Box:
-    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame.
+    """Where axes stand: pixels from the left and from the top of the figure, to the axes' frame, and its width and height.
 
     Their title begins `indent` pixels to the left of the frame, above the labels of the ticks.
     """

@@ -63,7 +63,7 @@ def root_locus(
 
 
 def nyquist(real: Array, imaginary: Array, style: Style) -> Figure:
-    """Return the curve L(jω) for ω > 0 and, faint, for ω < 0, about the point -1, with the unit circle."""
+    """Return the curve L(jω) from its parts (N,) for ω > 0, with that for ω < 0, faint, about -1, with the unit circle."""
     palette = style.palette
     figure = sheet(style, _HEIGHT)
     ax = axes(figure, whole(style, _HEIGHT), palette, "Imaginary part of L(jω)")
@@ -87,7 +87,10 @@ def loop_bode(
     crossover: float,
     style: Style,
 ) -> Figure:
-    """Return magnitude and phase of open loops, the last one drawn as the model's; the gain crossover [rad/s] is marked."""
+    """Return magnitude and phase of open loops, each a name and L(jω) (N,) at `omega` (N,) [rad/s], the last as the model's.
+
+    The gain crossover [rad/s] is marked.
+    """
     palette = style.palette
     height = 2 * (_PANEL + TITLE) + BOTTOM + 4
     figure = sheet(style, height)

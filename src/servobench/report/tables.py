@@ -32,7 +32,7 @@ _OF_THE_MOTOR = {
 
 @dataclass(frozen=True, kw_only=True)
 class Fact:
-    """One thing that is known, under a heading."""
+    """One thing that is known, a text under a heading."""
 
     heading: str
     text: str
@@ -42,7 +42,10 @@ class Fact:
 
 @dataclass(frozen=True, kw_only=True)
 class ParameterRow:
-    """One parameter as a row: `symbol` is HTML, `known` says whether the data determine it."""
+    """One parameter as a row: its name, its meaning in words, the rounded estimate.
+
+    `symbol` is HTML, `known` says whether the data determine it.
+    """
 
     name: str
     symbol: str
@@ -57,7 +60,10 @@ class ParameterRow:
 
 @dataclass(frozen=True, kw_only=True)
 class ComparisonRow:
-    """One parameter beside its nominal value, as texts."""
+    """One parameter beside its nominal value, as texts: its name, both values, and the difference of the identified one.
+
+    That in percent and in standard deviations; the judgement says whether the nominal value lies in the interval.
+    """
 
     name: str
     nominal: str

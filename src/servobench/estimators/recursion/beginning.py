@@ -109,7 +109,7 @@ def _by_output_error(setting: Setting, data: Dataset) -> tuple[Array, float]:
 def gone_through(
     setting: Setting, samples: Samples, reference: Array, friction: float, earlier: Motion | None = None
 ) -> Motion | None:
-    """Return the motion through all samples, from a reference (7,) that is moved until it is where the estimate is.
+    """Return the motion through all samples, from a reference (7,) in SI units that is moved until it is where the estimate is.
 
     What rounding at rest weighs, and which filter is watched, comes from an `earlier` motion, or from a first time through. None
     where gain and time constant can't be told to half of their size, or where that leads nowhere.

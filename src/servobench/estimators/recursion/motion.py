@@ -63,11 +63,14 @@ NOTHING = Samples(t=np.empty(0), y=np.empty(0), t_in=np.empty(0), u=np.empty(0))
 
 @dataclass(eq=False)
 class Motion:
-    """The state: a reference (7,) of (K, τ, u₀, u_c, d, θ, ω at the start), the motor there, and the filters.
+    """The state: a reference (7,) of (K, τ, u₀, u_c, d, θ, ω at the start) in SI units, the motor there, and the bank of filters.
 
-    Bounded however long the run is. `friction` is 1 or 0: whether u_c acts. `stretches` are the sums of all filters at the
-    ends of equal stretches of the run, `recent` the last innovations (K, 8) of the filter `shown`. `rest` is the variance of the
-    rounding's error at rest beside that of a sample on the way. `quantum` is a step of the encoder (0: it isn't known).
+    Bounded however long the run is. `piece` (4, 8) is the piece of the motor's course under way, see `kernels`; `senses` (3,)
+    counts the samples at which it turned forwards, backwards, and rested. `pending` are samples that an input is still missing
+    for, `residuals` (R,) the newest ones [rad], `left` is the number of samples until the stretch under way ends. `friction` is
+    1 or 0: whether u_c acts. `stretches` are the sums of all filters at the ends of equal stretches of the run, `recent` the
+    last innovations (K, 8) of the filter `shown`. `rest` is the variance of the rounding's error at rest beside that of a
+    sample on the way. `quantum` is a step of the encoder [rad] (0: it isn't known).
     """
 
     reference: Array
@@ -96,7 +99,7 @@ class Motion:
         shown: int = 0,
         quantum: float = 0.0,
     ) -> Motion:
-        """Return a motor that hasn't begun to move, at a reference (7,); for the others see the class."""
+        """Return a motor that hasn't begun to move, at a reference (7,), sampled every `sample_time` [s]; see the class."""
         bank = Bank.beginning(float(reference[1]), sample_time)
         stretch = max(int(reference[1] / sample_time), 1)
         return cls(
@@ -228,6 +231,8 @@ def _wider(first: Array, second: Array, at: NDArray[np.int64]) -> Array:
 
 def possible(change: Array, found: Likeliest, reference: Array, sample_time: float, is_brake: bool) -> Array:
     """Return a change (7,) that leads to parameters that can be: τ > 0, d at most two samples early, a friction that brakes.
+
+    The reference (7,) is that of a `Motion`, in SI units, the samples are `sample_time` [s] apart.
 
     A friction that would be negative is held at zero, and the others are moved as they go along with it.
     """

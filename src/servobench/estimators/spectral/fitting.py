@@ -63,7 +63,9 @@ class Settled:
 
 
 def settled(structure: Structure, data: Sequence[Dataset], start: Array | None = None) -> Settled:
-    """Return the points of all records and the structure fitted to them, from parameters `start` (P,) or the structure's guess.
+    """Return the points of all records and the structure fitted to them.
+
+    The search starts from parameters `start` (P,), each in its own SI unit, or from the structure's guess.
 
     Raises `NotIdentifiable` where the data have no frequency response, or too few points for the structure's parameters.
     """

@@ -55,7 +55,7 @@ class Block:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Local:
-    """What the local fits of one stretch give.
+    """What the local fits of one stretch give: blocks of points, one from each window.
 
     `left` (K,) is the spectrum without what the windows explain, `noise` (K,) the noise's power, `leverage` (K,) what share of it
     the fit's own error adds to a line that isn't used. `unknown` counts the points that the input

@@ -24,7 +24,9 @@ _OWN_TIME = "timing"
 
 @dataclass(frozen=True, kw_only=True)
 class Assessment:
-    """An exercise that is assessed, the file with the secret, and whether students have their motor in a panel as well.
+    """An exercise that is assessed, and the secret that makes the students' motors, from `secret_file`.
+
+    `with_motor` says that students have their motor in a panel as well, not only its recording.
 
     Raises `UsageError` for an exercise that isn't done on the twin.
     """

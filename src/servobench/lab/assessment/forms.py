@@ -22,7 +22,10 @@ _DECIMAL_COMMA = re.compile(r"([-+−]?\d*),(\d+)(?=\D|$)")
 
 @dataclass(frozen=True, kw_only=True)
 class Form:
-    """A form that was handed back: the code on it (empty where it is gone), the answers by blanks, and what is odd about it."""
+    """A form that was handed back: its path, the code on it (empty where it is gone), and the answers by blanks.
+
+    `notes` are sentences on what is odd about it.
+    """
 
     path: Path
     code: str

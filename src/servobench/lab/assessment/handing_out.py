@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class HandedOut:
-    """What was handed out to a student: their folder, what they are asked, and why their run ended early (empty if it didn't)."""
+    """What was handed out to a student: their folder, what they are asked, and why the run was `cut_short`, or empty."""
 
     student: Student
     asked: tuple[Question, ...]

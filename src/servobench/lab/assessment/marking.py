@@ -21,7 +21,10 @@ Verdict: TypeAlias = Literal["right", "wrong", "missing", "not asked"]
 
 @dataclass(frozen=True, kw_only=True)
 class Mark:
-    """What became of one answer; a blank that a student's recording doesn't tell is not asked, whatever they wrote."""
+    """What became of one answer: the verdict on what was given for a blank, and the sentence that says why.
+
+    A blank that a student's recording doesn't tell is not asked, whatever they wrote.
+    """
 
     blank: str
     verdict: Verdict
@@ -31,7 +34,7 @@ class Mark:
 
 @dataclass(frozen=True, kw_only=True)
 class Marked:
-    """A student's marks: a point for each right answer, out of the blanks that they were asked."""
+    """A student's marks: a point for each right answer, out of the blanks that they were asked; `notes` are of their form."""
 
     student: str
     marks: tuple[Mark, ...]
@@ -50,7 +53,7 @@ class Marked:
 
 @dataclass(frozen=True, kw_only=True)
 class Marks:
-    """The marks of a class in the roster's order, and a sentence for each form that is nobody's."""
+    """The marks of a class, its students in the roster's order; `stray` has a sentence for each form that is nobody's."""
 
     students: tuple[Marked, ...]
     stray: tuple[str, ...]

@@ -15,7 +15,10 @@ from servobench.lab.tolerance import Tolerance
 
 @dataclass(frozen=True, kw_only=True)
 class Question:
-    """A blank as one student is asked it: the right answer in its unit and by how much one may be off, or why there is none."""
+    """A blank as one student is asked it: the right answer, and by how much one is allowed to be off, in the blank's unit.
+
+    `why_not` says why there is no answer, in a sentence; empty where there is one.
+    """
 
     blank: Blank
     right: float = math.nan

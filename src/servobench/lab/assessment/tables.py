@@ -33,7 +33,7 @@ class Row:
 
 @dataclass(frozen=True, kw_only=True)
 class Table:
-    """A table with a heading over each column; `separator` stood between the cells."""
+    """A table: headings over its columns, and rows; `separator` stood between the cells."""
 
     headings: tuple[str, ...]
     rows: tuple[Row, ...]

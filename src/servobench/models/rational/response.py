@@ -94,7 +94,10 @@ class Response:
 
 
 def response(feedback: Array, forcing: Array, start: Array, pieces: Pieces) -> Response:
-    """Return the response for α, b and c (N,) each, lowest power first, to a held input."""
+    """Return the response for α, b and c (N,) each, lowest power first, to a held input.
+
+    α, b and c are `feedback`, `forcing` and `start`; time in s.
+    """
     n = len(feedback)
     sigma = root_bound(feedback)
     # In the time σ t: α_k σ^(k-N), b_k σ^(k-N), c_k σ^(k-N+1); see `Response` for what each multiplies.
