@@ -15,8 +15,8 @@ help:  ## list the chores
 demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
 	$(BIN)/servobench run --out "$(DEMO_OUT)"
 
-test: $(INSTALLED)  ## run the tests; ARGS='-k pattern' is passed on to pytest
-	$(BIN)/python -m pytest $(ARGS)
+test: $(INSTALLED)  ## run the tests, two files at a time; ARGS='-k pattern' is passed on to pytest
+	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .
