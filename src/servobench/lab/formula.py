@@ -1,9 +1,9 @@
 """Formulas as people write them in a line, `K/(τs + 1)`, set as MathML, and as text for a terminal.
 
-The notation is a small part of UnicodeMath (Sargent, Unicode Technical Note 28). Letters and signs stand for themselves, `_` sets
-an index, `^` an exponent (² will do as well), `/` divides, `√` takes what follows, and brackets keep together; those that do no
-more than that vanish. Latin letters in a row are one name, such as `kp`; a Greek letter is a name by itself. A blank between two
-names multiplies, and ends what a `/` takes: `J dΩ/dt` is J times a fraction. Words stand between quotation marks.
+The notation is a small part of UnicodeMath (Sargent 2016, Unicode Technical Note 28). Letters and signs stand for themselves,
+`_` sets an index, `^` an exponent (² will do as well), `/` divides, `√` takes what follows, and brackets keep together; those
+that do no more than that vanish. Latin letters in a row are one name, such as `kp`; a Greek letter is a name by itself. A blank
+between two names multiplies, and ends what a `/` takes: `J dΩ/dt` is J times a fraction. Words stand between quotation marks.
 """
 
 from __future__ import annotations

@@ -66,8 +66,8 @@ class SteadyRun:
 def steady_run(stand: Stand, voltage: float, sample_time: float) -> SteadyRun:
     """Return a run of the stand's motor at a constant voltage [V]; its speed is the slope of all its steady positions.
 
-    Over 4 s that is right to Δ √(12/N)/(4 s √12), a ten-thousandth of a count a sample at 500 Hz. Raises `UsageError` where the
-    motor stands still.
+    Over 4 s that is right to Δ √(12/N)/(4 s √12), which follows from the variance of a line's slope: a ten-thousandth of a
+    count a sample at 500 Hz. Raises `UsageError` where the motor stands still.
     """
     from servobench.control.open_loop import OpenLoop
     from servobench.signals.constant import Constant

@@ -15,10 +15,10 @@ if TYPE_CHECKING:
 class Truth:
     """A simulated motor's true figures, in SI units.
 
-    `gain` K = k/(R b + k²) [rad/(s·V)]; `time_constant` τ = -1 over the slow pole [s]; `coulomb_voltage` T_c R/k [V]; `delay`
-    [s], the pure one and the fast pole's time constant, which a first-order model sees as one. `resistance` R [Ω] is the
-    winding's and the amplifier's; then the motor constant k [V·s/rad], the inertia J [kg·m²], the
-    viscous friction b [N·m·s/rad] and the Coulomb torque T_c [N·m].
+    `gain` K = k/(R b + k²) [rad/(s·V)], which follows from R i + k ω = u and k i = b ω; `time_constant` τ = -1 over the slow
+    pole [s]; `coulomb_voltage` T_c R/k [V]; `delay` [s], the pure one and the fast pole's time constant, which a first-order
+    model sees as one. `resistance` R [Ω] is the winding's and the amplifier's; then the motor constant k [V·s/rad], the inertia
+    J [kg·m²], the viscous friction b [N·m·s/rad] and the Coulomb torque T_c [N·m].
     """
 
     gain: float

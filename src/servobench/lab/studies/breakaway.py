@@ -42,9 +42,10 @@ class Case(Settings):
 class Breakaway(StudySettings):
     """A slow ramp of the voltage, and where the shaft begins to move; then the speed at one voltage.
 
-    At rest nothing moves until k (u - u_d)/R exceeds the Coulomb torque T_c, where u_d is the dead band of the amplifier: at
-    u = R T_c/k + u_d. As the ramp of r V/s goes on while the shaft gathers speed, that is seen late, by r t where
-    K r (t²/2 - τ t + τ² (1 - e^(-t/τ))) is the angle of three counts; the note below the table says by how much.
+    At rest nothing moves until k (u - u_d)/R exceeds the Coulomb torque T_c, where u_d is the dead band of the amplifier, from
+    which it follows by algebra that u = R T_c/k + u_d. As the ramp of r V/s goes on while the shaft gathers speed, that is seen
+    late, by r t where K r (t²/2 - τ t + τ² (1 - e^(-t/τ))) is the angle of three counts; the note below the table says by how
+    much.
     """
 
     to: PositiveVoltage = 1.2

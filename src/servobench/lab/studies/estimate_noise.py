@@ -54,9 +54,9 @@ class EstimateNoise(StudySettings):
     """Standard deviations of K and τ against sample time, counts a turn and amplitude, by the bound and over many encoders.
 
     The exercise's square wave is run with one thing changed at a time. Each motion is counted by `runs` encoders that stand
-    differently on the shaft, and identified by output error. `bound` is Cramér and Rao's for white noise of Q/√12, with
-    offset, delay and start state unknown: σ² (J'J)⁻¹. An encoder's rounding isn't white where the motion repeats, so that the
-    scatter may be above it.
+    differently on the shaft, and identified by output error. `bound` is that of Cramér 1946 and Rao 1945 for white noise of
+    Q/√12, with offset, delay and start state unknown: σ² (J'J)⁻¹. An encoder's rounding isn't white where the motion repeats,
+    so that the scatter may be above it.
     """
 
     sample_times: tuple[PositiveTime, ...] = (0.001, 0.002, 0.005, 0.01)

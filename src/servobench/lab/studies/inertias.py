@@ -56,7 +56,7 @@ class Total(Settings):
 class Inertias(StudySettings):
     """J = m r²/2 of each disc, its share in the whole, and the time constant τ = R J/k² of each sum of bodies.
 
-    R and k are those of the experiment's data sheet.
+    The first is equation 6 of the paper; R and k are those of the experiment's data sheet.
     """
 
     bodies: Annotated[tuple[Body, ...], Field(min_length=1)]

@@ -18,8 +18,9 @@ from servobench.settings import Speed
 class LeadDesign(OfAMotor):
     """Zero, pole and gain of (1 + s/z)/(1 + s/p) for K/(s (τs + 1)), the largest lead put on the crossover.
 
-    The motor leaves 90° - arctan(τω) at the crossover ω; what the margin lacks is the lead φ. With a = (1 + sin φ)/(1 - sin φ):
-    z = ω/√a, p = ω√a, and the gain makes |L(jω)| = 1: ω √(1 + (τω)²)/(K √a).
+    As in Franklin, Powell and Emami-Naeini 2015, chapter 6: the motor leaves 90° - arctan(τω) at the crossover ω; what the
+    margin lacks is the lead φ. With a = (1 + sin φ)/(1 - sin φ): z = ω/√a, p = ω√a, and the gain makes |L(jω)| = 1:
+    ω √(1 + (τω)²)/(K √a).
     """
 
     crossover: Annotated[Speed, Field(gt=0)]

@@ -41,10 +41,10 @@ class _Tried:
 class LeaveOut(StudySettings):
     """Each structure fitted to the whole recording, to all but one part in turn, and held against a second run.
 
-    `trained` is what the model misses of the data that it was fitted to, 100 - fit percent; `left_out` the same on the parts that
-    weren't there when it was fitted, `other` on a run with another signal. `residual` is in counts: the rounding of an encoder
-    alone makes 1/√12 = 0.289. `outside` is how many of 30 autocorrelations of the residual leave the band that white noise
-    keeps within at 95 of 100 lags.
+    `trained` is what the model misses of the data that it was fitted to, 100 - fit percent; `left_out` the same on the parts
+    that weren't there when it was fitted, `other` on a run with another signal. `residual` is in counts: the rounding of an
+    encoder alone makes 1/√12 = 0.289 (Widrow and Kollár 2008). `outside` is how many of 30 autocorrelations of the residual
+    leave the band that white noise keeps within at 95 of 100 lags.
     """
 
     structures: Annotated[tuple[str, ...], Field(min_length=1)] = ("first_order", "first_order_coulomb")

@@ -49,8 +49,8 @@ class _Sheet:
 class LinearModel(StudySettings):
     """The motor of the experiment's data sheet, without friction, as a transfer function: form, gain and poles.
 
-    From V = R I + L s I + k Ω and J s Ω = k I comes Ω/V = k/(L J s² + R J s + k²); with L = 0 it is K/(τ s + 1) with K = 1/k and
-    τ = R J/k². The position is an integral of the speed: one pole more, at zero.
+    From V = R I + L s I + k Ω and J s Ω = k I follows by algebra Ω/V = k/(L J s² + R J s + k²); with L = 0 it is K/(τ s + 1)
+    with K = 1/k and τ = R J/k². The position is an integral of the speed: one pole more, at zero.
     """
 
     def __call__(self, stand: Stand) -> Shown:

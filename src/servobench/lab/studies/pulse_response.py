@@ -36,9 +36,9 @@ class Push(Settings):
 class PulseResponse(StudySettings):
     """Pulses from rest to rest: the angle that each leaves behind, against K times its area.
 
-    From rest to rest, J dω/dt = k i - b ω - T_c adds up to θ = K (∫u dt - u_c t_m), where t_m is how long the shaft moved and
-    u_c = R T_c/k the Coulomb voltage. Without friction a pulse would turn the shaft by K ∫u dt, whatever its shape; the data
-    sheet's K is taken.
+    From rest to rest θ = K (∫u dt - u_c t_m), which follows from the integral of J dω/dt = k i - b ω - T_c, where t_m is
+    how long the shaft moved and u_c = R T_c/k the Coulomb voltage. Without friction a pulse would turn the shaft by K ∫u dt,
+    whatever its shape; the data sheet's K is taken.
     """
 
     start: PositiveTime = 0.2

@@ -22,7 +22,8 @@ _CHANGES = ("A to light", "B to light", "A to dark", "B to dark")
 class Quadrature(StudySettings):
     """The channels A and B of an encoder, B a quarter of a line behind A, and the counter that each of their edges moves by one.
 
-    A sees light in the first half of each line, B from its first to its third quarter, so that count = floor(4 θ lines/2π).
+    A sees light in the first half of each line, B from its first to its third quarter, so that, by definition,
+    count = floor(4 θ lines/2π).
     """
 
     drawn: Annotated[int, Field(ge=1, le=8)] = 2

@@ -50,7 +50,8 @@ class SineSweep(StudySettings):
     row at 0 Hz is the steady speed at offset + amplitude, less that at the offset, over the amplitude.
 
     Where the sine turns the motor round, Coulomb friction takes a square wave of ±u_c in phase with the speed, whose first
-    harmonic is 4 u_c/π: K (U e^(jφ) - 4 u_c/π) = (1 + jωτ) A for the speed's amplitude A, the friction's *describing function*.
+    harmonic is 4 u_c/π: K (U e^(jφ) - 4 u_c/π) = (1 + jωτ) A for the speed's amplitude A, the friction's *describing function*
+    (Gelb and Vander Velde 1968).
     """
 
     amplitude: PositiveVoltage = 3.0

@@ -48,8 +48,9 @@ class _Answer:
 class SinusoidResponse(StudySettings):
     """Amplitude and phase of the speed at the frequency of the voltage, against the data sheet's motor without friction.
 
-    K/√(1 + (ωτ)²), and -arctan(ωτ) - ωT/2, as a voltage that is held for a sample time T comes half of it late. From the angle of
-    the last whole period: its drift is taken off, then the least-squares sinusoid is found; the speed's is ω times that.
+    K/√(1 + (ωτ)²), and -arctan(ωτ) - ωT/2, as a voltage that is held for a sample time T comes half of it late (Åström and
+    Wittenmark 1997). From the angle of the last whole period: its drift is taken off, then the least-squares sinusoid is found;
+    the speed's is ω times that.
     """
 
     periods: Annotated[int, Field(ge=3, le=50)] = 4

@@ -30,7 +30,8 @@ class SpinTable(StudySettings):
     """Speed and current at each voltage while the shaft turns freely: k = (V - R i)/ω, with the resistance that is known by then.
 
     The torque k i is all friction's at a steady speed, so that a line of it over the speed tells viscous friction and Coulomb
-    torque, k i = b ω + T_c sgn(ω). With the inertia of the data sheet `sheet` follow K = k/(R b + k²) and τ = R J/(R b + k²).
+    torque, k i = b ω + T_c sgn(ω). With the inertia of the data sheet `sheet` it follows from them by algebra that
+    K = k/(R b + k²) and τ = R J/(R b + k²).
     """
 
     resistance: str = "stall_resistance"

@@ -28,7 +28,7 @@ TEN: tuple[float, ...] = (-5.0, -4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 
 @STUDIES.member("stall_table")
 class StallTable(StudySettings):
-    """The current at each voltage while something holds the shaft: R = V/i, as there is no back-emf.
+    """The current at each voltage while something holds the shaft: R = V/i by definition, as there is no back-emf.
 
     `resistance` is the slope of a line through all of them, which an offset of the current sensor doesn't change; `mean` the mean
     of V/i, in which the small voltages count as much as the large ones.

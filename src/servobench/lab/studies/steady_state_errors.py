@@ -42,9 +42,10 @@ class _Tried:
 class SteadyStateErrors(OfAMotor):
     """The error of a position loop after a step and along a ramp r = v t, for P, PD and PI controllers.
 
-    By the final value theorem with E = (1 - T) R, the derivative acting on the position alone: nothing after a step, and along a
-    ramp v (1 + K k_d)/(K k_p) without an integral part, nothing with one. Coulomb friction u_c takes another u_c/k_p along a
-    ramp, and leaves up to that after a step, where there is no integral part to take it up.
+    By the final value theorem (Franklin, Powell and Emami-Naeini 2015, chapter 4) with E = (1 - T) R, the derivative acting on
+    the position alone: nothing after a step, and along a ramp v (1 + K k_d)/(K k_p) without an integral part, nothing with one.
+    Coulomb friction u_c takes another u_c/k_p along a ramp, and leaves up to that after a step, where there is no integral part
+    to take it up.
     """
 
     controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]

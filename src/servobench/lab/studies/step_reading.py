@@ -106,7 +106,7 @@ class StepReading(StudySettings):
 def behind_filter(tau: float, lag: float) -> float:
     """Return when the step response of 1/((τs + 1)(Ts + 1)) passes 1 - 1/e [s], for time constants τ and T [s].
 
-    1 - y(t) = (τ e^(-t/τ) - T e^(-t/T))/(τ - T), which falls from 1 to 0; for equal ones (1 + t/τ) e^(-t/τ).
+    By algebra 1 - y(t) = (τ e^(-t/τ) - T e^(-t/T))/(τ - T), which falls from 1 to 0; for equal ones (1 + t/τ) e^(-t/τ).
     """
     low, high = 0.0, 3 * (tau + lag)
     for _ in range(_BISECTIONS):

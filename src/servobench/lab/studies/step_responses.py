@@ -45,7 +45,8 @@ class StepResponses(OfAMotor):
     """Peak time and overshoot for each controller: by the second-order formulas, of the loop without friction, and measured.
 
     For proportional and derivative feedback of the position, K k_p/(τs² + (1 + K k_d) s + K k_p), so that ω_n = √(K k_p/τ),
-    ζ = (1 + K k_d)/(2 √(K k_p τ)), t_p = π/(ω_n √(1 - ζ²)), overshoot e^(-πζ/√(1 - ζ²)).
+    ζ = (1 + K k_d)/(2 √(K k_p τ)), t_p = π/(ω_n √(1 - ζ²)), overshoot e^(-πζ/√(1 - ζ²)) (Franklin, Powell and Emami-Naeini 2015,
+    chapter 3).
     """
 
     controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]
