@@ -218,8 +218,8 @@ def _list(console: Console, folder: Path) -> None:
     if not found and not mistakes:
         raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
     found.sort(key=lambda each: (each.order, each.name))
-    rows = [(str(each.order), each.name, line_text(each.title), line_text(each.sentence)) for each in found]
-    show_table(console, ("order", "name", "title", "what it is about"), rows, right=("order",))
+    rows = [(each.name, line_text(each.sentence)) for each in found]
+    show_table(console, ("name", "what it is about"), rows)
     if mistakes:
         raise UsageError("\n".join(mistakes))
 
