@@ -253,7 +253,7 @@ def times(reader: RowReader) -> np.ndarray:
 
 def alone() -> np.ndarray:
     """The same in a program without a panel [us]."""
-    with LoopProcess(experiment(SETTLED + SECONDS)) as loop:
+    with LoopProcess(experiment(SETTLED + SECONDS), missed_go_on=True) as loop:  # as the panel's loop does
         found = []
         reader = loop.rows(0)
         while loop.ended is None:

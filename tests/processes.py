@@ -19,3 +19,12 @@ def children(parent: int, named: str) -> list[int]:
         if int(stat.rpartition(")")[2].split()[1]) == parent and named in line:
             found.append(int(entry.name))
     return found
+
+
+def most_memory(pid: int) -> int:
+    """The most memory that a process has had so far [bytes].
+
+    Of the program that it runs: `getrusage` counts what the process was before, too, which is a copy of the one that started it.
+    """
+    status = Path(f"/proc/{pid}/status").read_text()
+    return 1024 * int(status.split("VmHWM:")[1].split()[0])

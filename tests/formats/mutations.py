@@ -6,6 +6,7 @@ A process of its own, so that a crash, a hang or an excess of memory is one of t
 from __future__ import annotations
 
 import json
+import os
 import re
 import resource
 import struct
@@ -20,6 +21,7 @@ import numpy as np
 
 from servobench.errors import ServobenchError
 from servobench.formats.base import load
+from tests.processes import most_memory
 
 _LIES = (
     0, 1, 2, 0x7F, 0xFF, 0x7FFF, 0xFFFF, 2**24,
@@ -123,8 +125,7 @@ def main(file: str, seed: str, count: str) -> None:
     for damaged in mutations(data, int(seed), int(count)):
         path.write_bytes(damaged or b"\n")
         outcomes[_outcome(path)] += 1
-    most = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024
-    json.dump({"outcomes": outcomes, "most_memory": most}, sys.stdout)
+    json.dump({"outcomes": outcomes, "most_memory": most_memory(os.getpid())}, sys.stdout)
 
 
 if __name__ == "__main__":

@@ -23,14 +23,14 @@ from servobench.loop.spec import COLUMNS as WIDE
 from servobench.loop.spec import RUNNING
 from tests.panel.test_bodies import bombs
 from tests.panel.test_real_loop import PATIENCE, Program, played, program
-from tests.processes import children
+from tests.processes import children, most_memory
 
 __all__ = ["program"]
 
 # Of the ticks. Whoever waited for the server would wait at its thirty looks a second, at 6 of 100 ticks of 2 ms. The system's own
 # waits, as for a page of memory that it moves, are 1 in 1000, with and without bombs.
 MOST_WAITS = 0.01
-MOST_MEMORY = 64 * 1024  # KiB that a bomb may cost
+MOST_MEMORY = 64 * 2**20  # bytes that a bomb may cost
 GOOD = b"t,u,y\n" + b"".join(b"%.3f,%d,%.4f\n" % (0.001 * k, k // 500 % 2, 0.01 * k) for k in range(2000))
 ORDINARY = 0  # SCHED_OTHER
 
@@ -39,7 +39,7 @@ ORDINARY = 0  # SCHED_OTHER
 class Worker:
     """What was seen of the process that reads an upload."""
 
-    largest: int = 0  # KiB
+    largest: int = 0  # bytes
     niceness: int = 0
     policy: int = -1
     rings: set[str] = field(default_factory=set)
@@ -48,12 +48,11 @@ class Worker:
         """Take note of it as it is now; one that has ended meanwhile is what it was."""
         with suppress(OSError, IndexError):
             process = Path(f"/proc/{pid}")
-            status = (process / "status").read_text()
             fields = (process / "stat").read_text().rpartition(")")[2].split()
             self.rings |= {
                 line for line in (process / "maps").read_text().splitlines() if "/servobench-" in line
             }
-            self.largest = max(self.largest, int(status.split("VmHWM:")[1].split()[0]))
+            self.largest = max(self.largest, most_memory(pid))
             self.niceness, self.policy = max(self.niceness, int(fields[16])), int(fields[38])
 
 
@@ -71,11 +70,6 @@ def waits(loop: int) -> int:
     """How often the loop's thread has let go of the processor by itself so far."""
     status = Path(f"/proc/{loop}/task/{loop}/status").read_text()
     return int(status.split("\nvoluntary_ctxt_switches:")[1].split()[0])
-
-
-def peak(pid: int) -> int:
-    """The most memory that a process has had so far [KiB]."""
-    return int(Path(f"/proc/{pid}/status").read_text().split("VmHWM:")[1].split()[0])
 
 
 class Uploads:
@@ -131,7 +125,7 @@ def test_bombs_make_the_loop_wait_for_nothing_and_take_little_memory(program: Pr
         status, usual = upload("good.csv", GOOD)
         assert status == 200
         (loop,) = children(server, "servobench.loop.child")
-        before = peak(server)
+        before = most_memory(server)
         # In this order a row that comes between two looks is never on the wrong side.
         rows_before, waits_before = ring.written, waits(loop)
         for name, content in bad.items():
@@ -144,7 +138,7 @@ def test_bombs_make_the_loop_wait_for_nothing_and_take_little_memory(program: Pr
     ticks = rows_after - rows_before
     assert ticks > 0
     assert waits_after - waits_before - ticks <= 2 + MOST_WAITS * ticks  # 2: those under way at both looks
-    assert peak(server) - before <= MOST_MEMORY
+    assert most_memory(server) - before <= MOST_MEMORY
     assert children(server, "servobench.loop.child") == [loop]
 
 
