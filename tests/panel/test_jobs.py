@@ -15,7 +15,7 @@ from servobench.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.formats.base import save
 from servobench.panel import jobs, work
 from servobench.panel.jobs import Ended, Jobs
-from servobench.panel.work import COMPILING, IDENTIFYING, STAGES, done_elsewhere
+from servobench.panel.work import COMPILING, IDENTIFYING, PIECES, STAGES, done_elsewhere
 
 
 class Clock:
@@ -188,6 +188,22 @@ def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded:
     expected = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
     for stage in STAGES[1:]:  # at the start it isn't there yet
         assert seen[stage] == (expected, "OMP_NUM_THREADS=1"), stage
+
+
+def test_the_filter_of_the_scopes_is_no_part_of_an_identification(tmp_path: Path) -> None:
+    """The report names the command that makes it again: both find the same, from the counts."""
+    path = tmp_path / "looked_at.mcap"
+    chain = "derivative | lowpass 55 rad/s"
+    with sb.connect("twin") as motor:
+        experiment = sb.Experiment(signal=sb.Square(low=1, high=3, frequency=0.4), duration=5, chain=chain)
+        save(sb.run(experiment, motor), path)
+
+    (recording,) = sb.load(path)
+    said = PIECES["identify"](asked(path))["result"]
+
+    assert chain in recording.experiment
+    assert said["parameters"] == sb.identify(sb.measure(recording)).to_dict()["parameters"]
+    assert f"servobench identify {path.name}" in path.with_name("report.html").read_text(encoding="utf-8")
 
 
 def test_where_nothing_is_compiled_yet_that_is_told(

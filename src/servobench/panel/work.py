@@ -161,10 +161,12 @@ def _stage(doing: str) -> Iterator[None]:
 
 
 def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
-    """Identify the recording `file` with the model `structure`, and write the page `report`; return the result."""
+    """Identify the recording `file` with the model `structure`, and write the page `report`; return the result.
+
+    It is what `servobench identify FILE` makes of it.
+    """
     from pathlib import Path
 
-    from servobench.experiment import read_experiment
     from servobench.identification import identify
     from servobench.measurement.measure import measure
     from servobench.panel.columns import mapped
@@ -173,8 +175,7 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
 
     with _stage(READING):
         recording = mapped(read(asked["file"])[0], Path(asked["file"]).parent)
-        chain = read_experiment(recording.experiment, recording.name).chain if recording.experiment else ""
-        data = measure(recording, chain)
+        data = measure(recording)  # the counts: the scopes' filter is for the eye
     with _stage(IDENTIFYING):
         result = identify([data], structure=asked["structure"])
     with _stage(WRITING):
