@@ -53,8 +53,8 @@ METHODS = {"estimators", "filters", "stability_analysis", "tuning", "motor/solve
 LAWS = METHODS | {
     "", "control", "design", "doubts", "explanations", "export", "honest", "measurement", "models", "motor", "motor_parameters",
     "reconciliation", "reconciliation/causes", "signals", "estimators/instruments", "estimators/interval",
-    "estimators/recursion", "estimators/spectral", "rungs", "lab/studies", "lab", "models/nonlinear", "models/position_loop", "models/rational",
-    "models/second_order",
+    "estimators/recursion", "estimators/spectral", "rungs", "lab/studies", "lab", "models/nonlinear",
+    "models/position_loop", "models/rational", "models/second_order",
 }  # fmt: skip
 FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|Σ(?!Q)|[∫≈]")
 _AUTHOR = (
