@@ -185,6 +185,29 @@ def test_the_drive_is_bounded_and_the_output_grows_as_it_says(
     assert ratio == pytest.approx(1, abs=0.09)
 
 
+def test_of_poles_on_the_axis_the_one_with_most_growth_is_driven() -> None:
+    """1/(s² (s² + 4)) = (1/4)/s² - …: a constant gives t²/8, which outgrows the t that a sinusoid of 2 rad/s gives."""
+    drive = stability(system(1.0, 0.0, 4.0, 0.0, 0.0)).drive
+    assert drive is not None
+    assert (drive.pole, drive.power) == (0, 2)
+    assert drive.coefficient == pytest.approx(1 / 8, rel=1e-12)
+
+
+def test_growth_counts_the_poles_that_no_zero_cancels() -> None:
+    """s/(s² (s + 1)) is 1/(s (s + 1)), whose slope after a constant is 1."""
+    drive = stability(TransferFunction(numerator=(1.0, 0.0), denominator=(1.0, 1.0, 0.0, 0.0))).drive
+    assert drive is not None
+    assert (drive.power, drive.coefficient) == (1, pytest.approx(1.0, rel=1e-12))
+
+
+def test_a_triple_pole_on_the_right_grows_as_partial_fractions_say() -> None:
+    """1/(s (s - 1/2)³) has 2/(s - 1/2)³ as its fastest fraction: t² e^(t/2)."""
+    drive = stability(system(*np.poly([0.5, 0.5, 0.5]))).drive
+    assert drive is not None
+    assert (drive.power, drive.rate) == (2, pytest.approx(0.5, rel=1e-12))
+    assert drive.coefficient == pytest.approx(1.0, rel=1e-12)
+
+
 def test_a_delay_moves_the_growth_and_changes_no_verdict() -> None:
     delayed = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0, 0.0), delay=0.5)
     report = stability(delayed)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import replace
 
 import numpy as np
@@ -9,8 +10,10 @@ import pytest
 
 from servobench.channels import Array
 from servobench.estimators.base import Fit
+from servobench.margins import margins
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Source
+from servobench.rounding import plain
 from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
 from servobench.stability_analysis.record import bibo
 from servobench.transfer_function import TransferFunction
@@ -90,6 +93,11 @@ def test_the_pole_of_the_mode_that_is_left_is_within_its_interval(pole: float) -
         abs(pole) > 0.01
     )  # a slope's interval is 1.5 quanta over 0.6 s, 1/2700 of 20 rad/s; twice that over 0.6 s
     assert told_apart == (stretch.exponent[0] * stretch.exponent[1] > 0)
+    if told_apart:
+        assert ("got faster" if pole > 0 else "got slower") in stretch.sentence
+    else:
+        slowest = plain(-1 / stretch.exponent[0], 2)
+        assert f"a time constant of {slowest}" in stretch.sentence.replace("\u00a0", " ")
 
 
 def test_intervals_of_slopes_cover_with_noise_that_follows_itself() -> None:
@@ -131,6 +139,19 @@ def test_a_swing_tells_no_pole() -> None:
     assert stretch.exponent is None
 
 
+def test_the_bound_of_the_input_is_that_of_what_acted_before_the_record_too() -> None:
+    assert bibo(replace(record(counted(motor(1.0))), input_before=-3.0)).input_bound == 3.0
+
+
+def test_of_many_stretches_the_six_longest_are_told_in_their_order() -> None:
+    lengths = np.array([0.30, 0.22, 0.28, 0.20, 0.26, 0.32, 0.24])  # and 0.68 s that are left
+    starts = np.append(0.0, np.cumsum(lengths))
+    level = np.searchsorted(starts, T + 1e-9) % 2 + 1.0
+    told = bibo(record(motor(1.0), level)).stretches
+
+    assert [stretch.start for stretch in told] == pytest.approx(starts[[0, 2, 4, 5, 6, 7]], abs=1e-9)
+
+
 def test_a_sinusoid_has_no_stretch_and_is_told_so() -> None:
     report = bibo(record(np.cos(T), np.sin(2 * np.pi * 0.4 * T)))
     assert report.stretches == ()
@@ -152,8 +173,6 @@ def test_a_motor_that_is_well_known_has_one_verdict_everywhere() -> None:
 
 def test_a_loop_near_its_limit_is_left_open() -> None:
     """k K e^(-ds)/(s (τs + 1)) at its limit for the estimate: half of what the data leave open is on either side."""
-    from servobench.margins import margins
-
     found = fit((0.5, 1e-3, 0.01, 1e-4))
     limit = margins(found.model.transfer_function("position")).gain_margin
 
@@ -167,6 +186,45 @@ def test_a_loop_near_its_limit_is_left_open() -> None:
     assert "leave it open" in near.sentence
     assert loop_over_intervals(found, gain(0.5)).everywhere
     assert loop_over_intervals(found, gain(2.0)).verdict == "unstable"
+
+
+def test_a_corner_that_no_draw_reaches_leaves_the_verdict_open() -> None:
+    """A high gain goes with a short delay here (ρ = -0.9), so that both at their high ends are far from any draw.
+
+    The limit of k K is 1/d, nearly: of the logarithm of K d, each known to 1 %, the standard deviation is √(2 - 1.8) %, and the
+    corner 2 · 1.96 % away.
+    """
+    sd, together = np.array([0.2, 1e-9, 1e-9, 2e-5]), np.eye(4)
+    together[0, 3] = together[3, 0] = -0.9
+    found = fit_of((20.0, 0.1, 0.3, 0.002), together * np.outer(sd, sd))
+    ends = [found.estimates[name].interval for name in found.model.names]
+    corners = [replace(found.model, theta=np.array(theta)) for theta in itertools.product(*ends)]
+    limits = sorted(margins(corner.transfer_function("position")).gain_margin for corner in corners)
+    # Of the time constant and Coulomb friction nothing is open: four corners are alike, and this is too much for them only.
+    controller = TransferFunction(numerator=(0.5 * (limits[3] + limits[4]),), denominator=(1.0,))
+    report = loop_over_intervals(found, controller)
+
+    assert (report.verdict, report.corners, report.corners_alike) == ("stable", 16, 12)
+    assert (report.share, report.everywhere) == (1.0, False)
+
+
+def test_a_draw_outside_the_corners_leaves_the_verdict_open() -> None:
+    """Of the gain alone something is left open: 2.2 standard deviations, at which the loop gets unstable, are beyond 1.96."""
+    found = fit((0.5, 1e-9, 1e-9, 1e-9))
+    limit = margins(found.model.transfer_function("position")).gain_margin
+    controller = TransferFunction(numerator=(limit / (1 + 2.2 * 0.5 / 20),), denominator=(1.0,))
+    report = loop_over_intervals(found, controller)
+
+    assert (report.verdict, report.corners_alike) == ("stable", report.corners)
+    # Φ(2.2) = 0.9861; three standard deviations of a binomial share of 600.
+    assert report.share == pytest.approx(0.9861, abs=3 * np.sqrt(0.9861 * 0.0139 / 600))
+    assert not report.everywhere
+
+
+def test_corners_stay_within_what_is_possible() -> None:
+    """A time constant of 0.1 ± 0.2 s: below zero would be a motor that runs away, which is none."""
+    report = stability_over_intervals(fit((0.02, 0.1, 0.01, 2e-5)))
+    assert (report.verdict, report.corners_alike) == ("stable", report.corners)
 
 
 def test_a_delay_that_comes_out_negative_counts_as_none() -> None:

@@ -89,10 +89,39 @@ def test_the_limits_of_a_gain_are_those_of_algebra() -> None:
     assert stable_gains(loop((K,), TAU, 1.0, 0.0)) == ((0.0, math.inf),)
     assert stable_gains(loop((1.0,), 1.0, -1.0)) == ((pytest.approx(1.0), math.inf),)
     assert stable_gains(loop((1.0,), 1.0, 0.0, 0.0)) == ()
-    # Conditionally stable: the roots of s³ + k (s + 1)² move to the right first. s³ + ks² + 2ks + k: 2k² > k.
     # (1 - k) s + 1 + 2 k: at k = 1 the root passes through infinity, and comes back on the right.
     assert stable_gains(loop((-1.0, 2.0), 1.0, 1.0)) == ((0.0, pytest.approx(1.0)),)
+    # Conditionally stable: the roots of s³ + k (s + 1)² move to the right first. s³ + ks² + 2ks + k: 2k² > k.
     assert stable_gains(loop((1.0, 2.0, 1.0), 1.0, 0.0, 0.0, 0.0)) == ((pytest.approx(0.5), math.inf),)
+
+
+def test_a_gain_at_which_the_poles_only_touch_the_axis_is_left_out() -> None:
+    """s³ + (2 + k)s² + (2 + k)s + 3 + 6k: Routh asks for (2 + k)² > 3 + 6k, which is (k - 1)² > 0."""
+    touching = loop((1.0, 1.0, 6.0), 1.0, 2.0, 2.0, 3.0)
+    # A double root of a polynomial is found to the root of its precision, √2.2e-16.
+    one = pytest.approx(1.0, abs=1e-7)
+    assert stable_gains(touching) == ((0.0, one), (one, math.inf))
+
+
+def test_zeros_draw_the_locus_onto_a_circle() -> None:
+    """(s + 3)/(s (s + 2)): the branches meet where s² + 6s + 6 = 0, and between that they are √3 from the zero."""
+    locus = root_locus(loop((1.0, 3.0), 1.0, 2.0, 0.0))
+    (first, leaves), (last, comes_back) = locus.meetings
+    assert (leaves, comes_back) == pytest.approx((-3 + math.sqrt(3), -3 - math.sqrt(3)), rel=1e-9)
+    assert (first, last) == pytest.approx((4 - 2 * math.sqrt(3), 4 + 2 * math.sqrt(3)), rel=1e-9)
+    round_it = locus.poles[(locus.gains > 1.001 * first) & (locus.gains < 0.999 * last)]
+    np.testing.assert_allclose(np.abs(round_it + 3), math.sqrt(3), rtol=1e-9)
+    assert (locus.centroid, locus.angles) == (pytest.approx(0 - 2 - (-3)), (math.pi,))
+
+
+def test_a_branch_stays_one_branch_where_a_root_finder_swaps_two() -> None:
+    """Poles at 0, -1 and -3 ± 4j, a zero at -2: none moves by more in a step of the gain than a branch is from the next."""
+    resonant = loop((1.0, 2.0), *np.poly([0, -1, -3 + 4j, -3 - 4j]).real)
+    locus = root_locus(resonant)
+    as_found = np.array([np.roots(np.polyadd(resonant.denominator, [k, 2 * k])) for k in locus.gains])
+    assert np.abs(np.diff(as_found, axis=0)).max() > 10  # NumPy does swap them
+    # A step of the gain is 3.5 %: it moves a pole by a third of that part of |s| far out, and by its root next to a meeting.
+    assert np.abs(np.diff(locus.poles, axis=0)).max() < 1
 
 
 def test_the_locus_starts_at_the_poles_and_its_branches_are_continuous() -> None:
@@ -175,6 +204,11 @@ def test_an_unstable_motor_needs_an_encirclement() -> None:
     assert closed_loop(loop((2.0,), 1.0, -1.0, delay=0.999 * limit)).verdict == "stable"
     assert closed_loop(loop((2.0,), 1.0, -1.0, delay=1.001 * limit)).verdict == "unstable"
     assert closed_loop(loop((0.5,), 1.0, -1.0)).verdict == "unstable"
+    assert "once, anticlockwise (each turn anticlockwise is a pole less there" in held.sentence
+    # s³ + 3s² + 3s + 17: Hurwitz asks for 3 · 3 > 17, so that a pair is to the right.
+    driven = closed_loop(loop((16.0,), 1.0, 3.0, 3.0, 1.0))
+    assert driven.encirclements == 2
+    assert "twice, clockwise (each turn clockwise is a pole more there" in driven.sentence
 
 
 def test_a_loop_through_minus_one_is_on_the_border() -> None:

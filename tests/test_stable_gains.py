@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.optimize import brentq
 
 from servobench.errors import UsageError
 from servobench.stability_analysis.gains import stable_gains
@@ -55,6 +56,36 @@ def test_an_unstable_pole_needs_some_gain_and_bears_no_more_than_its_delay(omega
     low, high = stable_gains(balanced)[0]
     assert (low, high) == (pytest.approx(1.0, rel=_EXACT), pytest.approx(math.hypot(1, omega), rel=_EXACT))
     assert stable_gains(replace(balanced, delay=1.01)) == ()  # with d > 1 a second pole is there before k = 1
+
+
+def test_two_real_poles_come_back_as_a_pair() -> None:
+    """s² - 3s - 1 + k (s + 1) e^(-ds): a left pole joins the right one at k = 1, and both return where the pair's real part is 0.
+
+    Without a delay that is k = 3. With one, jω is a root where the real part and the imaginary part are zero:
+    ω² + 1 = k (cos dω + ω sin dω) and 3ω = k (ω cos dω - sin dω).
+    """
+    delay = 0.05
+    falling = loop((1.0, 1.0), 1.0, -3.0, -1.0, delay=delay)
+    [(low, high)] = stable_gains(falling)
+
+    def balance(w: float) -> float:
+        late = math.cos(delay * w) + w * math.sin(delay * w)
+        return (w**2 + 1) * (w * math.cos(delay * w) - math.sin(delay * w)) - 3 * w * late
+
+    for found, (start, end) in ((low, (1, 5)), (high, (20, 35))):
+        w = brentq(balance, start, end, xtol=1e-14, rtol=1e-14)
+        assert found == pytest.approx(math.hypot(w**2 + 1, 3 * w) / math.hypot(w, 1), rel=_EXACT)
+
+
+def test_a_pole_on_the_axis_turns_the_phase_by_half_a_turn() -> None:
+    """(s² + 1)(s + 1) + k e^(-4s): below 1 rad/s a pair leaves where atan ω + 4ω = π, at k = (1 - ω²) √(1 + ω²)."""
+    oscillator = loop((1.0,), *np.convolve((1.0, 0.0, 1.0), (1.0, 1.0)), delay=4.0)
+    omega = brentq(lambda w: math.atan(w) + 4 * w - math.pi, 0.1, 0.99, xtol=1e-15, rtol=1e-15)
+    limit = (1 - omega**2) * math.hypot(1, omega)
+    assert stable_gains(oscillator) == ((0.0, pytest.approx(limit, rel=_EXACT)),)
+    # With -k the pair moves to the right at once: ds/dk = e^(-4j)/(2j (1 + j)) at j, with a real part of cos(4 + 3π/4)/√8 > 0.
+    backwards = replace(oscillator, numerator=(-1.0,))
+    assert stable_gains(backwards) == ()
 
 
 def test_some_loops_are_stable_for_no_gain() -> None:

@@ -20,6 +20,7 @@ from servobench.filters.reading import (
     reading_error,
 )
 from servobench.measurement.base import Chain
+from servobench.measurement.lowpass import Discretisation
 from tests.filters.test_quantisation import coefficients
 
 T, STEP = 0.002, 2 * np.pi / 2048
@@ -105,6 +106,29 @@ def test_of_given_cutoffs_the_best_is_taken() -> None:
     assert (best.cutoff, best.low, best.high) == (100, 100, 100)
 
 
+def test_as_good_as_the_best_are_cutoffs_with_a_tenth_more_error_at_most() -> None:
+    tried = [70.0, 100.0, 130.0, 160.0, 200.0, 250.0, 300.0, 400.0]
+    best = best_cutoff(RISE, T, STEP, cutoffs=tried)
+
+    sizes = {
+        cutoff: pooled(
+            [reading_error(filtered_derivative(cutoff), each, T, STEP, 16) for each in nearby(RISE, T, STEP)]
+        ).rms
+        for cutoff in tried
+    }
+    good = [cutoff for cutoff in tried if sizes[cutoff] <= 1.1 * min(sizes.values())]
+    assert 1 < len(good) < len(tried)
+    assert (best.low, best.high) == (good[0], good[-1])
+
+
+@pytest.mark.parametrize(("how", "turns"), [("euler", 1), ("zoh", 2), ("tustin", 2)])
+def test_without_steps_the_highest_cutoff_that_doesnt_ring_is_the_best(
+    how: Discretisation, turns: int
+) -> None:
+    """A filter's lag falls with its cut-off, and there is nothing else to read: 1/T by forward Euler, 2/T otherwise."""
+    assert best_cutoff(RISE, T, 1e-9, discretisation=how).cutoff == pytest.approx(turns / T, rel=1e-12)
+
+
 def test_pooled_errors_keep_the_scatter_between_cases() -> None:
     found = pooled([ReadingError(bias=1, sd=0.3), ReadingError(bias=3, sd=0.4)])
 
@@ -117,6 +141,7 @@ def test_nearby_speeds_pass_the_level_at_every_part_of_a_count() -> None:
     levels = np.array([rise.speed for rise in nearby(RISE, T, STEP, 10)]) * (1 - math.exp(-1)) * T / STEP
 
     assert np.sort(levels % 1) == pytest.approx(np.sort((levels[0] + 0.1 * np.arange(10)) % 1))
+    assert np.mean([rise.speed for rise in nearby(RISE, T, STEP, 10)]) == pytest.approx(RISE.speed, rel=1e-12)
 
 
 def test_a_speed_that_moves_no_count_is_told() -> None:
@@ -154,6 +179,12 @@ def test_times_between_counts_are_those_of_an_edge_by_edge_simulation() -> None:
 
     # The simulation sees an edge up to 1 µs late: of four counts at 20 rad/s, 610 µs, a part in 600 at each end.
     np.testing.assert_allclose(shown, expected, rtol=4e-3)
+
+
+def test_a_speed_is_there_once_the_counts_and_the_one_before_them_have_passed() -> None:
+    """One count a second from the middle of one on: counts at 0.5 s, 1.5 s, …, the fifth of them at 4.5 s."""
+    t = np.array([0.0, 10.0])
+    assert edge_speed(t, 0.5 + t, np.array([4.4, 4.6]), 1.0).tolist() == [0.0, pytest.approx(1.0, abs=1e-6)]
 
 
 def test_a_shaft_that_waits_is_no_faster_than_the_next_count_allows() -> None:
