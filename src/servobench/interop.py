@@ -65,6 +65,18 @@ def from_control(system: Any, *, output: str, unit: str, delay: float = 0.0) -> 
     )
 
 
+def as_controller(controller: TransferFunction | Any) -> TransferFunction:
+    """Return a controller, from the error to the input, as a `TransferFunction`; without one (None) it is unit feedback.
+
+    A python-control system will do as well, as `from_control` takes it and raises.
+    """
+    if controller is None:
+        return TransferFunction(numerator=(1.0,), denominator=(1.0,), output="input", unit="1")
+    if isinstance(controller, TransferFunction):
+        return controller
+    return from_control(controller, output="input", unit="1")
+
+
 def to_scipy(system: TransferFunction, *, pade_order: int | None = None) -> scipy.signal.lti:
     """Return a system as a `scipy.signal.lti`, its delay as a Padé approximation of the order given.
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.estimators.base import Fit
-from servobench.interop import from_control
+from servobench.interop import as_controller
 from servobench.margins import margins, series
 from servobench.models.base import Model, Output
 from servobench.responses import bandwidth, rise_time
@@ -108,7 +108,7 @@ def loop_margins(
     about (ωL/R)², 3 % where ωL/R is 0.18. What up to half a sample time of the delay would be as the lag of a pole is within the
     intervals; a longer lag shows in the samples.
     """
-    feedback = _as_transfer_function(controller)
+    feedback = as_controller(controller)
 
     def quantities(model: Model) -> Array:
         return _of_the_loop(series(feedback, model.transfer_function(around)))
@@ -295,11 +295,3 @@ def _places(poles: Complex) -> dict[str, tuple[int, bool]]:
         else:
             places |= {f"{name}_real": (n, False), f"{name}_imaginary": (n, True)}
     return places
-
-
-def _as_transfer_function(controller: TransferFunction | Any) -> TransferFunction:
-    if controller is None:
-        return TransferFunction(numerator=(1.0,), denominator=(1.0,), output="input", unit="1")
-    if isinstance(controller, TransferFunction):
-        return controller
-    return from_control(controller, output="input", unit="1")

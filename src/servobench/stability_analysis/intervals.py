@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,7 +17,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.estimators.base import Fit
-from servobench.interop import from_control
+from servobench.interop import as_controller
 from servobench.margins import series
 from servobench.models.base import Model, Output
 from servobench.propagation import draws
@@ -62,7 +62,7 @@ def loop_over_intervals(
     `controller` is C, from the error to the input: a `TransferFunction`, a python-control system, or None for unit feedback. A
     negative delay, which an estimate may have by chance, counts as none. Raises `UsageError` as `closed_loop` does.
     """
-    feedback = _as_transfer_function(controller)
+    feedback = as_controller(controller)
 
     def verdict(model: Model) -> StabilityVerdict:
         loop = series(feedback, model.transfer_function(around))
@@ -71,8 +71,8 @@ def loop_over_intervals(
     return _judged(fit, verdict, "the closed loop")
 
 
-def _judged(fit: Fit, verdict: Any, what: str) -> OverIntervals:
-    own: StabilityVerdict = verdict(fit.model)
+def _judged(fit: Fit, verdict: Callable[[Model], StabilityVerdict], what: str) -> OverIntervals:
+    own = verdict(fit.model)
     drawn, _ = draws(fit, _DRAWS)
     corners = list(_corners(fit))
     of_draws = Counter(verdict(replace(fit.model, theta=theta)) for theta in drawn)
@@ -133,11 +133,3 @@ def _sentence(
         names = ", ".join(name.replace("_", " ") for name in unknown)
         said += f" Left where they are, as the data don't determine them: {names}."
     return said
-
-
-def _as_transfer_function(controller: TransferFunction | Any) -> TransferFunction:
-    if controller is None:
-        return TransferFunction(numerator=(1.0,), denominator=(1.0,), output="input", unit="1")
-    if isinstance(controller, TransferFunction):
-        return controller
-    return from_control(controller, output="input", unit="1")
