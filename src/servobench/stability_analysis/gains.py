@@ -77,15 +77,23 @@ def _rational(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
 
 def _between(low: float, high: float, n: Array, d: Array) -> float:
     """A gain between two; where nothing else is known, one at which N and D weigh about the same."""
-    if math.isfinite(high):
-        return 0.5 * (low + high)
+    return 0.5 * (low + high) if math.isfinite(high) else 2 * low or balanced_gain(n, d)
+
+
+def balanced_gain(n: Array, d: Array) -> float:
+    """Return the gain at which N (m + 1,) and D (n + 1,), highest power first, weigh the same at the size of a middling pole."""
     poles = np.abs(np.roots(d))
     at = float(np.median(poles[poles > 0])) if (poles > 0).any() else 1.0
-    return 2 * low or float(np.polyval(np.abs(d), at) / np.polyval(np.abs(n), at))
+    return float(np.polyval(np.abs(d), at) / np.polyval(np.abs(n), at))
+
+
+def closed_polynomial(n: Array, d: Array, k: float) -> Array:
+    """Return D + k N (n + 1,), whose roots are the closed loop's poles, for N (m + 1,) and D (n + 1,), highest power first."""
+    return np.asarray(np.polyadd(d, k * n), dtype=np.float64)
 
 
 def _is_stable(n: Array, d: Array, k: float) -> bool:
-    return verdict_of(poles_of(np.asarray(np.polyadd(d, k * n), dtype=np.float64))) == "stable"
+    return verdict_of(poles_of(closed_polynomial(n, d, k))) == "stable"
 
 
 def _behind_delay(loop: TransferFunction, n: Array, d: Array) -> tuple[tuple[float, float], ...]:

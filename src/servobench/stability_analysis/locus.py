@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.stability_analysis.gains import stable_gains
+from servobench.stability_analysis.gains import balanced_gain, closed_polynomial, stable_gains
 from servobench.transfer_function import TransferFunction
 
 _GAINS = 400  # of a locus, where none are given
@@ -49,13 +49,13 @@ def root_locus(loop: TransferFunction, gains: Sequence[float] | Array | None = N
         raise UsageError(
             f"root locus: gains of shape {chosen.shape}; expected finite numbers, one after the other"
         )
-    branches = [np.asarray(np.roots(_closed(n, d, float(k))), dtype=np.complex128) for k in chosen]
+    branches = [np.asarray(np.roots(closed_polynomial(n, d, float(k))), dtype=np.complex128) for k in chosen]
     if len({len(each) for each in branches}) > 1:
         raise UsageError(
             "root locus: at one of the gains the leading coefficients cancel and a pole is lost; leave that gain out"
         )
-    for before, row in zip(range(len(branches) - 1), range(1, len(branches)), strict=True):
-        branches[row] = _in_order(branches[before], branches[row])
+    for row in range(1, len(branches)):
+        branches[row] = _in_order(branches[row - 1], branches[row])
     poles, zeros = np.roots(d), np.roots(n)
     excess = len(poles) - len(zeros)
     return RootLocus(
@@ -81,16 +81,9 @@ def _parts(loop: TransferFunction) -> tuple[Array, Array]:
     return n, d
 
 
-def _closed(n: Array, d: Array, k: float) -> Array:
-    return np.asarray(np.polyadd(d, k * n), dtype=np.float64)
-
-
 def _gains(n: Array, d: Array) -> Array:
     """Gains from 0 over the range in which the poles move: around that of each coefficient against its counterpart."""
-    poles = np.abs(np.roots(d))
-    scale = float(np.median(poles[poles > 0])) if (poles > 0).any() else 1.0
-    middle = float(np.polyval(np.abs(d), scale) / np.polyval(np.abs(n), scale))
-    own = middle * np.logspace(-_DECADES, _DECADES, _GAINS)
+    own = balanced_gain(n, d) * np.logspace(-_DECADES, _DECADES, _GAINS)
     met = [k for k, _ in _meetings(n, d)]
     return np.array(sorted({0.0, *own.tolist(), *met}))
 

@@ -18,6 +18,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
+from servobench.responses import positive_roots, squared_magnitude
 from servobench.rounding import plain
 from servobench.stability_analysis.poles import poles_of
 from servobench.stability_analysis.verdict import StabilityVerdict, verdict_of
@@ -149,8 +150,6 @@ def _zeros_to_the_right(loop: TransferFunction) -> int | None:
 
 def _falls_from(loop: TransferFunction) -> float:
     """A frequency [rad/s] above which |L| stays below one half: beyond the last root of |D|² - 4 |N|², and of all poles."""
-    from servobench.responses import positive_roots, squared_magnitude
-
     n, d = squared_magnitude(loop.numerator), squared_magnitude(loop.denominator)
     last = positive_roots(np.polysub(d, 4 * n))
     size = max(float(np.abs(np.roots(loop.denominator)).max(initial=0.0)), 1e-300)
