@@ -8,8 +8,8 @@ from scipy.optimize import brentq
 from servobench.lab.check import check, right_answer
 from servobench.lab.exercise import Exercise, exercise, exercises
 from servobench.lab.expression import Expression
-from servobench.lab.facts import facts_of, facts_on_the_twin
 from servobench.lab.markdown import to_html
+from servobench.lab.stand import stand_of, stand_on_the_twin
 
 # The simulated motor, as its documentation states it.
 R, L, K, J, B, COULOMB = 8.4, 1.16e-3, 0.042, 2.0952e-5, 1e-6, 8e-4
@@ -31,7 +31,7 @@ def behind_a_filter(tau: float, cutoff: float) -> float:
 
 
 def value(found: Exercise, name: str) -> float:
-    return Expression(found.blank(name).answer).evaluate(facts_on_the_twin(found)).value
+    return Expression(found.blank(name).answer).evaluate(stand_on_the_twin(found).facts).value
 
 
 def test_the_encoders_answers_are_those_of_its_data_sheet() -> None:
@@ -67,7 +67,7 @@ def test_a_step_is_read_as_algebra_says() -> None:
 
 def test_the_papers_trap_is_caught_and_named() -> None:
     found = exercise("step")
-    facts = facts_on_the_twin(found)
+    facts = stand_on_the_twin(found).facts
 
     answers = {"read": "0.122 s", "time_constant": "0.122 s", "pole": "7.69 rad/s"}
     said = check(found, answers, facts)
@@ -87,9 +87,9 @@ def test_a_students_own_recording_is_what_their_answers_are_held_against() -> No
     with sb.connect("twin", disc_inertia=6e-5) as motor:
         recording = sb.run(heavier, motor)
 
-    own = facts_of(found, recording)
+    own = stand_of(found, recording).facts
 
-    assert own["time_constant"].value > 2 * facts_on_the_twin(found)["time_constant"].value
+    assert own["time_constant"].value > 2 * stand_on_the_twin(found).facts["time_constant"].value
     assert not check(found, {"time_constant": "0.0991"}, own)["time_constant"].right
 
 
@@ -100,14 +100,14 @@ def test_a_recording_that_tells_nothing_gives_no_verdict_on_an_answer() -> None:
     with sb.connect("twin") as motor:
         recording = sb.run(sb.Experiment(signal=sb.Constant(value=0.0), duration=2), motor)
 
-    said = check(found, {"time_constant": "0.1", "gain": "20"}, facts_of(found, recording))
+    said = check(found, {"time_constant": "0.1", "gain": "20"}, stand_of(found, recording).facts)
 
     assert all(not each.right and "Nothing can be said" in each.sentence for each in said.values())
 
 
 @pytest.mark.parametrize("found", exercises(), ids=lambda e: e.name)
 def test_every_right_answer_is_called_right_and_every_known_mistake_is_not(found: Exercise) -> None:
-    facts = facts_on_the_twin(found)
+    facts = stand_on_the_twin(found).facts
     for blank in found.blanks:
         right = Expression(blank.answer).evaluate(facts).value
         said = check(found, {blank.id: f"{right!r} {blank.unit}"}, facts)[blank.id]
@@ -123,7 +123,7 @@ def test_every_right_answer_is_called_right_and_every_known_mistake_is_not(found
 def test_no_answer_stands_in_the_text(found: Exercise) -> None:
     """A blank that the text fills is no exercise."""
     for blank in found.blanks:
-        number = Expression(blank.answer).evaluate(facts_on_the_twin(found)).value
+        number = Expression(blank.answer).evaluate(stand_on_the_twin(found).facts).value
         if number and abs(number) > 100:
             assert f"{number:.0f}" not in found.text, blank.id
 
@@ -202,7 +202,7 @@ def test_figures_of_the_paper_and_of_other_counters_are_known_mistakes(
 ) -> None:
     found = exercise(name)
 
-    checked = check(found, {blank: answer}, facts_on_the_twin(found))[blank]
+    checked = check(found, {blank: answer}, stand_on_the_twin(found).facts)[blank]
 
     assert not checked.right
     assert said in checked.sentence

@@ -8,8 +8,8 @@ from types import ModuleType
 
 from servobench.lab.check import check
 from servobench.lab.exercise import Blank, Correction, Mistake, _Front, read_exercise
-from servobench.lab.facts import facts_on_the_twin
 from servobench.lab.paper_items import PaperItem
+from servobench.lab.stand import stand_on_the_twin
 
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "how-to" / "exercise.md"
@@ -20,7 +20,7 @@ def test_the_example_is_an_exercise_and_its_answers_are_checked() -> None:
     example = re.search(r"```markdown\n(.*?)```", text, re.DOTALL)
     assert example is not None
     found = read_exercise(example[1], "half", "half.md")
-    facts = facts_on_the_twin(found)
+    facts = stand_on_the_twin(found).facts
 
     # The time constant of the simulated motor: R J / (R b + k²).
     tau = 8.4 * 2.0952e-5 / (8.4 * 1e-6 + 0.042**2)
@@ -39,7 +39,7 @@ def test_every_fact_that_the_page_lists_is_there() -> None:
     example = re.search(r"```markdown\n(.*?)```", text, re.DOTALL)
     assert example is not None
 
-    known = set(facts_on_the_twin(read_exercise(example[1], "half", "half.md")))
+    known = set(stand_on_the_twin(read_exercise(example[1], "half", "half.md")).facts)
 
     assert known == named
 
@@ -79,7 +79,6 @@ def test_the_page_on_studies_is_what_they_say_of_themselves() -> None:
 
 
 def test_the_example_shows_its_study_and_its_correction() -> None:
-    from servobench.lab.stand import stand_on_the_twin
     from servobench.lab.worked import Worked
 
     text = PAGE.read_text(encoding="utf-8")

@@ -253,9 +253,9 @@ def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
     from pathlib import Path
 
     from servobench.lab.exercise import exercise
-    from servobench.lab.facts import facts_on_the_twin
+    from servobench.lab.stand import stand_on_the_twin
 
-    facts = facts_on_the_twin(exercise(asked["name"], Path(asked["folder"])))
+    facts = stand_on_the_twin(exercise(asked["name"], Path(asked["folder"]))).facts
     found: dict[str, list[float]] = {}
     untold: dict[str, list[str]] = {}
     for name in asked["names"]:
