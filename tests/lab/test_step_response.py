@@ -5,7 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from servobench.lab.step_response import Response, figures_of
+from servobench.control.pid import Pid
+from servobench.experiment import Experiment
+from servobench.lab.step_response import Response, figures_of, without_friction
+from servobench.signals.base import Signal
+from servobench.signals.ramp import Ramp
+from servobench.signals.step import Step
 
 T = np.arange(0.0, 2.0, 0.001)
 
@@ -33,3 +38,50 @@ def test_an_overshoot_that_nobody_can_see_is_none() -> None:
 
     assert found.overshoot == 0.0
     assert math.isnan(found.peak_time)
+
+
+def test_an_overshoot_of_a_hundredth_is_one() -> None:
+    """e^(-πζ/√(1-ζ²)) = 1/100 for ζ = 0.826."""
+    zeta = math.log(100) / math.hypot(math.pi, math.log(100))
+    # As above, half a sample beside the peak.
+    assert figures_of(response(zeta, 20.0), 0.0, 1.0).overshoot == pytest.approx(
+        0.01, abs=0.5 * 400 * 5e-4**2
+    )
+
+
+K, TAU, H = 20.0, 0.1, 0.002
+
+
+def followed(signal: Signal, kp: float, ticks: int) -> np.ndarray:
+    """The angle at each tick of K/(s(τs + 1)) behind u = kp (r - θ), each voltage held for a tick, from the signal's start on."""
+    kept = math.exp(-H / TAU)
+    course = np.empty(ticks)
+    angle, speed = float(signal(np.array([0.0]))[0]), 0.0
+    for k in range(ticks):
+        course[k] = angle
+        end = K * kp * (float(signal(np.array([k * H]))[0]) - angle)
+        angle += end * H + (speed - end) * TAU * (1 - kept)
+        speed = end + (speed - end) * kept
+    return course
+
+
+def test_a_step_from_anywhere_is_followed_as_the_loop_does_tick_by_tick() -> None:
+    step = Step(initial=1.0, final=3.0, start=0.1)
+    asked = Experiment(signal=step, controller=Pid(kp=2.0), duration=0.6, sample_time=H)
+
+    found = without_friction(Pid(kp=2.0), K, TAU, asked, "")
+
+    expected = followed(step, 2.0, 301)[50:]  # the step is at the 50th tick
+    # The study's angle is in steps of 1e-9 rad, each of which the loop passes on, and not more.
+    np.testing.assert_allclose(found.output, expected[: len(found.output)], rtol=0, atol=1e-8)
+
+
+def test_the_speed_behind_a_ramp_is_that_of_the_loop_tick_by_tick() -> None:
+    ramp = Ramp(initial=0.0, final=2.5, start=0.1, duration=0.5)
+    asked = Experiment(signal=ramp, controller=Pid(kp=2.0), duration=0.6, sample_time=H)
+
+    found = without_friction(Pid(kp=2.0), K, TAU, asked, "derivative")
+
+    expected = np.diff(followed(ramp, 2.0, 301), prepend=0.0)[50:] / H
+    # Differences of angles that are right to a few 1e-9 rad, over 2 ms.
+    np.testing.assert_allclose(found.output, expected[: len(found.output)], rtol=0, atol=5e-6)

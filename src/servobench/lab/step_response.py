@@ -146,6 +146,7 @@ def without_friction(
     found = unit_step(controller, gain, tau, 0.0, h, ticks)
     output = change.size * found.output
     if change.of == "speed":
-        travelled = np.concatenate([[0.0], np.cumsum(0.5 * h * (output[1:] + output[:-1]))])
+        # At the ticks a ramp is the sum of steps, each a tick later than the one before and the first a tick after its start.
+        travelled = np.concatenate([[0.0], np.cumsum(h * output[:-1])])
         output = Chain.parse(chain)(travelled, found.t)
     return Response(t=found.t, output=change.initial + output, voltage=change.size * found.voltage)
