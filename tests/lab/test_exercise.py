@@ -160,6 +160,15 @@ def test_a_unit_that_may_fit_is_let_pass(answer: str, unit: str) -> None:
         ("read_gain / read_time_constant * chain_lag", "V", "kg^-1·m^-2·s^2·A"),  # 1/(V·s)
         ("exp(gain)", "V", "no unit"),
         ("-abs(sample_time) * 1e3", "Hz", "s"),
+        ("sqrt(time_constant / sample_time) * time_constant ** 2", "s", "s^2"),
+        ("sqrt(time_constant) * sqrt(sample_time) * gain * coulomb_voltage", "rad/s", "no unit"),
+        (
+            "1 + 10 * coulomb_voltage + coulomb_voltage",
+            "s",
+            None,
+        ),  # what a product with a number is in, is open
+        ("coulomb_voltage + 10", "s", "V"),  # a number by itself is in the unit of the rest
+        ("10 - coulomb_voltage", "s", "V"),
     ],
 )
 def test_a_unit_that_cannot_fit_is_refused(answer: str, unit: str, comes_out_in: str | None) -> None:
