@@ -1,13 +1,16 @@
 """Truth: python-control's `margin`, and the algebra of a first-order motor under unit feedback."""
 
 import math
+from dataclasses import replace
 
 import control
 import numpy as np
 import pytest
 
+from servobench.errors import UsageError
 from servobench.interop import to_control
-from servobench.margins import margins, series
+from servobench.margins import delay_margin, margins, series
+from servobench.stability_analysis.nyquist import closed_loop
 from servobench.transfer_function import TransferFunction
 
 LOOPS = {
@@ -116,3 +119,103 @@ def test_systems_in_series_have_the_product_of_their_responses() -> None:
         both.frequency_response(omega), first.frequency_response(omega) * then.frequency_response(omega)
     )
     assert both.output == "position"
+
+
+def is_stable(loop: TransferFunction, factor: float = 1.0, later: float = 0.0) -> bool:
+    """By Nyquist's count, which knows nothing of margins."""
+    changed = replace(loop, numerator=tuple(factor * c for c in loop.numerator), delay=loop.delay + later)
+    return closed_loop(changed).verdict == "stable"
+
+
+def test_no_narrow_resonance_hides_the_gain_at_which_a_loop_becomes_unstable() -> None:
+    """A servo with one or two resonances of a damping of 1e-4 to 0.03, each with its antiresonance next to it, behind a delay."""
+    random = np.random.default_rng(3)
+    limited = 0
+    for _ in range(60):
+        numerator, denominator = np.array([1.0]), np.array([1.0, 10 ** random.uniform(-1, 1), 0.0])
+        for _ in range(random.integers(1, 3)):
+            omega, damping = 10 ** random.uniform(0, 2), 10 ** random.uniform(-4, -1.5)
+            apart = 1 + 10 ** random.uniform(-3, -1) * random.choice([-1, 1])
+            numerator = np.convolve(numerator, [1, 2 * damping * omega * apart, (omega * apart) ** 2])
+            denominator = np.convolve(denominator, [1, 2 * damping * omega, omega**2])
+        numerator *= 10 ** random.uniform(-1, 1)
+        loop = TransferFunction(
+            numerator=tuple(map(float, numerator)),
+            denominator=tuple(map(float, denominator)),
+            delay=float(10 ** random.uniform(-3, -0.5)),
+        )
+        if not is_stable(loop):
+            continue
+        factor = margins(loop).gain_margin
+        # Roots of a polynomial of order 12 in ω² are known to 1e-6 at the worst; Nyquist's count takes 1e-9 for the border.
+        assert not is_stable(loop, factor * (1 + 1e-5 * math.copysign(1, factor - 1)))
+        nearest = max(factor, 1 / factor) * (1 - 1e-5)
+        assert all(is_stable(loop, nearest**part) for part in np.linspace(-1, 1, 9))
+        limited += 1
+    assert limited > 30
+
+
+def test_a_delay_limits_the_gain_of_every_loop_also_of_one_whose_zeros_hold_its_phase_up() -> None:
+    loop = TransferFunction(
+        numerator=(3e-5, 1.3e-4, 1.1e-4, 1.3e-5), denominator=(1.0, 0.083, 0.0017, 0.0, 0.0), delay=0.18
+    )
+
+    found = margins(loop)
+
+    # There L(jω) is real and negative, by its definition.
+    there = loop.frequency_response(np.array([found.phase_crossover]))[0]
+    assert there.real * found.gain_margin == pytest.approx(-1)
+    assert abs(there.imag) < 1e-9 * abs(there.real)
+
+
+@pytest.mark.parametrize("delay", [0.0, 0.01])
+def test_a_loop_that_is_negative_at_standstill_has_its_limit_there(delay: float) -> None:
+    # 1 + k L(0) = 0 at k = 10, where a real pole goes to the right; python-control says so of the loop without delay.
+    loop = TransferFunction(numerator=(0.1, -0.2), denominator=(1.0, 3.0, 2.0), delay=delay)
+
+    found = margins(loop)
+
+    assert control.margin(control.tf([0.1, -0.2], [1, 3, 2]))[0] == pytest.approx(10)
+    assert (found.gain_margin, found.phase_crossover) == pytest.approx((10, 0))
+
+
+def test_a_loop_that_is_negative_at_high_frequencies_has_its_limit_there() -> None:
+    # 1 - k/2 = 0 at k = 2: the leading coefficient of s + 2 - k (s + 1)/2 is lost, before the last one is at 4.
+    found = margins(TransferFunction(numerator=(-0.5, -0.5), denominator=(1.0, 2.0)))
+
+    assert (found.gain_margin, found.phase_crossover) == (2, math.inf)
+
+
+def test_the_delay_that_a_loop_with_two_crossovers_bears_is_that_at_which_it_becomes_unstable() -> None:
+    # |10 jω| = 1 + ω² at ω = 5 ± √24; there the phase is 90° - 2 arctan ω, 79° at the lower one, which is far from -180°.
+    loop = TransferFunction(numerator=(10.0, 0.0), denominator=(1.0, 2.0, 1.0))
+    omega = 5 + math.sqrt(24)
+
+    found = delay_margin(loop)
+
+    assert found == pytest.approx((1.5 * math.pi - 2 * math.atan(omega)) / omega, rel=1e-9)
+    assert is_stable(loop, later=0.999 * found)
+    assert not is_stable(loop, later=1.001 * found)
+
+
+def test_of_a_loop_with_one_crossover_it_is_that_of_the_margins() -> None:
+    loop = system("motor with an electrical pole", delay=0.001)
+
+    assert delay_margin(loop) == pytest.approx(margins(loop).delay_margin, rel=1e-12)
+    assert delay_margin(TransferFunction(numerator=(0.5,), denominator=(1.0, 1.0))) == math.inf
+
+
+@pytest.mark.parametrize(
+    ("gain", "delay", "said"), [(1e155, 0.0, "a coefficient of the loop is 1e"), (1.0, 1e-300, "1e-300 s")]
+)
+def test_a_loop_beyond_floating_point_is_refused_with_what_to_do(
+    gain: float, delay: float, said: str
+) -> None:
+    with pytest.raises(UsageError, match=said):
+        margins(TransferFunction(numerator=(gain,), denominator=(0.1, 1.0, 0.0), delay=delay))
+
+
+def test_a_loop_that_does_nothing_has_no_limits() -> None:
+    found = margins(TransferFunction(numerator=(0.0,), denominator=(0.1, 1.0, 0.0), delay=0.01))
+
+    assert (found.gain_margin, found.phase_margin, found.delay_margin) == (math.inf,) * 3

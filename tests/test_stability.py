@@ -232,3 +232,23 @@ def test_a_number_below_zero_has_a_minus_sign() -> None:
         "The pole at −0.1 ±0.995j 1/s",  # √(1 - 0.1²) = 0.99499
         "The pole at −1000000 1/s",
     ]
+
+
+def test_a_system_that_is_zero_is_driven_off_by_nothing() -> None:
+    report = stability(TransferFunction(numerator=(0.0,), denominator=(1.0, 0.0)))
+    assert (report.bibo, report.drive) == (True, None)
+    assert not any("drives it without bound" in reason for reason in report.reasons)
+
+
+def test_a_double_pole_to_the_right_grows_faster_than_its_exponential() -> None:
+    # 1/(s - 1)² and 1/(s - 1)³ answer 1 by e^t (t - 1) + 1 and e^t (t²/2 - t + 1) - 1, by partial fractions.
+    for power, said in ((2, "grows as t · e^(1/s · t)"), (3, "grows as t² · e^(1/s · t)")):
+        drive = stability(system(*np.poly([1.0] * power))).drive
+        assert drive is not None
+        assert said in drive.sentence
+
+
+def test_a_pole_of_which_a_zero_takes_a_part_is_told_with_what_is_left_to_be_seen() -> None:
+    # s/s² is one integrator to the output, which nothing but an input moves.
+    (said,) = stability(TransferFunction(numerator=(1.0, 0.0), denominator=(1.0, 0.0, 0.0))).reasons
+    assert "Zeros cancel a part of it: the output shows it once only" in said

@@ -231,3 +231,15 @@ def test_the_curve_is_the_frequency_response() -> None:
     real, imaginary = nyquist_curve(loop((1.0,), 1.0, 1.0, delay=0.5), np.array([1.0]))
     value = np.exp(-0.5j) / (1 + 1j)
     assert (real[0], imaginary[0]) == pytest.approx((value.real, value.imag))
+
+
+@pytest.mark.parametrize("gain", [1e-18, 1e-25, 1e-40, 1e-100, 1e-140])
+def test_a_tiny_gain_behind_a_delay_is_not_told_to_be_on_the_border(gain: float) -> None:
+    """k e^(-ds)/(s (τs + 1)) is stable for each k from 0 to 1/d at the least: a pole at -k leaves the integrator."""
+    assert closed_loop(loop((gain,), 0.1, 1.0, 0.0, delay=1e-4)).verdict == "stable"
+    assert closed_loop(loop((-gain,), 0.1, 1.0, 0.0, delay=1e-4)).right == 1
+
+
+def test_a_gain_whose_square_is_no_number_any_more_is_told() -> None:
+    with pytest.raises(UsageError, match="1e-300; expected 0, or no less than 1e-150: take a larger gain"):
+        closed_loop(loop((1e-300,), 0.1, 1.0, 0.0, delay=1e-4))

@@ -17,7 +17,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.responses import step_response
-from servobench.rounding import plain
+from servobench.rounding import plain, power_of_ten
 from servobench.signals.base import Signal
 from servobench.signals.constant import Constant
 from servobench.signals.sine import Sine
@@ -59,7 +59,8 @@ class Drive:
             self.power, f"time to the power of {self.power}"
         )
         if self.rate:
-            how = f"as e^({plain(self.rate)}/s · t)"
+            growth = {0: "", 1: "t · "}.get(self.power, f"t{_superscript(self.power)} · ")
+            how = f"as {growth}e^({plain(self.rate)}/s · t)"
         size = "swings that grow" if self.pole.imag else "an output that grows"
         first = f", {plain(self.coefficient)} {_unit(self.system, self.power)}" if not self.rate else ""
         return f"{what} as input, bounded as it is, gives {size} {how}{first}."
@@ -122,5 +123,9 @@ def _behind_sine(system: TransferFunction, omega: float) -> TransferFunction:
 
 def _unit(system: TransferFunction, power: int) -> str:
     """The unit of the growth for each unit of the input: `rad/s per V` of `rad/(s·V)` once over time."""
-    over = {1: "s"}.get(power, f"s^{power}")
+    over = {1: "s"}.get(power, f"s{_superscript(power)}")
     return f"{system.unit} for each {over}"
+
+
+def _superscript(power: int) -> str:
+    return power_of_ten(power).removeprefix("10")

@@ -17,8 +17,8 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import UsageError
-from servobench.margins import Phase
-from servobench.responses import mirrored, positive_roots, squared_magnitude
+from servobench.margins import Phase, turning_points
+from servobench.responses import mirrored, positive_roots
 from servobench.stability_analysis.nyquist import closed_loop
 from servobench.stability_analysis.poles import poles_of
 from servobench.stability_analysis.verdict import verdict_of
@@ -116,7 +116,7 @@ def _behind_delay(loop: TransferFunction, n: Array, d: Array) -> tuple[tuple[flo
 def _limits(loop: TransferFunction, n: Array, d: Array) -> list[_Limit]:
     """All limits up to a gain beyond which poles only move to the right: no larger gain makes the loop stable."""
     phase = Phase.of(loop)
-    edges = _edges(n, d, loop.delay)
+    edges = _edges(loop, n, d)
     found = [_Limit(gain=_gain(n, d, 0.0), more=_at_zero(n, d, loop.delay))] if n[-1] * d[-1] < 0 else []
     for low, high in pairwise(edges):
         for omega, falls in _crossings(phase, low, high):
@@ -133,22 +133,15 @@ def _limits(loop: TransferFunction, n: Array, d: Array) -> list[_Limit]:
     )
 
 
-def _edges(n: Array, d: Array, delay: float) -> list[float]:
+def _edges(loop: TransferFunction, n: Array, d: Array) -> list[float]:
     """Frequencies [rad/s] between which phase and magnitude each only rise or only fall, 0 the first of them.
 
-    With L'/L = P/|ND|², P = (N'D - ND')(s) (ND)(-s) at s = jω, the slope of the phase is Re P/|ND|² - delay, that of ln |L| is
-    -Im P/|ND|². At a root on the imaginary axis the phase jumps.
+    At a root on the imaginary axis the phase jumps.
     """
-    both = np.convolve(n, d)
-    above = _less(np.convolve(_derivative(n), d), np.convolve(n, _derivative(d)))
-    product = np.convolve(above, mirrored(both))
-    even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
-    slope = _less(mirrored(even), delay * squared_magnitude(tuple(both)))
-    squares = [*positive_roots(slope), *(positive_roots(mirrored(odd)) if len(odd) else ())]
     jumps = [
         abs(pole.at.imag) for part in (n, d) for pole in poles_of(part) if pole.side == 0 and pole.at.imag
     ]
-    return sorted({0.0, *(math.sqrt(x) for x in squares), *jumps})
+    return sorted({0.0, *turning_points(loop), *jumps})
 
 
 def _crossings(phase: Phase, low: float, high: float) -> Iterator[tuple[float, bool]]:
@@ -216,7 +209,3 @@ def _at_zero(n: Array, d: Array, delay: float) -> int:
 
 def _derivative(polynomial: Array) -> Array:
     return np.asarray(np.polyder(polynomial) if len(polynomial) > 1 else [0.0], dtype=np.float64)
-
-
-def _less(polynomial: Array, other: Array) -> Array:
-    return np.asarray(np.polysub(polynomial, other), dtype=np.float64)

@@ -28,7 +28,9 @@ _STEP = 0.4  # rad; a phase that moves less between two frequencies, and half as
 _TOUCH = 1e-9  # |F| against its parts; nearer to zero F is taken to be zero
 _ROUNDS = 60  # halvings of a step
 _MOST = 200_000  # frequencies looked at
-_LARGEST = 1e150  # of a coefficient, the square of which is a floating-point number, too
+_LARGEST = (
+    1e150  # of a coefficient, the square of which is a floating-point number, too, and that of its inverse
+)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,6 +69,12 @@ def closed_loop(loop: TransferFunction) -> ClosedLoop:
     if largest > _LARGEST:
         raise UsageError(
             f"Nyquist: a coefficient of the loop is {largest:.3g}; expected no more than {_LARGEST:.0e}: take a smaller gain"
+        )
+    smallest = float(min(abs(c) for c in (*n, *loop.denominator) if c))
+    if smallest < 1 / _LARGEST:
+        raise UsageError(
+            f"Nyquist: a coefficient of the loop is {smallest:.3g}; expected 0, or no less than {1 / _LARGEST:.0e}: take a "
+            "larger gain"
         )
     count = _zeros_to_the_right(loop)
     if count is None:
@@ -158,7 +166,7 @@ def _falls_from(loop: TransferFunction) -> float:
 
 def _phase_growth(loop: TransferFunction, end: float) -> float | None:
     """By how much the phase of F(jω) grows from 0 to `end`; None where F is zero on the way."""
-    corners = np.abs([*np.roots(loop.denominator), *np.roots(loop.numerator)])
+    corners = np.abs([*np.roots(loop.denominator), *np.roots(loop.numerator), _slow_pole(loop)])
     low = 1e-4 * min([*corners[corners > 0].tolist(), 1 / loop.delay, end])
     even = np.linspace(0.0, end, min(math.ceil(4 * end * loop.delay) + 200, _MOST))
     omega = np.union1d(np.geomspace(low, end, 400), even)
@@ -177,6 +185,18 @@ def _phase_growth(loop: TransferFunction, end: float) -> float | None:
             )
         omega = np.sort(np.concatenate([omega, 0.5 * (omega[wide] + omega[wide + 1])]))
     return None
+
+
+def _slow_pole(loop: TransferFunction) -> float:
+    """How far from zero [1/s] the poles are that a small gain takes out of the open loop's integrators; 0 where it has none.
+
+    Of D + N next to s = 0 with m integrators there is left  d s^m + n s^l,  l zeros at 0: |s| = |n/d|^(1/(m - l)).
+    """
+    m, l = (len(p) - len(np.trim_zeros(p, "b")) for p in (loop.denominator, loop.numerator))
+    if m <= l:
+        return 0.0
+    last = abs(loop.numerator[-1 - l]), abs(loop.denominator[-1 - m])
+    return float((last[0] / last[1]) ** (1 / (m - l)))
 
 
 def _characteristic(loop: TransferFunction, omega: Array) -> tuple[np.ndarray, Array]:

@@ -41,11 +41,15 @@ def stability(system: TransferFunction) -> StabilityReport:
     2015, chapter 3.)
     """
     found = poles_of(system.denominator)
-    left_over = [pole.multiplicity - multiplicity_at(system.numerator, pole.at) for pole in found]
+    # A system that is zero shows nothing of its poles.
+    left_over = [
+        pole.multiplicity - multiplicity_at(system.numerator, pole.at) if any(system.numerator) else 0
+        for pole in found
+    ]
     seen = [
         Pole(at=pole.at, multiplicity=left, uncertainty=pole.uncertainty)
         for pole, left in zip(found, left_over, strict=True)
-        if left > 0 and pole.side >= 0 and any(system.numerator)
+        if left > 0 and pole.side >= 0
     ]
     reasons = [_reason(pole, left) for pole, left in zip(found, left_over, strict=True) if pole.at.imag >= 0]
     proper = _order(system.numerator) <= _order(system.denominator)
@@ -90,7 +94,7 @@ def _reason(pole: Pole, left: int) -> str:
     times = {1: "", 2: ", twice,"}.get(count, f", {count} times,")
     if pole.side < 0:
         return f"The pole at {where} 1/s{times} is {side}: its response dies out with a time constant of {plain(1 / -at.real)} s."
-    hidden = " A zero cancels it: the output doesn't show it, but what is inside does." if left <= 0 else ""
+    hidden = _hidden(count, left)
     if pole.side > 0:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without bound.{hidden}"
     if count > 1:
@@ -99,3 +103,14 @@ def _reason(pole: Pole, left: int) -> str:
     bounded = "a sinusoid of that frequency" if at.imag else "a constant"
     said = f"The simple pole at {where} 1/s is {side}: the output {kept} what it got"
     return f"{said}.{hidden}" if hidden else f"{said}, and {bounded} as input drives it without bound."
+
+
+def _hidden(count: int, left: int) -> str:
+    """What zeros leave to be seen of a pole, in a sentence; nothing where they take nothing of it."""
+    if left >= count:
+        return ""
+    if left > 0:
+        shown = {1: "once", 2: "twice"}.get(left, f"{left} times")
+        return f" Zeros cancel a part of it: the output shows it {shown} only, but what is inside shows all of it."
+    cancel = "A zero cancels it" if count == 1 else "Zeros cancel it"
+    return f" {cancel}: the output doesn't show it, but what is inside does."
