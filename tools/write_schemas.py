@@ -24,6 +24,7 @@ FROM = {
     "lab-1": "[`servobench lab --json`](commands.md#lab)",
     "marks-1": "[`servobench lab --assess ... --marks --json`](commands.md#lab)",
     "result-1": "[`servobench run --json`](commands.md#run), [`identify --json`](commands.md#identify) and a run's `result.json`",
+    "stability-1": "[`servobench stability --json`](commands.md#stability)",
     "tuning-1": "[`servobench tune --json`](commands.md#tune)",
     "why-1": "[`servobench why --json`](commands.md#why)",
 }

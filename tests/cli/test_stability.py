@@ -1,9 +1,14 @@
 """`servobench stability`: what is said of a run, a result and a recording, and what is refused."""
 
 import json
+import math
 import re
+from importlib.resources import files
 from pathlib import Path
+from typing import Any
 
+import control
+import jsonschema
 import numpy as np
 import pytest
 
@@ -42,6 +47,74 @@ def test_too_much_gain_is_unstable_by_its_delay(servobench: Command, finished_ru
         assert f"The position loop with {kp} V/rad: {verdict}" in said.out
         words = " ".join(said.out.split())
         assert ("goes round −1 twice, clockwise" in words) == (verdict == "unstable")
+
+
+def told(text: str) -> dict[str, Any]:
+    """What the packaged schema allows of standard output, which holds nothing else, in numbers that are finite."""
+    schema = json.loads(files("servobench").joinpath("schemas/stability-1.json").read_text(encoding="utf-8"))
+    jsonschema.Draft202012Validator.check_schema(schema)
+    found: dict[str, Any] = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    jsonschema.Draft202012Validator(schema).validate(found)
+    return found
+
+
+def in_words(found: dict[str, Any]) -> list[str]:
+    """All sentences of an answer."""
+    systems = [
+        [*each["reasons"], *([each["drive"]["sentence"]] if each["drive"] else [])]
+        for each in found["systems"]
+    ]
+    records = [each["sentences"] for each in found["records"]]
+    return [
+        *sum([*records, *systems], []),
+        *found["loop"]["sentences"],
+        *(each["sentence"] for each in found["over_intervals"]),
+    ]
+
+
+@pytest.mark.parametrize("kp", ["2", "400", "-1"])
+def test_json_says_what_the_words_do(servobench: Command, finished_run: Path, kp: str) -> None:
+    plain = servobench("stability", finished_run, "--kp", kp)
+    ended = servobench("stability", finished_run, "--kp", kp, "--json")
+
+    found = told(ended.out)
+    words = " ".join(plain.out.split())
+    assert " ".join(ended.err.split()) == words
+    assert f"The position loop with {kp.replace('-', '−')} V/rad: {found['loop']['verdict']}" in words
+    assert all(" ".join(sentence.split()) in words for sentence in in_words(found))
+    assert (found["loop"]["margins"] is None) == (found["loop"]["verdict"] != "stable")
+    assert found["records"] == found["over_intervals"] == []
+
+
+def test_the_margins_in_json_are_those_of_python_control(servobench: Command, finished_run: Path) -> None:
+    result = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))["transfer_function"]
+
+    found = told(servobench("stability", finished_run, "--kp", "5 V/rad", "--json").out)
+
+    # K e^(-ds)/(s (τs + 1)), the delay by Padé's approximation of order 6: at ωd < 0.1 its phase is right to 1e-13.
+    loop = control.tf([5 * c for c in result["numerator"]], [*result["denominator"], 0])
+    factor, degrees, at_phase, at_gain = control.margin(loop * control.tf(*control.pade(result["delay"], 6)))
+    margins = {name: each["value"] for name, each in found["loop"]["margins"].items()}
+    assert margins["gain_margin"] == pytest.approx(factor, rel=1e-5)
+    assert math.degrees(margins["phase_margin"]) == pytest.approx(degrees, abs=1e-4)
+    assert margins["delay_margin"] == pytest.approx(math.radians(degrees) / at_gain, rel=1e-5)
+    assert (margins["gain_crossover"], margins["phase_crossover"]) == pytest.approx(
+        (at_gain, at_phase), rel=1e-5
+    )
+    pole = -result["denominator"][1] / result["denominator"][0]
+    assert [each["real"] for each in found["systems"][1]["poles"]] == pytest.approx([0, pole])
+
+
+def test_json_of_a_recording_holds_what_the_record_says_and_what_it_leaves_open(
+    servobench: Command, finished_run: Path
+) -> None:
+    ended = servobench("stability", finished_run / "recording.mcap", "--json")
+
+    found = told(ended.out)
+    words = " ".join(ended.err.split())
+    assert all(" ".join(sentence.split()) in words for sentence in in_words(found))
+    assert len(found["records"]) == 1
+    assert [each["of"] for each in found["over_intervals"]] == ["speed", "position_loop"]
 
 
 @pytest.mark.parametrize(

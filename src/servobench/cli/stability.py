@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import math
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from servobench.cli.failures import DONE
 from servobench.cli.options import (
+    AsJson,
     ChainText,
     CountsPerRev,
     InputColumn,
@@ -29,6 +30,7 @@ if TYPE_CHECKING:
     from servobench.estimators.base import Fit
     from servobench.export.answer import Answer
     from servobench.formats.mapping import Mapping
+    from servobench.margins import Margins
     from servobench.measurement.dataset import Dataset
     from servobench.result import Result
     from servobench.transfer_function import TransferFunction
@@ -55,6 +57,7 @@ def stability(
     counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     recording: RecordingNames = None,
+    as_json: AsJson = False,
 ) -> None:
     """Say whether an identified motor is stable, and a position loop around it.
 
@@ -64,12 +67,15 @@ def stability(
     parameters that it leaves open.
     """
     from servobench.cli.recordings import mapping_in, seconds
-    from servobench.cli.terminal import output
+    from servobench.cli.stability_document import SCHEMA
+    from servobench.cli.terminal import messages, output, print_json
     from servobench.errors import UsageError
     from servobench.export.answer import Answer
     from servobench.formats.mapping import Mapping
+    from servobench.json_numbers import finite
 
-    out = output()
+    out = messages() if as_json else output()
+    document: dict[str, Any] = {"schema": SCHEMA, "records": [], "over_intervals": []}
     said = Mapping(
         time=time,
         input=input_column,
@@ -86,13 +92,16 @@ def stability(
                 f"{motor} is a result, which has no columns any more: leave out --mapping, --chain and the options that name "
                 "columns, or give the file with the recording"
             )
-        _of_an_answer(out, Answer.read(motor), kp)
-        raise typer.Exit(DONE)
-    base = mapping_in(mapping)
-    result = _identified(out, motor, base, said, kp)
-    _of_an_answer(out, Answer.of(result), kp)
-    if result.fit is not None:
-        _over_intervals(out, result.fit, _gain(kp, _gain_unit(result.data[0])))
+        document |= _of_an_answer(out, Answer.read(motor), kp)
+    else:
+        base = mapping_in(mapping)
+        result, document["records"] = _identified(out, motor, base, said, kp)
+        document |= _of_an_answer(out, Answer.of(result), kp)
+        if result.fit is not None:
+            gain = _gain(kp, _gain_unit(result.data[0]))
+            document["over_intervals"] = _over_intervals(out, result.fit, gain)
+    if as_json:
+        print_json(finite(document))
     raise typer.Exit(DONE)
 
 
@@ -114,11 +123,14 @@ def _gain_unit(data: Dataset) -> str:
     return f"{data.input_unit}/{data.position_unit}"
 
 
-def _identified(out: Console, path: Path, base: Mapping, said: Mapping, kp: str) -> Result:
-    """What a file's recordings tell of the motor, after saying what the records themselves do of stability."""
+def _identified(
+    out: Console, path: Path, base: Mapping, said: Mapping, kp: str
+) -> tuple[Result, list[dict[str, Any]]]:
+    """What a file's recordings tell of the motor; and what the records themselves say of stability, which is printed."""
     from servobench.cli.conclusion import concluded
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded, mapped
+    from servobench.cli.stability_document import of_a_record
     from servobench.measurement.measure import measure
     from servobench.stability_analysis.record import bibo
 
@@ -126,14 +138,20 @@ def _identified(out: Console, path: Path, base: Mapping, said: Mapping, kp: str)
         evidence = mapped(loaded([path], progress), base, said)
     records = [measure(each.recording, each.chain) for each in evidence]
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is told before any work is done
+    told = []
     for data in records:
-        _say(out, f"The record {data.name}", bibo(data).sentences)
+        found = bibo(data)
+        _say(out, f"The record {data.name}", found.sentences)
+        told.append(of_a_record(data, found))
     with Progress() as progress, told_when_compiling(progress):
-        return concluded(evidence, progress)
+        return concluded(evidence, progress), told
 
 
-def _of_an_answer(out: Console, answer: Answer, kp: str) -> None:
-    """Print what a result lets be said; raises `NotIdentifiable` where it doesn't know the motor's parameters."""
+def _of_an_answer(out: Console, answer: Answer, kp: str) -> dict[str, Any]:
+    """Print what a result lets be said, and return it as plain data.
+
+    Raises `NotIdentifiable` where it doesn't know the motor's parameters.
+    """
     from servobench.cli.answer import in_words
     from servobench.errors import NotIdentifiable
 
@@ -150,20 +168,27 @@ def _of_an_answer(out: Console, answer: Answer, kp: str) -> None:
             f"{what} can't be told: the data don't tell the {' and the '.join(unknown)}, and a number without an interval stands "
             "for any other. `servobench identify` says what a recording would need that does."
         )
+    reasons: list[str] = []
     if answer.verdict == "doubtful":
         reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
         _say(out, "The motor is doubtful, and so is all that follows", reasons)
     position, driven_by = answer.units
-    _of_the_motor(
-        out, answer.transfer_function, _gain(kp, f"{driven_by}/{position}"), f"{driven_by}/{position}"
-    )
+    return {
+        "motor": {"verdict": answer.verdict, "doubts": reasons},
+        **_of_the_motor(
+            out, answer.transfer_function, _gain(kp, f"{driven_by}/{position}"), f"{driven_by}/{position}"
+        ),
+    }
 
 
-def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str) -> None:
+def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str) -> dict[str, Any]:
     """Print what the poles mean to the speed and to the position, and what a loop around the latter does."""
     from dataclasses import replace
 
+    from servobench.cli.stability_document import of_a_loop
+    from servobench.margins import delay_margin, margins
     from servobench.rounding import plain
+    from servobench.stability_analysis.gains import stable_gains
     from servobench.stability_analysis.nyquist import closed_loop
 
     turned, _, driven_by = speed.unit.partition("/(s·")
@@ -174,44 +199,58 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str
         unit=f"{turned}/{driven_by.removesuffix(')')}",
         delay=max(speed.delay, 0.0),
     )
-    for system in (speed, position):
-        _of_a_system(out, system)
+    systems = [_of_a_system(out, system) for system in (speed, position)]
     loop = replace(position, numerator=tuple(kp * c for c in position.numerator))
     closed = closed_loop(loop)
+    stable = closed.verdict == "stable"
+    left = (margins(loop), delay_margin(loop)) if stable else None
+    factors = None if stable else stable_gains(loop)
     in_counts = (
         "The motor is in counts, and so is this gain: identify with --counts-per-rev N to have both in rad.",
     )
-    _say(
-        out,
-        f"The position loop with {plain(kp)} {kp_unit}: {closed.verdict}",
-        (closed.sentence, *_margins(loop, closed.verdict), *(in_counts if turned == "counts" else ())),
+    sentences = (
+        closed.sentence,
+        *(_left(*left) if left else ()),
+        *(_bears(factors) if factors is not None else ()),
+        *(in_counts if turned == "counts" else ()),
     )
+    _say(out, f"The position loop with {plain(kp)} {kp_unit}: {closed.verdict}", sentences)
+    return {"systems": systems, "loop": of_a_loop(kp, kp_unit, closed, left, factors, sentences)}
 
 
-def _of_a_system(out: Console, system: TransferFunction) -> None:
+def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
+    from servobench.cli.stability_document import of_a_system
     from servobench.stability_analysis.verdict import stability as judged
 
     found = judged(system)
     bounded = "BIBO stable" if found.bibo else "not BIBO stable"
     drive = (found.drive.sentence,) if found.drive else ()
     _say(out, f"To the {system.output}: {found.verdict}, {bounded}", (*found.reasons, *drive))
+    return of_a_system(system, found)
 
 
-def _margins(loop: TransferFunction, verdict: str) -> tuple[str, ...]:
-    """What margins a stable loop has; of another one, the gains at which it would be stable."""
-    from servobench.margins import margins
+def _left(margins: Margins, delay: float) -> tuple[str, ...]:
+    """What margins a stable loop has."""
     from servobench.rounding import plain
-    from servobench.stability_analysis.gains import stable_gains
 
-    if verdict == "stable":
-        left = margins(loop)
-        return (
-            f"Gain margin {plain(left.gain_margin)}, phase margin {plain(math.degrees(left.phase_margin), 3)}°, delay margin "
-            f"{plain(left.delay_margin, 3)} s.",
-            "They are the continuous loop's: a controller that samples and holds adds about half of its sample time as delay, "
-            "and the time that it computes, for both of which the delay margin must do.",
-        )
-    ranges = stable_gains(loop)
+    turned = (
+        "A phase margin below zero is of a loop that is 1 at several frequencies: it is phase that may be added, not lost.",
+    )
+    smaller = ("A gain margin below 1 is the factor to which the gain may fall.",)
+    return (
+        f"Gain margin {plain(margins.gain_margin)}, phase margin {plain(math.degrees(margins.phase_margin), 3)}°, delay margin "
+        f"{plain(delay, 3)} s.",
+        *(turned if margins.phase_margin < 0 else ()),
+        *(smaller if margins.gain_margin < 1 else ()),
+        "They are the continuous loop's: a controller that samples and holds adds about half of its sample time as delay, "
+        "and the time that it computes, for both of which the delay margin must do.",
+    )
+
+
+def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
+    """With what part or multiple of its gain a loop that isn't stable would be."""
+    from servobench.rounding import plain
+
     smaller = [(low, min(high, 1.0)) for low, high in ranges if low < 1]
     if smaller:
         low, high = smaller[-1]
@@ -225,16 +264,15 @@ def _margins(loop: TransferFunction, verdict: str) -> tuple[str, ...]:
     return (f"{why} no gain of this sign makes this one stable.",)
 
 
-def _over_intervals(out: Console, fit: Fit, kp: float) -> None:
+def _over_intervals(out: Console, fit: Fit, kp: float) -> list[dict[str, Any]]:
+    from servobench.cli.stability_document import over_intervals
     from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
     from servobench.transfer_function import TransferFunction
 
     feedback = TransferFunction(numerator=(kp,), denominator=(1.0,), output="input", unit="1")
-    _say(
-        out,
-        "What the data leave open",
-        (stability_over_intervals(fit, "speed").sentence, loop_over_intervals(fit, feedback).sentence),
-    )
+    speed, loop = stability_over_intervals(fit, "speed"), loop_over_intervals(fit, feedback)
+    _say(out, "What the data leave open", (speed.sentence, loop.sentence))
+    return [over_intervals("speed", speed), over_intervals("position_loop", loop)]
 
 
 def _say(out: Console, heading: str, sentences: Sequence[str]) -> None:

@@ -1,0 +1,125 @@
+"""What `servobench stability --json` prints: the same as its sentences, as plain data of the schema `servobench.stability/1`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from servobench.margins import Margins
+    from servobench.measurement.dataset import Dataset
+    from servobench.stability_analysis.drive import Drive
+    from servobench.stability_analysis.intervals import OverIntervals
+    from servobench.stability_analysis.nyquist import ClosedLoop
+    from servobench.stability_analysis.record import RecordReport, Slope, Stretch
+    from servobench.stability_analysis.verdict import StabilityReport
+    from servobench.transfer_function import TransferFunction
+
+SCHEMA = "servobench.stability/1"
+
+
+def of_a_system(system: TransferFunction, found: StabilityReport) -> dict[str, Any]:
+    """Return the verdict on a system, its poles [1/s], the reasons, and an input that drives it off."""
+    return {
+        "output": system.output,
+        "verdict": found.verdict,
+        "bibo": found.bibo,
+        "poles": [
+            {"real": pole.real, "imaginary": pole.imag, "multiplicity": times}
+            for pole, times in zip(found.poles, found.multiplicities, strict=True)
+        ],
+        "reasons": list(found.reasons),
+        "drive": None if found.drive is None else _drive(system, found.drive),
+    }
+
+
+def _drive(system: TransferFunction, drive: Drive) -> dict[str, Any]:
+    sinusoid = drive.rate == 0 and drive.pole.imag != 0
+    power = {0: "", 1: "/s"}.get(drive.power, f"/s^{drive.power}")
+    return {
+        "input": "sinusoid" if sinusoid else "constant",
+        "frequency": abs(drive.pole.imag) if sinusoid else None,
+        "coefficient": {"value": drive.coefficient, "unit": f"{system.unit}{power}"},
+        "power": drive.power,
+        "rate": drive.rate,
+        "sentence": drive.sentence,
+    }
+
+
+def of_a_loop(
+    gain: float,
+    unit: str,
+    closed: ClosedLoop,
+    margins: tuple[Margins, float] | None,
+    factors: Sequence[tuple[float, float]] | None,
+    sentences: Sequence[str],
+) -> dict[str, Any]:
+    """Return the verdict on a position loop of a gain.
+
+    `margins` are those of a stable loop, with the delay [s] that it bears, `factors` of another one the ranges of factors on the
+    gain for which it would be stable.
+    """
+    return {
+        "gain": {"value": gain, "unit": unit},
+        "verdict": closed.verdict,
+        "poles_right": {"open": closed.open_right, "closed": closed.right},
+        "encirclements": closed.encirclements,
+        "margins": None if margins is None else _margins(*margins),
+        "stable_factors": None if factors is None else [list(each) for each in factors],
+        "sentences": list(sentences),
+    }
+
+
+def _margins(found: Margins, delay: float) -> dict[str, Any]:
+    told = {
+        "gain_margin": (found.gain_margin, "1"),
+        "phase_margin": (found.phase_margin, "rad"),
+        "delay_margin": (delay, "s"),
+        "gain_crossover": (found.gain_crossover, "rad/s"),
+        "phase_crossover": (found.phase_crossover, "rad/s"),
+    }
+    return {name: {"value": value, "unit": unit} for name, (value, unit) in told.items()}
+
+
+def of_a_record(data: Dataset, said: RecordReport) -> dict[str, Any]:
+    """Return what a record says, each quantity with its unit."""
+    return {
+        "source": data.name,
+        "duration": data.duration,
+        "input_bound": {"value": said.input_bound, "unit": data.input_unit},
+        "output_range": {"interval": list(said.output_range), "unit": data.output_unit},
+        "stretches": [_stretch(data, each) for each in said.stretches],
+        "sentences": list(said.sentences),
+    }
+
+
+def _stretch(data: Dataset, stretch: Stretch) -> dict[str, Any]:
+    return {
+        "start": stretch.start,
+        "end": stretch.end,
+        "level": {"value": stretch.level, "unit": data.input_unit},
+        "slopes": [_slope(each, f"{data.output_unit}/s".replace("/s/s", "/s²")) for each in stretch.slopes],
+        "exponent": None if stretch.exponent is None else list(stretch.exponent),
+        "sentence": stretch.sentence,
+    }
+
+
+def _slope(slope: Slope, unit: str) -> dict[str, Any]:
+    interval = [slope.value - slope.half, slope.value + slope.half]
+    return {"value": slope.value, "interval": interval, "level": 0.95, "unit": unit}
+
+
+def over_intervals(what: str, found: OverIntervals) -> dict[str, Any]:
+    """Return whether a verdict holds for all parameters that the data leave open."""
+    return {
+        "of": what,
+        "verdict": found.verdict,
+        "everywhere": found.everywhere,
+        "share": found.share if math.isfinite(found.share) else None,
+        "draws": found.draws,
+        "corners": found.corners,
+        "corners_alike": found.corners_alike,
+        "undetermined": list(found.undetermined),
+        "sentence": found.sentence,
+    }
