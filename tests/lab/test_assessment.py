@@ -293,9 +293,10 @@ def test_the_form_has_each_blank_and_no_answer(handed: tuple[Path, tuple[HandedO
 
     assert form is not None
     assert dict(form.answers) == {blank.id: "" for blank in exercise("step").blanks}
-    assert re.fullmatch(r"[0-9a-f]{12}", form.code)
-    assert form.code == assessment_code("ada")
-    assert form.code != assessment_code("blaise")
+    # Behind a letter: a spreadsheet takes twelve digits, or 12e345678901, for a number, and would save it rounded.
+    assert re.fullmatch(r"k[0-9a-f]{12}", form.code)
+    assert form.code == f"k{assessment_code('ada')}"
+    assert form.code != f"k{assessment_code('blaise')}"
 
 
 def assessment_code(student: str) -> str:
@@ -589,16 +590,33 @@ def test_what_is_odd_gets_a_mark_and_a_reason(secret: Path, tmp_path: Path) -> N
     assert max(len(m.given) for m in ada.marks) <= 101
 
 
+@pytest.mark.parametrize("separator", [";", "\t"])
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
-def test_forms_are_read_as_spreadsheets_save_them(secret: Path, tmp_path: Path, encoding: str) -> None:
-    """A semicolon between the cells goes with a comma in the numbers."""
+def test_forms_are_read_as_spreadsheets_save_them(
+    secret: Path, tmp_path: Path, encoding: str, separator: str
+) -> None:
+    """A semicolon or a tabulator between the cells goes with a comma in the numbers."""
     made = assessment(secret)
     answers = {name: text.replace(".", ",") for name, text in right_answers(made, "ada").items()}
-    fill(tmp_path / "x.csv", answers, made.code("ada").upper(), separator=";", encoding=encoding)
+    fill(tmp_path / "x.csv", answers, made.code("ada").upper(), separator=separator, encoding=encoding)
 
     (ada, *_) = marked(made, tmp_path)
 
     assert ada.points == ada.total == 6, ada
+
+
+def test_a_decimal_comma_that_cuts_an_answer_in_two_is_noted(secret: Path, tmp_path: Path) -> None:
+    """Typed into the form with a text editor, `19,9 ms` is two cells, of which the first, 19, could even be right."""
+    made = assessment(secret)
+    text = f"blank,answer,unit,what\nlag,19,9 ms,ms,Lag\nlevel,63.2,%,Height,,\n(code),{made.code('ada')},,\n"
+    (tmp_path / "x.csv").write_text(text)
+
+    (ada, *_) = marked(made, tmp_path)
+
+    assert [note for note in ada.notes if "cell" in note] == [
+        "x.csv:2: this row has 1 cell too many, so that its answer may be '19' alone: was there a decimal comma? Write a point, "
+        "and mark again."
+    ]
 
 
 def test_a_form_without_its_code_belongs_to_the_folder_that_it_lies_in(secret: Path, tmp_path: Path) -> None:

@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from servobench.recording.recording import Recording
 
 _FORM = "servobench.form/1"
+_NO_NUMBER = "k"
+"""A letter before a code: a spreadsheet takes twelve digits, or 12e3456, for a number, and saves it rounded."""
 _OWN_TIME = "timing"
 
 
@@ -46,7 +48,8 @@ class Assessment:
 
     def code(self, student: str) -> str:
         """Return the code on a student's form, which says whose it is and by which secret; it tells nothing else."""
-        return keyed(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
+        drawn = keyed(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
+        return f"{_NO_NUMBER}{drawn}"
 
     def stand(self, student: str) -> MotorStand:
         """Return the stand of a student: the recording that they get and, where they have the motor, further runs of it."""

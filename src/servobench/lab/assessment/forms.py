@@ -53,6 +53,11 @@ def read_form(path: Path) -> Form | None:
         if name == _CODE:
             code = answer.casefold()
             continue
+        if row.spare and answer:
+            notes.append(
+                f"{path.name}:{row.line}: this row has {row.spare} cell{'s' if row.spare > 1 else ''} too many, so that its "
+                f"answer may be {answer[:40]!r} alone: was there a decimal comma? Write a point, and mark again."
+            )
         if table.has_decimal_commas and "." not in answer:
             answer = _DECIMAL_COMMA.sub(r"\1.\2", answer, count=1)
         if name in answers and answers[name] != answer:

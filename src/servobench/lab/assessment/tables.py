@@ -29,6 +29,8 @@ class Row:
 
     cells: dict[str, str]
     line: int
+    spare: int = 0
+    """How many cells it has more than there are headings, but for empty ones at its end."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -41,8 +43,8 @@ class Table:
 
     @property
     def has_decimal_commas(self) -> bool:
-        """Whether it was written where the comma is the decimal mark: there a semicolon separates the cells."""
-        return self.separator == ";"
+        """Whether a comma in a number may be its decimal mark: where a semicolon or a tabulator separates the cells."""
+        return self.separator != ","
 
 
 def read_table(path: Path) -> Table:
@@ -65,7 +67,11 @@ def read_table(path: Path) -> Table:
         raise FormatError(f"{path}: it is empty")
     headings = tuple(unquoted(cell).lower() for cell in lines[0][1])
     rows = tuple(
-        Row(cells={name: unquoted(cell) for name, cell in zip(headings, cells, strict=False)}, line=line)
+        Row(
+            cells={name: unquoted(cell) for name, cell in zip(headings, cells, strict=False)},
+            line=line,
+            spare=sum(any(cells[n:]) for n in range(len(headings), len(cells))),
+        )
         for line, cells in lines[1:]
     )
     return Table(headings=headings, rows=rows, separator=separator)
