@@ -1,5 +1,6 @@
 """Exercises as files: what a lecturer writes, and what is said of mistakes in it."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -79,10 +80,58 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
         ("+++\ntitle", "title", r"mine\.md:1: expected a line `\+\+\+`"),
         ('"exact"\n+++', '"exact"', r"mine\.md:27: the TOML isn't ended"),
         ('title = "Mine"', "title = Mine", r"mine\.md:2: this is no TOML"),
-        ('title = "Mine"', 'titel = "Mine"', r"mine\.md: title: is missing"),
+        ('title = "Mine"', 'titel = "Mine"', r"mine\.md:2: titel: not known here \(did you mean 'title'\?\)"),
+        ('title = "Mine"\n', "", r"mine\.md:1: title: is missing; expected title ="),
+        (
+            'title = "Mine"',
+            "title = “Mine”",
+            r"mine\.md:2: .*`title = “Mine”`; texts stand between straight quotes",
+        ),
+        ('title = "Mine"', 'title = "  "', r"mine\.md:2: title"),
+        ("[[blanks]]", "[blanks]", r"mine\.md"),
+        (
+            'duration = "2 s"',
+            'duration = "2 s"\nchain = "lopass 5 Hz"',
+            r"mine\.md:7: experiment\.chain: no stage",
+        ),
+        (
+            'duration = "2 s"',
+            'duration = "2 s"\nnominal = "qube"',
+            r"mine\.md:7: experiment\.nominal: no data sheet",
+        ),
+        (
+            "[signal]",
+            '[device]\nname = "twn"\n\n[signal]',
+            r"mine\.md:9: device\.name: no device called 'twn'",
+        ),
+        ("[signal]", "[motor]\n\n[signal]", r"mine\.md:8: motor: not known here; known: title, .*signal"),
+        ('answer = "read_gain"', 'answer = "2 * ln(2)"', r"mine\.md:11: .*natural logarithm is called log"),
+        ('answer = "read_gain"', 'answer = "read_gain^2"', r"mine\.md:11: .*a power is written as \*\*"),
+        ('answer = "read_gain"', 'answer = "0,5 * read_gain"', r"mine\.md:11: .*has a decimal point"),
+        (
+            "Nothing",
+            "\n{{ my-way }}\n\nNothing",
+            r"mine\.md:28: there are no studies; add a table \[studies\.my-way\]",
+        ),
+        (
+            "Nothing",
+            "\nIt is\n$K/(τs + 1) here. Nothing",
+            r"mine\.md:29: the formula that begins with `\$K/\(τs \+ 1\) here\. No",
+        ),
+        ("Nothing", "With $K $ nothing", r"mine\.md:27: the formula that begins with `\$K \$ nothing"),
+        ("Nothing", "\n{{ way }\n\nNothing", r"mine\.md:28: `{{ way }` begins with {{ and doesn't end"),
+        (
+            "[signal]",
+            "[studies.Way]\ntype = 'values'\n\n[signal]",
+            r"mine\.md:8: studies\.Way: 'Way' is no name of a study",
+        ),
         ('type = "step"', 'type = "stepp"', r"mine\.md:9: signal\.type: no signal called 'stepp'"),
         ('duration = "2 s"', 'duration = "2 V"', r"mine\.md:6: .*'2 V' is a voltage"),
-        ('id = "gain"', 'id = "Gain!"', r"mine\.md:12: blanks\[0\]\.id"),
+        (
+            'id = "gain"',
+            'id = "Gain!"',
+            r"mine\.md:12: blanks\[0\]\.id: 'Gain!' is no name of a blank; expected",
+        ),
         ('id = "other"', 'id = "gain"', r"mine\.md:18: two blanks have the id 'gain', the other in line 11"),
         ('answer = "read_gain"', 'answer = "import os"', r"mine\.md:11: blanks\[0\]: .*is no expression"),
         ('tolerance = "5 %"', 'tolerance = "5 V"', r"mine\.md:11: blanks\[0\]: .*tolerance"),
@@ -119,6 +168,13 @@ def test_a_mistake_is_told_with_its_line(old: str, new: str, said: str) -> None:
         read(GOOD.replace(old, new, 1))
 
 
+@pytest.mark.parametrize(
+    "text", ["$5 and then $6", "5 $ or 6 $, US$ 7", "`$HOME`", r"\$K", "$K$ and $5", "a $ sign", "$"]
+)
+def test_a_dollar_sign_may_stand_for_money(text: str) -> None:
+    read(GOOD.replace("Nothing", text))
+
+
 def test_a_mistake_in_a_blank_is_all_that_is_told_of_it() -> None:
     with pytest.raises(UsageError) as told:
         read(GOOD.replace('label = "Other"', 'label = "Other"\nhints = "?"'))
@@ -140,6 +196,11 @@ def test_a_mistake_in_a_blank_is_all_that_is_told_of_it() -> None:
         ("1 + 10 * sheet_time_constant", ""),
         ("sheet_motor_constant ** -1", "rad/(s·V)"),
         ("sqrt(sheet_inertia / sheet_inertia) * gain", "rad/(s·V)"),
+        ("gain * 1 - coulomb_voltage * gain", "rad/s"),  # the one is 1 V
+        ("time_constant + 5", "ms"),
+        ("gain * voltage_limit", "rad/s"),
+        ("counts_per_rev / time_constant", "counts/s"),
+        ("2 * pi * time_constant", "ms"),  # the two may be anything
     ],
 )
 def test_a_unit_that_may_fit_is_let_pass(answer: str, unit: str) -> None:
@@ -152,12 +213,7 @@ def test_a_unit_that_may_fit_is_let_pass(answer: str, unit: str) -> None:
     ("answer", "unit", "comes_out_in"),
     [
         ("1000 * log(2) * time_constant", "V", "s"),
-        (
-            "coulomb_voltage - gain",
-            "s",
-            None,
-        ),  # a sum of different things has no unit to hold anything against
-        ("read_gain / read_time_constant * chain_lag", "V", "kg^-1·m^-2·s^2·A"),  # 1/(V·s)
+        ("read_gain / read_time_constant * chain_lag", "V", "rad/(s·V)"),
         ("exp(gain)", "V", "no unit"),
         ("-abs(sample_time) * 1e3", "Hz", "s"),
         ("sqrt(time_constant / sample_time) * time_constant ** 2", "s", "s^2"),
@@ -171,15 +227,61 @@ def test_a_unit_that_may_fit_is_let_pass(answer: str, unit: str) -> None:
         ("10 - coulomb_voltage", "s", "V"),
     ],
 )
-def test_a_unit_that_cannot_fit_is_refused(answer: str, unit: str, comes_out_in: str | None) -> None:
+def test_a_unit_that_cannot_fit_is_refused(answer: str, unit: str, comes_out_in: str) -> None:
     text = GOOD.replace('"read_gain"', f'"{answer}"').replace('"rad/(s·V)"', f'"{unit}"')
-    if comes_out_in is None:
-        read(text)
-        return
     with pytest.raises(UsageError) as told:
         read(text)
 
     assert f"comes out in {comes_out_in}, apart from" in str(told.value)
+
+
+@pytest.mark.parametrize(
+    ("answer", "unit", "said"),
+    [
+        ("log(2) * time_constant", "ms", "in SI units, and the unit of the blank is 'ms'; multiply by 1000"),
+        ("sheet_inductance", "mH", "multiply by 1000,"),
+        ("gain * voltage_limit", "rpm", "multiply by 9.5493,"),  # 60/2π
+        ("1 / time_constant ** 2", "1/ms^2", ""),  # 1 may be a quantity
+        ("time_constant ** 2", "ms^2", "multiply by 1e+06,"),
+        (
+            "time_constant + gain",
+            "s",
+            "`time_constant` is in s and `gain` in rad/(s·V); what differs in kind",
+        ),
+        ("coulomb_voltage - gain", "s", "`coulomb_voltage` is in V and `gain` in rad/(s·V); what differs"),
+    ],
+)
+def test_facts_without_a_number_are_in_si_units_and_sums_of_one_kind(
+    answer: str, unit: str, said: str
+) -> None:
+    text = GOOD.replace('"read_gain"', f'"{answer}"').replace('"rad/(s·V)"', f'"{unit}"')
+    text = text.replace('duration = "2 s"', 'duration = "2 s"\nnominal = "qube_servo_2"')
+    if not said:
+        read(text)
+        return
+    with pytest.raises(UsageError, match=rf"mine\.md:\d+: blank 'gain': .*{re.escape(said)}"):
+        read(text)
+
+
+CORRECTION = """
+[[corrections]]
+where = "II.E"
+paper = "It is 0.13 s."
+ours = "It is {}."
+answer = "1000 * time_constant"
+unit = "ms"
+why = "The lag."
++++
+"""
+
+
+def test_a_corrections_figure_has_its_unit() -> None:
+    good = GOOD.replace('"exact"\n+++\n', f'"exact"\n{CORRECTION}')
+    assert "corrections" in good
+    read(good)
+
+    with pytest.raises(UsageError, match=r"comes out in s, .* unit of the correction is 'V'"):
+        read(good.replace('unit = "ms"', 'unit = "V"'))
 
 
 def test_the_facts_with_units_are_those_of_the_page() -> None:

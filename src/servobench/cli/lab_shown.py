@@ -48,6 +48,9 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
         head = Text.assemble(("! ", "bold yellow"), "the run ended before its time: ")
         show_wrapped(console, head, worked.cut_short, hanging=2)
         console.print()
+    if solution and worked.limited:
+        show_wrapped(console, Text("! ", style="bold yellow"), worked.limited, hanging=2)
+        console.print()
     _show_blanks(console, worked, solution=solution)
     if opened and worked.corrections:
         console.print()
@@ -136,9 +139,12 @@ def _show_blanks(console: Console, worked: Worked, *, solution: bool) -> None:
         beside = blank.unit
         if solution:
             answer = answers[blank.id]
-            beside = (answer.text or f"not told: {answer.why_not}").replace("−", "-")
+            beside = (answer.text or "not told").replace("−", "-")
         rows.append((blank.id, beside, line_text(blank.label)))
     show_table(console, headings, rows)
+    why_not = [f"{name} isn't told: {answer.why_not}" for name, answer in answers.items() if not answer.text]
+    for sentence in (*why_not, *(worked.never_told if solution else ())):
+        show_wrapped(console, Text("  ! ", style="bold yellow"), line_text(sentence), hanging=4)
     if not solution and not worked.given:
         first = exercise.blanks[0]
         console.print()

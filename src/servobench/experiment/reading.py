@@ -28,6 +28,7 @@ from servobench.settings import PositiveFrequency, PositiveTime, Settings
 from servobench.signals.base import SIGNALS, AnySignal
 
 _LONGEST_VALUE = 60  # characters of a value that a message repeats
+_KEY = "[key]"  # stands in a place behind a key that is itself the mistake
 
 
 class _ExperimentTable(Settings):
@@ -83,6 +84,10 @@ class _File(Settings):
         return {**self.experiment.fields(), **tables}
 
 
+TABLES = tuple(_File.model_fields)
+"""The names of the tables that an experiment's file may have."""
+
+
 def load_experiment(path: str | PathLike[str]) -> Experiment:
     """Return the experiment in a TOML file.
 
@@ -134,7 +139,8 @@ def explain(
     """
     lines = lines_of_keys(text)
     problems: list[tuple[int, str]] = []
-    for path, sentence in _sentences(error):
+    for found, sentence in _sentences(error):
+        path = tuple(part for part in found if part != _KEY)
         line = line_of((*prefix, *path), lines)
         place = name if line is None else f"{name}:{line}"
         where = _dotted((*prefix, *path))
@@ -173,6 +179,9 @@ def _sentence(problem: ErrorDetails) -> str:
     if code in {"model_type", "dict_type", "mapping_type"}:
         return f"{value} should be a table"
     if code == "tuple_type":
+        if isinstance(problem["input"], dict) and isinstance(problem["loc"][-1], str):
+            name = problem["loc"][-1]
+            return f"is one table; expected any number of them, each begun with [[{name}]] in double brackets"
         return f"{value} should be an array"
     if code == "too_short":
         least = problem["ctx"]["min_length"]
@@ -196,6 +205,24 @@ def _decoded(data: bytes, name: str) -> str:
         raise ExperimentError(f"{name}:{line}: this is no UTF-8{utf16}; save the file as UTF-8") from None
 
 
+def _written(text: str, line: int) -> str:
+    """What stands in a line, and what in it is often the mistake."""
+    lines = text.split("\n")
+    stands = lines[line - 1].strip() if line <= len(lines) else ""
+    if not stands:
+        return ""
+    told = stands if len(stands) <= _LONGEST_VALUE else f"{stands[: _LONGEST_VALUE - 3]}..."
+    hint = next((f"; {hint}" for pattern, hint in _OFTEN if re.search(pattern, stands)), "")
+    return f": `{told}`{hint}"
+
+
+_OFTEN = (
+    ("[“”„‟«»‘’]", 'texts stand between straight quotes, as "text"'),
+    (r"=\s*(True|False)\b", "the words are true and false, with small letters"),
+    (r"=\s*[A-Za-z]", 'expected quotes around a text, as name = "text"'),
+)
+
+
 def parsed(text: str, name: str) -> dict[str, Any]:
     """Return the tables in a TOML text; raises `ExperimentError` with file and line where it is none."""
     try:
@@ -206,7 +233,9 @@ def parsed(text: str, name: str) -> dict[str, Any]:
         line = int(place[1]) if place and place[1] else text.count("\n") + 1
         column = f" (column {place[2]})" if place and place[2] else " (end of the file)"
         reason = said[: place.start()] if place else said
-        raise ExperimentError(f"{name}:{line}: this is no TOML: {reason}{column}") from None
+        raise ExperimentError(
+            f"{name}:{line}: this is no TOML: {reason}{column}{_written(text, line)}"
+        ) from None
     except RecursionError:
         raise ExperimentError(f"{name}: arrays or tables are nested too deeply in it") from None
     except ValueError as error:  # a number of thousands of digits

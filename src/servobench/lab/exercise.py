@@ -8,39 +8,64 @@ Markdown; a line `{{ NAME }}` in it is where the study of that name stands.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from difflib import get_close_matches
 from functools import lru_cache
 from pathlib import Path
 from typing import Annotated, Any, Self
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import AfterValidator, Field, StringConstraints, ValidationError, model_validator
 
+from servobench.devices.base import DEVICES
 from servobench.errors import FormatError, UnknownName, UsageError
 from servobench.experiment import Experiment
 from servobench.experiment.lines import Path as KeyPath
 from servobench.experiment.lines import line_of, lines_of_keys
-from servobench.experiment.reading import experiment_of, explain, parsed
+from servobench.experiment.reading import TABLES, experiment_of, explain, parsed
 from servobench.lab.expression import Expression
 from servobench.lab.markdown import check_formulas
 from servobench.lab.paper_items import PaperItem
 from servobench.lab.rules import check_blanks, check_rules
 from servobench.lab.studies.base import AnyStudy, Study
 from servobench.lab.tolerance import Tolerance
+from servobench.measurement.base import Chain
+from servobench.motor.parameters import data_sheet
 from servobench.settings import Settings
 from servobench.units import in_symbols
 from servobench.units import unit as unit_named
 
 _FENCE = "+++"
 _LONGEST = 600.0  # seconds of an experiment that is run to check an answer
-_STANDS = re.compile(r"\{\{ *([A-Za-z0-9_]*) *\}\}")
+_STANDS = re.compile(r"\{\{ *([^{}]*?) *\}\}")
 _WORDS_OF_FACTS = (
     "chain", "coulomb", "counter", "counts", "dead", "drag", "electrical", "gravity", "load", "loop", "offset", "read",
     "sample", "sheet", "stribeck", "time", "viscous", "voltage",
 )  # fmt: skip
 """What names of facts begin with, such as `time_constant`: a study called that would hide them."""
 _OWN = ("title", "sentence", "order", "blanks", "studies", "corrections", "paper")
+_NEEDED = {
+    "title": 'expected title = "..." before the first table',
+    "blanks": "expected a table [[blanks]] for each thing to fill in",
+}
+"""What no exercise does without, and how it is written."""
 FOLDER = Path(__file__).parent / "exercises"
+
+
+def _id_of_a_blank(text: str) -> str:
+    if not re.fullmatch("[a-z][a-z0-9_]*", text):
+        raise ValueError(
+            f"{text!r} is no name of a blank; expected a small letter, then small letters, digits and underscores"
+        )
+    return text
+
+
+def _name_of_a_study(text: str) -> str:
+    if not re.fullmatch("[a-z][a-z0-9]*", text):
+        raise ValueError(
+            f"{text!r} is no name of a study; expected a small letter, then small letters and digits"
+        )
+    return text
 
 
 class Mistake(Settings):
@@ -55,7 +80,7 @@ class Mistake(Settings):
 class Blank(Settings):
     """One thing to enter, and the rule that it is checked by."""
 
-    id: Annotated[str, Field(pattern=r"^[a-z][a-z0-9_]*$")]
+    id: Annotated[str, AfterValidator(_id_of_a_blank)]
     """Name of the blank: small letters, digits and underscores."""
     label: str
     """What is asked for."""
@@ -112,11 +137,11 @@ class Correction(Settings):
 class _Front(Settings):
     """What an exercise's file says before its text, without the experiment."""
 
-    title: Annotated[str, Field(min_length=1)]
+    title: Annotated[str, StringConstraints(strip_whitespace=True, min_length=1)]
     sentence: str = ""
     order: int = 0
     blanks: Annotated[tuple[Blank, ...], Field(min_length=1)]
-    studies: Mapping[Annotated[str, Field(pattern=r"^[a-z][a-z0-9]*$")], AnyStudy] = {}
+    studies: Mapping[Annotated[str, AfterValidator(_name_of_a_study)], AnyStudy] = {}
     corrections: tuple[Correction, ...] = ()
     paper: tuple[PaperItem, ...] = ()
 
@@ -234,13 +259,15 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     """
     front, body, first = _divided(text, source)
     tables = parsed(front, source)
+    lines = lines_of_keys(front)
+    _check_keys(tables, lines, source)
     own = {key: tables.pop(key) for key in _OWN if key in tables}
     told = _front(own, front, source)
-    lines = lines_of_keys(front)
     _check_studies(told.studies, body, first, lines, source)
     check_formulas(body, first, source)
     _check_paper(told.paper, body, lines, source)
     experiment = experiment_of(tables, front, source)
+    _check_named(experiment, lines, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
         raise FormatError(
             f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment has to end within {_LONGEST:g} s, as "
@@ -267,6 +294,50 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     check_blanks(found)
     check_rules(found)
     return found
+
+
+def _check_keys(tables: Mapping[str, Any], lines: Mapping[KeyPath, int], source: str) -> None:
+    """Raise `FormatError` for keys that an exercise hasn't, and for those that it can't do without; each on a line of its own."""
+    known = (*_OWN, *TABLES)
+    mistakes = []
+    for key in tables:
+        if key not in known:
+            near = get_close_matches(key, known, n=1)
+            hint = f" (did you mean {near[0]!r}?)" if near else ""
+            place = f"{source}:{line_of((key,), lines) or 1}"
+            mistakes.append(f"{place}: {key}: not known here{hint}; known: {', '.join(known)}")
+    mistakes += [
+        f"{source}:1: {key}: is missing; {expected}" for key, expected in _NEEDED.items() if key not in tables
+    ]
+    if mistakes:
+        raise FormatError("\n".join(mistakes))
+
+
+def _check_named(experiment: Experiment, lines: Mapping[KeyPath, int], source: str) -> None:
+    """Raise `UsageError`, with file and line, for a chain, a data sheet or a device that isn't known."""
+
+    def chain() -> None:
+        Chain.parse(experiment.chain)
+
+    def nominal() -> None:
+        if experiment.nominal:
+            data_sheet(experiment.nominal)
+
+    def device() -> None:
+        DEVICES[experiment.device.name]
+
+    checks: tuple[tuple[KeyPath, Callable[[], None]], ...] = (
+        (("experiment", "chain"), chain),
+        (("experiment", "nominal"), nominal),
+        (("device", "name"), device),
+    )
+    for path, check in checks:
+        try:
+            check()
+        except UsageError as error:
+            raise UsageError(
+                f"{source}:{line_of(path, lines) or 1}: {'.'.join(map(str, path))}: {error}"
+            ) from None
 
 
 def _pieces(text: str) -> Iterator[Piece]:
@@ -310,6 +381,11 @@ def _check_studies(
                     f"{place}: the study {name!r} stands in line {seen[name]} already; leave one of them out"
                 )
             seen[name] = number
+        if "{{" in _STANDS.sub("", line):
+            raise FormatError(
+                f"{source}:{number}: `{line.strip()[:40]}` begins with {{{{ and doesn't end; expected {{{{ NAME }}}} with the "
+                "name of a study"
+            )
 
 
 def _check_paper(items: Sequence[PaperItem], body: str, lines: Mapping[KeyPath, int], source: str) -> None:
@@ -323,7 +399,7 @@ def _check_paper(items: Sequence[PaperItem], body: str, lines: Mapping[KeyPath, 
 
 def _divided(text: str, source: str) -> tuple[str, str, int]:
     """The TOML, with an empty line for each before it so that lines count as in the file, the Markdown, and its first line."""
-    lines = text.replace("\r\n", "\n").split("\n")
+    lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if lines[0].strip() != _FENCE:
         raise FormatError(
             f"{source}:1: expected a line `{_FENCE}`, then title, experiment and blanks as TOML, another `{_FENCE}`, and then "

@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import math
 import operator
+import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -80,9 +81,9 @@ class Expression:
         try:
             value = _value(self._tree(), values)
         except (ArithmeticError, ValueError) as error:
-            raise UsageError(f"`{self.text}` has no value with {dict(values)}: {error}") from None
+            raise UsageError(f"`{self.text}` has no value{_with(values)}: {_why(error)}") from None
         if isinstance(value, complex) or not math.isfinite(value):
-            raise UsageError(f"`{self.text}` has no finite value with {dict(values)}")
+            raise UsageError(f"`{self.text}` has no finite value{_with(values)}")
         return value
 
     def _tree(self) -> ast.expr:
@@ -93,7 +94,36 @@ class Expression:
         try:
             return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise UsageError(f"`{self.text}` is no expression; {_EXPECTED}") from None
+            raise UsageError(f"`{self.text}` is no expression; {_expected(self.text)}") from None
+
+
+def _with(values: Mapping[str, float]) -> str:
+    told = ", ".join(f"{name} = {value:.6g}" for name, value in values.items())
+    return f" with {told}" if told else ""
+
+
+def _why(error: ArithmeticError | ValueError) -> str:
+    if isinstance(error, ZeroDivisionError):
+        return "it divides by zero"
+    if isinstance(error, ValueError):
+        return "a root or a logarithm in it is of a number that has none"
+    return str(error) if len(error.args) == 1 else "a number in it is too large"
+
+
+# What is written otherwise elsewhere, and how it is written here.
+_OTHERWISE = (
+    (re.compile(r"\^"), "a power is written as **"),
+    (re.compile(r"\bln\b"), "the natural logarithm is called log"),
+    (re.compile(r"\d,\d"), "a number has a decimal point"),
+    (re.compile(r"[×·÷]"), "* multiplies and / divides"),
+    (re.compile(r"[π√²³]"), "pi, sqrt() and ** 2 stand for π, √ and ²"),
+    (re.compile(r"[\w)]\s+[\w(]"), "a product has a *"),
+)
+
+
+def _expected(text: str) -> str:
+    hints = [hint for pattern, hint in _OTHERWISE if pattern.search(text)]
+    return "; ".join([_EXPECTED, *hints])
 
 
 _EXPECTED = "expected numbers, names of facts, + - * / **, brackets, sqrt, exp, log, abs and pi"
@@ -113,7 +143,7 @@ def _check(node: ast.expr, text: str) -> None:
             return _check(right, text)
         case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]) if name in _FUNCTIONS:
             return _check(inner, text)
-    raise UsageError(f"`{ast.unparse(node)}` in `{text}` can't be computed; {_EXPECTED}")
+    raise UsageError(f"`{ast.unparse(node)}` in `{text}` can't be computed; {_expected(text)}")
 
 
 def _value(node: ast.expr, values: Mapping[str, float]) -> float:

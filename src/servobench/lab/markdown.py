@@ -15,6 +15,10 @@ if TYPE_CHECKING:
     from markdown_it.token import Token
 
 _FORMULA, _SHOWN = "formula", "formula_shown"
+_ALONE = "dollar signs that begin no formula"
+_LINE = "\n"
+_BEGUN = re.compile(r"[^\W\d_]|[\\(√]")
+_LONGEST_BEGUN = 20  # characters of a formula without an end that are told
 _BEFORE_MARK = re.compile(r"(<math (?:(?!</?math\b).)*</math>[,.;:?!)]+)")
 
 
@@ -51,11 +55,21 @@ def as_text(text: str) -> list[Token]:
 
 
 def check_formulas(text: str, first: int, source: str) -> None:
-    """Raise `FormatError`, with the file and its line, for a formula that can't be read; the text begins in the line `first`."""
-    for token in _reader().parse(text):
+    """Raise `FormatError`, with the file and its line, for a formula that can't be read or has no end.
+
+    The text begins in the line `first`.
+    """
+    found: dict[str, list[str]] = {_ALONE: []}
+    for token in _reader().parse(text, found):
         for inner in token.children or ():
             if inner.type in (_FORMULA, _SHOWN):
                 _check(inner.content, text, first, source)
+    for begun in found[_ALONE][:1]:
+        line = first + text.partition(begun)[0].count("\n")
+        raise FormatError(
+            f"{source}:{line}: the formula that begins with `{begun.partition(_LINE)[0]}` has no end; expected $...$ with no "
+            "blank inside either of the signs; a dollar sign by itself is \\$"
+        )
 
 
 def _check(formula: str, text: str, first: int, source: str) -> None:
@@ -76,21 +90,35 @@ def _reader() -> MarkdownIt:
 
 def _formula(state: StateInline, silent: bool) -> bool:
     """Take `$...$` or `$$...$$` for a formula; a dollar sign beside a blank, or before a digit at its end, is a sum of money."""
+    if state.src[state.pos] != "$":
+        return False
     marks = "$$" if state.src.startswith("$$", state.pos) else "$"
     first = state.pos + len(marks)
-    if not state.src.startswith(marks, state.pos) or state.src[first : first + 1].strip() == "":
+    if not _is_formula(state.src, first, marks):
+        # A sum of money begins with a digit; what begins with a letter was meant as a formula.
+        if _ALONE in state.env and _BEGUN.match(state.src, first):
+            state.env[_ALONE].append(state.src[state.pos : first + _LONGEST_BEGUN])
         return False
     last = state.src.find(marks, first)
-    after = last + len(marks)
-    if last <= first or state.src[last - 1].isspace() or state.src[after : after + 1].isdigit():
-        return False
-    if "`" in state.src[first:last]:  # the second sign stands in code
-        return False
     if not silent:
         token = state.push(_SHOWN if len(marks) > 1 else _FORMULA, "math", 0)
         token.content = state.src[first:last]
-    state.pos = after
+    state.pos = last + len(marks)
     return True
+
+
+def _is_formula(text: str, first: int, marks: str) -> bool:
+    """Whether a formula begins at `first` and is ended by such marks, with no blank inside them; `$5` is none, nor is code."""
+    last = text.find(marks, first)
+    after = last + len(marks)
+    if (
+        last <= first
+        or text[first].isspace()
+        or text[last - 1].isspace()
+        or text[after : after + 1].isdigit()
+    ):
+        return False
+    return "`" not in text[first:last]  # there the second sign stands in code
 
 
 def _written(_: object, tokens: Sequence[Token], at: int, *__: object) -> str:

@@ -2,7 +2,8 @@
 
 Names are checked of all rules, but for what a study finds (`NAME_...`), which only its run tells. The unit of a blank is held
 against the dimension of its answer where that follows from the facts: a number such as 10 in it may be 10 V, and then nothing
-follows. 1, 1000, a million and a billion are taken for changes of prefix. Angles, counts and per cent count as plain numbers.
+follows. 1, 1000, a million and a billion are taken for changes of prefix; where there is no number at all, the unit can have no
+prefix. Angles, counts and per cent count as plain numbers. The unit of a correction is checked likewise.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from servobench.units import Unit
 from servobench.units import unit as unit_named
 
 if TYPE_CHECKING:
-    from servobench.lab.exercise import Blank, Exercise
+    from servobench.lab.exercise import Exercise
 
 _Powers: TypeAlias = tuple[float, float, float, float]
 """Powers of kg, m, s and A."""
@@ -89,7 +90,12 @@ def check_rules(exercise: Exercise) -> None:
         except UsageError as error:
             raise UsageError(f"{place}: `{text}`: {error}") from None
     for blank in exercise.blanks:
-        _check_unit(exercise, blank)
+        _check_sums(f"{exercise.place(blank)}: blank {blank.id!r}", blank.answer)
+        _check_unit(f"{exercise.place(blank)}: blank {blank.id!r}", blank.answer, blank.unit, "the blank")
+    for each in exercise.corrections:
+        if each.answer:
+            place = f"{exercise.place_of_correction(each)}: the correction of {each.where!r}"
+            _check_unit(place, each.answer, each.unit, "the correction")
 
 
 def _rules(exercise: Exercise) -> Iterator[tuple[str, str]]:
@@ -125,19 +131,69 @@ def _check_names(exercise: Exercise, names: Iterable[str]) -> None:
             )
 
 
-def _check_unit(exercise: Exercise, blank: Blank) -> None:
-    powers = _powers(ast.parse(blank.answer.strip(), mode="eval").body)
-    if powers is None or powers == _mechanical(unit_named(blank.unit or "1")):
+def _check_unit(place: str, answer: str, unit: str, of: str) -> None:
+    """Raise `UsageError` where an answer can't be in the unit that stands beside it, which is the unit `of` something."""
+    tree = ast.parse(answer.strip(), mode="eval").body
+    powers = _powers(tree)
+    if powers is None:
         return
-    gives = Unit(symbol="", factor=0.0, dimension=(*powers, 0.0, 0.0, 0.0)).si
-    raise UsageError(
-        f"{exercise.place(blank)}: blank {blank.id!r}: `{blank.answer}` comes out in {_told(gives)}, apart from a prefix or an "
-        f"angle, and the unit of the blank is {blank.unit or 'none'!r}; mend one of them"
-    )
+    asked = unit_named(unit or "1")
+    if powers != _mechanical(asked):
+        raise UsageError(
+            f"{place}: `{answer}` comes out in {_told(powers)}, apart from a prefix or an angle, and the unit of {of} is "
+            f"{unit or 'none'!r}; mend one of them"
+        )
+    if powers != _NUMBER and asked.factor != 1.0 and not _has_numbers(tree) and not _counts(tree):
+        raise UsageError(
+            f"{place}: `{answer}` comes out in {_told(powers)}, as facts are in SI units, and the unit of {of} is {unit!r}; "
+            f"multiply by {1 / asked.factor:.6g}, or take the SI unit"
+        )
 
 
-def _told(si: str) -> str:
-    return "no unit" if si == "1" else si
+def _check_sums(place: str, answer: str) -> None:
+    """Raise `UsageError` for a sum of facts that differ in kind; a number in it may have any unit. A paper's sums may do so."""
+    for node in ast.walk(ast.parse(answer.strip(), mode="eval")):
+        if isinstance(node, ast.BinOp) and isinstance(node.op, ast.Add | ast.Sub):
+            a, b = _powers(node.left), _powers(node.right)
+            if a is None or b is None or a == b or _has_numbers(node.left) or _has_numbers(node.right):
+                continue
+            one, other = (f"`{ast.unparse(side)}`" for side in (node.left, node.right))
+            raise UsageError(
+                f"{place}: `{answer}`: {one} is in {_told(a)} and {other} in {_told(b)}; what differs in kind can't be "
+                "added or subtracted"
+            )
+
+
+def _told(powers: _Powers) -> str:
+    si = Unit(symbol="", factor=0.0, dimension=(*powers, 0.0, 0.0, 0.0)).si
+    if si == "1":
+        return "no unit"
+    # As the list of facts has it, rather than in base units: rad/(s·V) for kg^-1·m^-2·s^2·A.
+    told = (unit for unit in units_of_facts().values() if _mechanical(unit_named(unit)) == powers)
+    return next(told, si) if "·" in si else si
+
+
+def _has_numbers(node: ast.expr) -> bool:
+    """Whether there are numbers in an expression that may stand for a prefix or a quantity: exponents and logarithms don't."""
+    match node:
+        case ast.Constant():
+            return True
+        case ast.Name(id=name):
+            return name == "pi"
+        case ast.UnaryOp(operand=inner):
+            return _has_numbers(inner)
+        case ast.Call(func=ast.Name(id=name), args=[inner]):
+            return name not in ("exp", "log") and _has_numbers(inner)
+        case ast.BinOp(left=left, op=ast.Pow()):
+            return _has_numbers(left)
+        case ast.BinOp(left=left, right=right):
+            return _has_numbers(left) or _has_numbers(right)
+    return True
+
+
+def _counts(tree: ast.expr) -> bool:
+    """Whether counts stand in an expression: there a turn may be one, 2π or 2048."""
+    return any(isinstance(node, ast.Name) and "count" in node.id for node in ast.walk(tree))
 
 
 def _mechanical(unit: Unit) -> _Powers:

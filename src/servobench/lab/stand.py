@@ -80,6 +80,8 @@ class MotorStand:
                 except NotIdentifiable as error:
                     raise NotIdentifiable(f"the study {name!r}: {error}") from error
                 except UsageError as error:
+                    if str(error).startswith(f"{self.exercise.source}:"):
+                        raise  # the study that it comes from is told already
                     raise UsageError(f"{place}: the study {name!r}: {error}") from error
                 finally:
                     self._under_way.pop()

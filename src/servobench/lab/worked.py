@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
+
+import numpy as np
 
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.lab.check import Checked, check, right_answer
@@ -13,6 +16,7 @@ from servobench.lab.exercise import Blank, Correction, Exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand
 from servobench.lab.studies.base import Shown
+from servobench.lab.tolerance import Tolerance
 from servobench.report.illustrations import Illustration
 from servobench.rounding import SPACE, plain, with_unit
 
@@ -56,7 +60,7 @@ class Worked:
         try:
             found = self.stand.shown(name)
         except NotIdentifiable as error:
-            return Shown(sentences=(f"Nothing can be shown here: {error}.",))
+            return Shown(sentences=(f"Nothing can be shown here: {str(error).rstrip('.')}.",))
         figures = tuple(replace(figure, name=f"{name}-{figure.name}") for figure in found.figures)
         return replace(found, figures=figures)
 
@@ -75,6 +79,51 @@ class Worked:
         """Why the exercise's run ended before its time, as a sentence; empty where it didn't."""
         stopped = self.stand.recording.stopped
         return "" if stopped.reason == "finished" else stopped.sentence
+
+    @cached_property
+    def limited(self) -> str:
+        """In an open loop, that the motor got less voltage than the exercise asks for, as a sentence; empty where it got that."""
+        recording = self.stand.recording
+        names = ("commanded", "applied", "saturated")
+        if not self._is_open_loop or any(name not in recording for name in names):
+            return ""
+        commanded, applied = (np.abs(recording[name].values) for name in names[:2])
+        held = recording["saturated"].values > 0
+        if not held.any():
+            return ""
+        return (
+            f"the voltage asked for reaches {with_unit(float(commanded[held].max()), 'V')}, and the motor got "
+            f"{with_unit(float(applied[held].max()), 'V')} at most; take a smaller signal, or look at limits.voltage"
+        )
+
+    @property
+    def _is_open_loop(self) -> bool:
+        controller = self.exercise.experiment.controller
+        return controller is None or controller.reference_unit == "V"
+
+    @cached_property
+    def never_told(self) -> tuple[str, ...]:
+        """For each known mistake that is within what is right a sentence: nobody who makes it is told.
+
+        Raises `UsageError`, with file and line, for a mistake that can't be worked out.
+        """
+        found = []
+        for blank in self.exercise.blanks:
+            for mistake in blank.mistakes:
+                try:
+                    wrong = Expression(mistake.answer).evaluate(self.stand.facts).value
+                    right = Expression(blank.answer).evaluate(self.stand.facts)
+                except NotIdentifiable:
+                    continue  # here it can't be told apart from anything; in another recording it may be
+                except UsageError as error:
+                    place = self.exercise.place(blank)
+                    raise UsageError(f"{place}: blank {blank.id!r}, a mistake: {error}") from error
+                allowed = Tolerance(blank.tolerance, blank.unit).around(right)
+                if math.isfinite(allowed) and abs(wrong - right.value) <= allowed:
+                    found.append(
+                        f"{blank.id}: the mistake `{mistake.answer}` is as good as right here, so that its sentence isn't told"
+                    )
+        return tuple(found)
 
     @cached_property
     def course(self) -> Illustration | None:
@@ -108,10 +157,15 @@ class Worked:
         if not correction.answer:
             return Corrected(correction=correction, ours=correction.ours, value=None)
         try:
-            value = Expression(correction.answer).evaluate(self.stand.facts).value
+            known = Expression(correction.answer).evaluate(self.stand.facts)
+            value = known.value
+            if known.half and known.half >= abs(value):
+                raise NotIdentifiable(
+                    f"its 95 % interval is ±{plain(known.half, 2)}{SPACE}{correction.unit}".rstrip()
+                )
         except NotIdentifiable as error:
             told = correction.ours.replace("{}", "a figure that can't be told here")
-            return Corrected(correction=correction, ours=f"{told}: {error}", value=None)
+            return Corrected(correction=correction, ours=f"{told.rstrip('.')}: {error}", value=None)
         except UsageError as error:
             place = self.exercise.place_of_correction(correction)
             raise UsageError(f"{place}: the correction of {correction.where!r}: {error}") from error

@@ -1,0 +1,91 @@
+"""An exercise worked through: what a lecturer is told of it, and what isn't told as a figure."""
+
+import io
+from pathlib import Path
+
+import pytest
+from rich.console import Console
+
+from servobench.cli.lab_shown import show_worked
+from servobench.errors import UsageError
+from servobench.lab.exercise import read_exercise
+from servobench.lab.stand import stand_on_the_twin
+from servobench.lab.worked import Worked
+
+HOW_TO = Path(__file__).parents[2] / "docs" / "how-to" / "exercise.md"
+
+
+def half(old: str = "", new: str = "") -> Worked:
+    """The exercise of the guide on the twin, with something in it replaced."""
+    text = HOW_TO.read_text(encoding="utf-8").partition("```markdown\n")[2].partition("\n```\n")[0]
+    assert old in text
+    exercise = read_exercise(text.replace(old, new, 1), "half", "half.md")
+    return Worked(exercise=exercise, stand=stand_on_the_twin(exercise), given={})
+
+
+def shown(worked: Worked, width: int = 80) -> str:
+    text = io.StringIO()
+    show_worked(Console(file=text, width=width), worked, solution=True, studies=False)
+    return text.getvalue()
+
+
+def test_the_guides_exercise_has_nothing_to_tell_a_lecturer() -> None:
+    worked = half()
+
+    assert worked.never_told == ()
+    assert worked.limited == ""
+
+
+def test_a_mistake_that_counts_as_right_is_told() -> None:
+    """0.7 is 1 % more than ln 2 = 0.693, and 5 % are allowed; half of τ is 28 % less."""
+    worked = half('"500 * time_constant"', '"700 * time_constant"')
+
+    (sentence,) = worked.never_told
+    assert sentence.startswith("half: the mistake `700 * time_constant` is as good as right here")
+    assert "! half: the mistake" in shown(worked)
+
+
+def test_a_mistake_that_cannot_be_worked_out_is_told_with_its_line() -> None:
+    with pytest.raises(
+        UsageError, match=r"half\.md:16: blank 'half', a mistake: no fact called 'way_value_9'"
+    ):
+        _ = half('"500 * time_constant"', '"way_value_9"').never_told
+
+
+def test_a_signal_beyond_the_limit_is_told() -> None:
+    """The twin is given 10 V at most, as its data sheet says."""
+    worked = half('final = "2 V"', 'final = "50 V"')
+
+    assert worked.limited.replace("\N{NO-BREAK SPACE}", " ").startswith(
+        "the voltage asked for reaches 50 V, and the motor got 10 V at most"
+    )
+    assert "! the voltage asked for reaches 50" in shown(worked)
+
+
+def test_a_controller_may_go_to_its_limit() -> None:
+    """The position is 4 rad off at the start: 100 V/rad ask for 400 V, which a loop is meant to do."""
+    controller = '[controller]\ntype = "pid"\nkp = 100\n\n[signal]\ntype = "step"\nfinal = "4 rad"'
+    worked = half('[signal]\ntype = "step"\nfinal = "2 V"', controller)
+
+    assert worked.stand.recording["saturated"].values.any()
+    assert worked.limited == ""
+
+
+def test_what_the_recording_does_not_tell_stands_below_the_table() -> None:
+    """The step comes after the end, so that the motor never turns."""
+    text = shown(half('start = "1 s"', 'start = "9 s"'))
+
+    assert "  half   not told  Time until half of the steady speed" in text
+    assert "! half isn't told: the recording tells no time_constant" in text
+    assert ".." not in text
+    assert ".:" not in text
+    assert max(map(len, text.splitlines())) <= 80
+
+
+def test_a_correction_gives_no_figure_whose_interval_holds_zero() -> None:
+    """The guard stops the run after 16 ms of motion: the interval of what is identified from it is wider than its value."""
+    worked = half("[signal]", '[limits]\nspeed = "3 rad/s"\n\n[signal]')
+
+    (corrected,) = worked.corrections
+    assert corrected.value is None
+    assert "can't be told here: its 95 % interval is ±" in corrected.ours
