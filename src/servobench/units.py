@@ -228,7 +228,7 @@ def _why_not(symbol: str, error: UnitError) -> str:
     """Why a quantity with this unit isn't of the expected kind, as the middle of a sentence."""
     if not is_unit(symbol):
         return f": {error}"
-    what = unit(symbol).quantity
+    what = "frequency" if symbol.endswith("Hz") else unit(symbol).quantity
     return f" is a {what}" if what != "other" else ": the unit is of another kind"
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from servobench.lab.exercise import exercises
+from servobench.lab.exercise import exercise, exercises
 from servobench.lab.page import exercise_page
 from servobench.lab.worked import Worked
 from tests.cli.conftest import Command, Ended
@@ -203,6 +203,26 @@ def test_a_recording_of_another_experiment_is_not_held_against_an_exercise(
     assert ended.status == 2
     assert "its signal and sample time are not the exercise's" in ended.err
     assert "servobench lab step --out PAGE.html" in ended.err
+    assert ended.err.startswith(f"Error: {tmp_path / 'run' / 'recording.mcap'} is of another experiment")
+
+
+def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
+    servobench: Command, tmp_path: Path
+) -> None:
+    file = tmp_path / "step.toml"
+    file.write_text(exercise("step").experiment.to_toml(), encoding="utf-8")
+    assert servobench("run", file, "--out", tmp_path / "run").status == 0
+    whole = (tmp_path / "run" / "recording.mcap").read_bytes()
+    (tmp_path / "torn.mcap").write_bytes(whole[: len(whole) // 3])  # its end, and how the run ended, are lost
+
+    told = {
+        name: servobench("lab", "step", "--recording", path, "--answers", "level=63.2 %").out
+        for name, path in (("whole", tmp_path / "run" / "recording.mcap"), ("torn", tmp_path / "torn.mcap"))
+    }
+
+    assert "ended before its time" not in told["whole"]
+    assert "ended before its time" in told["torn"]
+    assert all("✓ level" in said for said in told.values())
 
 
 def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_it_belongs(
@@ -216,7 +236,7 @@ def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_i
 
     assert ended.status == 2
     assert "doesn't say which device it is of" in ended.err
-    assert "`servobench identify" in ended.err
+    assert f"`servobench identify {file}` tells" in ended.err
 
 
 def test_a_page_is_written_where_it_is_asked_for(servobench: Command, folder: Path, tmp_path: Path) -> None:

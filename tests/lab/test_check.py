@@ -119,6 +119,19 @@ def test_of_a_number_below_zero_the_size_is_spoken_of(text: str, said: str) -> N
     assert said in check_blank(blank(answer="-1 / time_constant", unit="rad/s"), text, TAU).sentence
 
 
+@pytest.mark.parametrize("text", ["-10", "-10 1/s", "-10 rad/s", "−10.2rad/s"])
+def test_a_pole_may_be_told_in_radians_a_second_too(text: str) -> None:
+    """The radian is the number one: python-control's `damp` and many a textbook have poles in rad/s."""
+    assert check_blank(blank(unit="1/s", answer="-1 / time_constant"), text, TAU).right
+
+
+def test_a_pole_in_hertz_is_told_to_be_a_frequency() -> None:
+    said = check_blank(blank(unit="1/s", answer="-1 / time_constant"), "-1.59 Hz", TAU)
+
+    assert not said.right
+    assert "'-1.59 Hz' is a frequency" in said.sentence
+
+
 def test_a_part_of_one_is_told_from_per_cent() -> None:
     level = blank(answer="100 * (1 - exp(-1))", unit="%", tolerance="0.5 %")
 

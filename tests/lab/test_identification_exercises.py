@@ -535,6 +535,9 @@ def test_the_motors_parameters_follow_from_the_two_tables() -> None:
     assert np.isnan(sheet[[2, 3]]).all()
     true = numbers("parameter_estimation", "spin", "true")
     assert true[:4] == pytest.approx([9.0, K, B, COULOMB], rel=1e-12)
+    # Gain and time constant by the formulas that their rows are called by, as a student works them out of the column.
+    own = 9.0 * B + K * K
+    assert true[4:] == pytest.approx([inertia, K / own, 9.0 * inertia / own], rel=1e-9)
     # Four standard deviations of the means of noisy currents, through each law.
     sd = math.hypot(5e-3, 6 / 4096 / math.sqrt(12)) / math.sqrt(500)
     assert k == pytest.approx(K, abs=4 * 9 * sd * math.sqrt(np.sum(1 / w**2)) / 10 + 1e-6)

@@ -4,8 +4,10 @@ This is the list, so that none is lost. Figures are held against algebra alone; 
 """
 
 import math
+import re
 from dataclasses import dataclass
 from functools import cache
+from importlib.resources import files
 
 import pytest
 
@@ -193,6 +195,7 @@ ITEMS = {
     "Table 1-4": "filter",
     "Table 1-5": "stability",
     "two channels": "encoder",
+    "Figure 1-4": "encoder",
     "2048 counts": "encoder",
     "zero after a restart": "encoder",
     "Figure 1-17 (encoder position)": "encoder",
@@ -211,6 +214,44 @@ ITEMS = {
     "step size against resolution": "sampling",
     "effects of noise": "noise",
 }
+
+
+def test_each_figure_of_the_paper_is_done_again_or_named_among_those_without_numbers() -> None:
+    """Its captions go from Figure 1-1 to 1-23; none is passed over, and none is in both lists."""
+    items = " ".join(each.item for exercise in lab().values() for each in exercise.paper)
+    template = files("servobench.report").joinpath("lab_paper.html.j2").read_text(encoding="utf-8")
+    note = template.partition("Its other figures, ")[2].partition(", are ")[0]
+    done, left = _figures(re.sub(r"Table 1-\d+", "", items)), _figures(note)
+
+    assert done | left == set(range(1, 24))
+    assert not done & left
+
+
+def _figures(text: str) -> set[int]:
+    spans = re.findall(r"1-(\d+)(?: to 1-(\d+))?", text)
+    return {n for first, last in spans for n in range(int(first), int(last or first) + 1)}
+
+
+def test_nowhere_is_it_told_as_known_where_the_papers_time_constant_comes_from() -> None:
+    """The paper has 0.13 s in its poles alone, without a derivation or a reading; that a filter's lag is in it is a guess."""
+    told = [
+        sentence
+        for each in lab().values()
+        for sentence in (
+            *(part for c in each.corrections for part in (c.paper, c.why)),
+            *(mistake.sentence for blank in each.blanks for mistake in blank.mistakes),
+        )
+        if "0.13 s" in sentence or "paper's figure" in sentence
+    ]
+
+    assert told
+    for claim in (
+        "read off a filtered speed",
+        "the filter's lag is in",
+        "has the lag of the filter",
+        "from a step whose",
+    ):
+        assert not [sentence for sentence in told if claim in sentence]
 
 
 @pytest.mark.parametrize("item", ITEMS)

@@ -264,8 +264,8 @@ def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> Mo
         made = load(recording)
         if len(made) != 1:
             raise UsageError(f"{recording} holds {len(made)} recordings; expected one of this exercise")
-        stand = stand_of(exercise, made[0])
-        check_made_for(exercise, made[0])
+        stand = stand_of(exercise, made[0], str(recording))
+        check_made_for(exercise, made[0], str(recording))
         return stand
     asked = exercise.experiment.device
     if device is None and asked.name == "twin":

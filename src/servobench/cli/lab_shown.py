@@ -44,10 +44,7 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
         else:
             show_markdown(console, piece.text)
     console.print()
-    if worked.cut_short:
-        head = Text.assemble(("! ", "bold yellow"), "the run ended before its time: ")
-        show_wrapped(console, head, worked.cut_short, hanging=2)
-        console.print()
+    _show_cut_short(console, worked)
     if solution and worked.limited:
         show_wrapped(console, Text("! ", style="bold yellow"), worked.limited, hanging=2)
         console.print()
@@ -57,8 +54,17 @@ def show_worked(console: Console, worked: Worked, *, solution: bool, studies: bo
         _show_corrections(console, worked)
 
 
+def _show_cut_short(console: Console, worked: Worked) -> None:
+    """Print why the run ended before its time, and nothing where it didn't."""
+    if worked.cut_short:
+        head = Text.assemble(("! ", "bold yellow"), "the run ended before its time: ")
+        show_wrapped(console, head, worked.cut_short, hanging=2)
+        console.print()
+
+
 def show_checked(console: Console, worked: Worked) -> None:
-    """Print what is to be said of the answers that were given."""
+    """Print what is to be said of the answers that were given, and first, if so, that the run didn't last."""
+    _show_cut_short(console, worked)
     for name, said in worked.checked.items():
         symbol, style = ("✓", "bold green") if said.right else ("✗", "bold red")
         head = Text.assemble("  ", (symbol, style), f" {name} = {printable(worked.given[name])}: ")

@@ -150,22 +150,23 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
     )
 
 
-def stand_of(exercise: Exercise, recording: Recording) -> MotorStand:
+def stand_of(exercise: Exercise, recording: Recording, called: str = "") -> MotorStand:
     """Return the stand of an exercise with a recording alone: a study that runs something is told that there is no motor.
 
+    `called` is what the recording is called in what is told of it, such as its file; by its own name without one.
     Raises `UsageError` for a recording that doesn't say what device it is of.
     """
     if recording.info is None:
         raise UsageError(
-            f"{recording.name} doesn't say which device it is of, so it can't be held against an exercise; expected a recording "
-            f"that servobench made: the panel's, or that of `servobench run`. `servobench identify {recording.name}` tells the "
-            "motor of any other"
+            f"{called or recording.name} doesn't say which device it is of, so it can't be held against an exercise; expected a "
+            "recording that servobench made: the panel's, or that of `servobench run`. "
+            f"`servobench identify {called or recording.name}` tells the motor of any other"
         )
 
     def refuse(experiment: Experiment) -> Recording:
         raise NotIdentifiable(
-            f"this takes further runs of the motor, and {recording.name} is one recording alone; do the exercise with the motor, "
-            "or with the simulated one"
+            f"this takes further runs of the motor, and {called or recording.name} is one recording alone; "
+            "do the exercise with the motor, or with the simulated one"
         )
 
     return MotorStand(
@@ -177,10 +178,11 @@ def stand_of(exercise: Exercise, recording: Recording) -> MotorStand:
     )
 
 
-def check_made_for(exercise: Exercise, recording: Recording) -> None:
+def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -> None:
     """Raise `UsageError` for a recording whose own experiment drives the motor otherwise than the exercise's.
 
-    One that doesn't say what experiment it is of is taken as it is.
+    `called` is what the recording is called then, by its own name without one. A recording that doesn't say what experiment it
+    is of is taken as it is.
     """
     from servobench.experiment.reading import read_experiment
 
@@ -195,7 +197,7 @@ def check_made_for(exercise: Exercise, recording: Recording) -> None:
     other = [name for name, (theirs, ours) in parts.items() if theirs != ours]
     if other:
         raise UsageError(
-            f"{recording.name} is of another experiment than the exercise {exercise.name!r}: its {' and '.join(other)} "
+            f"{called or recording.name} is of another experiment than the exercise {exercise.name!r}: its {' and '.join(other)} "
             f"{'is' if len(other) == 1 else 'are'} not the exercise's, whose answers are those of its own experiment. Load that "
             f"in the panel, or copy it from the page of `servobench lab {exercise.name} --out PAGE.html`, and record it"
         )

@@ -57,7 +57,10 @@ class ReadingErrors(StudySettings):
         table = Table(
             title=f"A time constant of {plain(motor)} s, read at 63.2 %",
             columns=columns,
-            note="Noise is the rms over all speeds, as the speed passes many of them while it rises.",
+            note=(
+                "Noise is the rms over all speeds, as the speed passes many of them while it rises. The steps begin at rest, and "
+                "the filter is computed by Tustin; by forward Euler it lets more noise through."
+            ),
         )
         return Shown(tables=(table,), figures=(self._figure(motor, quantum),))
 

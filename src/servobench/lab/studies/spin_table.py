@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
@@ -133,7 +134,12 @@ def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -
         **_followed(sheet.resistance, sheet.motor_constant, sheet.viscous_friction, sheet.inertia),
     }
     nothing: Cell = math.nan
-    own = tuple(getattr(truth, name) for name, _, _ in _ROWS) if truth else ()
+    own: tuple[float, ...] = ()
+    if truth:
+        r, k, b, inertia = truth.resistance, truth.motor_constant, truth.viscous_friction, truth.inertia
+        # By the formulas of the rows, as the other columns: the pole itself has the inductance in it.
+        true = {**asdict(truth), **_followed(r, k, b, inertia)}
+        own = tuple(true[name] for name, _, _ in _ROWS)
     return Table(
         title="The motor's parameters",
         columns=(
