@@ -66,7 +66,7 @@ def in_words(found: dict[str, Any]) -> list[str]:
     ]
     records = [each["sentences"] for each in found["records"]]
     return [
-        *sum([*records, *systems], []),
+        *(sentence for group in (*records, *systems) for sentence in group),
         *found["loop"]["sentences"],
         *(each["sentence"] for each in found["over_intervals"]),
     ]
