@@ -14,6 +14,7 @@ import pytest
 from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import TransferFunction as Lti
+from scipy.signal import cont2discrete
 from scipy.signal import step as step_of
 
 from servobench.errors import UsageError
@@ -197,6 +198,41 @@ def test_the_margins_on_paper_and_as_it_runs() -> None:
     a, c = 2 * GAIN / TAU, 1 / TAU
     b = a - c * c / 2
     assert found["bandwidth"][0] == pytest.approx(math.sqrt(b + math.sqrt(b * b + a * a)), rel=1e-9)
+
+
+def test_how_a_pd_loop_follows_its_reference_is_told_beside_l_over_one_plus_l() -> None:
+    """Θ/R = K kp/(τs² + (1 + K kd) s + K kp): |Θ/R|² = 1/2 at ω² = b + √(b² + a²), by algebra."""
+    shown = stand("pd").shown("margins")
+    a, c = GAIN * 4.36 / TAU, (1 + GAIN * 0.164) / TAU
+    b = a - c * c / 2
+    followed = math.sqrt(b + math.sqrt(b * b + a * a))
+
+    assert columns(shown)["bandwidth"][0] > 1.5 * followed  # L/(1 + L) has the zero of kd s + kp
+    assert f"from reference to output the bandwidth is {followed:.4g} rad/s" in shown.tables[0].note
+    assert "from reference to output" not in stand("second_order").shown("margins").tables[0].note
+
+
+def test_a_gain_margin_that_samples_decide_is_told_to_be_rough() -> None:
+    """The sampled loop itself, its roots on the unit circle: within 1 % of the margin where nothing is told, else further off."""
+    n, d, _ = cont2discrete(([GAIN], [TAU, 1, 0]), H, "zoh")
+    a = 500 * H / 2  # the derivative: a difference behind 500/(s + 500) by Tustin
+    slope, below = np.convolve([0.164 / H, -0.164 / H], [a, a]), np.convolve([1, 0], [1 + a, a - 1])
+    laws = {
+        "second_order": (np.array([2.0]), np.array([1.0])),
+        "pd": (np.polyadd(4.36 * below, slope), below),
+    }
+    for name, (above, under) in laws.items():
+        shown = stand(name).shown("margins")
+        exact = brentq(_outermost, 2.0, 100.0, (np.convolve(under, d), np.convolve(above, n[0])))
+        told = float(columns(shown)["gain"][1])
+        assert ("The gain margin as it runs is rough" in shown.tables[0].note) == (
+            abs(told / exact - 1) > 0.01
+        )
+
+
+def _outermost(k: float, under: np.ndarray, above: np.ndarray) -> float:
+    """How far the outermost root of a sampled loop with k times its gain is outside of the unit circle."""
+    return float(np.abs(np.roots(np.polyadd(under, k * above))).max() - 1)
 
 
 def test_pd_gains_follow_from_the_specification() -> None:

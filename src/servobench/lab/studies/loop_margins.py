@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from functools import partial
 
 import numpy as np
 
+from servobench.control.pid import Pid
 from servobench.experiment.experiment import AnyController
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor, named, on_paper, tunable
@@ -18,9 +20,11 @@ from servobench.responses import bandwidth
 from servobench.rounding import plain
 from servobench.stability_analysis.nyquist import closed_loop, nyquist_curve
 from servobench.transfer_function import TransferFunction
+from servobench.tuning.base import Tunable
 from servobench.tuning.loop import open_loop
 
 _POINTS = 400
+_COARSE = 0.5  # rad in a sample, from which on a delay stands for the hold only roughly
 
 
 @STUDIES.member("loop_margins")
@@ -46,7 +50,7 @@ class LoopMargins(OfAMotor):
             "phase": ("phase margin", "°", [math.degrees(m.phase_margin) for m in found.values()]),
             "gain": ("gain margin", "", [m.gain_margin for m in found.values()]),
             "delay": ("delay margin", "s", [m.delay_margin for m in found.values()]),
-            "bandwidth": ("bandwidth, closed", "rad/s", [_bandwidth(loop) for loop in loops.values()]),
+            "bandwidth": ("bandwidth of L/(1 + L)", "rad/s", [_bandwidth(loop) for loop in loops.values()]),
         }
         columns = (
             Column(name="loop", heading="loop", values=tuple(loops)),
@@ -59,6 +63,9 @@ class LoopMargins(OfAMotor):
         note = (
             f"‘As it runs’ has half a sample time of delay for the hold, {plain(500 * h, 3)} ms, and the filter of a speed or a "
             "derivative."
+        )
+        note += _of_the_reference(law, loops["on paper"], gain) + _rough(
+            found["as it runs"].phase_crossover, h
         )
         return Shown(
             tables=(Table(title=f"Margins with {named(law)}", columns=columns, note=note),),
@@ -73,11 +80,36 @@ def _bandwidth(loop: TransferFunction) -> float:
     from servobench.interop import without_delay
 
     rational = without_delay(loop, 3 if loop.delay else None)
-    closed = TransferFunction(
-        numerator=rational.numerator,
-        denominator=tuple(map(float, np.polyadd(rational.denominator, rational.numerator))),
+    return bandwidth(_closed(rational, rational.numerator))
+
+
+def _closed(loop: TransferFunction, numerator: Sequence[float]) -> TransferFunction:
+    """The closed loop with another numerator over that of 1 + L."""
+    below = np.polyadd(loop.denominator, loop.numerator)
+    return TransferFunction(numerator=tuple(map(float, numerator)), denominator=tuple(map(float, below)))
+
+
+def _of_the_reference(law: Tunable, loop: TransferFunction, gain: float) -> str:
+    """The bandwidth from reference to output, where a PID weighs the reference by b and c and L/(1 + L) isn't it."""
+    if not isinstance(law, Pid) or (law.b == 1 and (law.c == 1 or not law.kd)):
+        return ""
+    powers = (law.c * law.kd, law.b * law.kp, law.ki) if law.ki else (law.c * law.kd, law.b * law.kp)
+    followed = bandwidth(_closed(loop, [gain * power for power in powers]))
+    return (
+        " The derivative doesn't see all of the reference, so that L/(1 + L) isn't how the output follows it: from reference to "
+        f"output the bandwidth is {plain(followed)} rad/s on paper."
     )
-    return bandwidth(closed)
+
+
+def _rough(crossover: float, sample_time: float) -> str:
+    """That a gain margin is rough where a swing has few samples: at ωh = 0.5 the hold's sin(ωh/2)/(ωh/2) is 1 % below 1."""
+    if not crossover * sample_time > _COARSE:
+        return ""
+    samples = 2 * math.pi / (crossover * sample_time)
+    return (
+        f" The gain margin as it runs is rough: where the phase crosses −180°, at {plain(crossover, 3)} rad/s, a swing has only "
+        f"{plain(samples, 2)} samples, and hold and filter are taken for a delay and a lag."
+    )
 
 
 def _bode(loops: dict[str, TransferFunction], crossover: float) -> Illustration:

@@ -220,7 +220,8 @@ def _sentences(experiment: Experiment, measured: list[StepFigures]) -> tuple[str
     beyond = sum(each.voltage > limit for each in measured)
     if not beyond:
         return ()
+    which = "this controller" if len(measured) == 1 else f"{beyond} of the {len(measured)} controllers"
     return (
-        f"With {beyond} of the {len(measured)} controllers more was asked for than the limit of {plain(limit)} V: there the loop "
+        f"With {which} more was asked for than the limit of {plain(limit)} V: there the loop "
         "is open, and the formulas don't hold.",
     )
