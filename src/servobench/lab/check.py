@@ -101,10 +101,8 @@ def _number(blank: Blank, text: str) -> float | Checked:
         return Checked(right=False, sentence=f"An answer has {_LONGEST} characters at most.")
     if _SUM.fullmatch(written) and (worked_out := _worked_out(written)) is not None:
         return worked_out
-    # A pole and a rate of decay are often told in rad/s: the radian is a one there.
-    per_second = blank.unit == "1/s" and written.endswith("rad/s")
     try:
-        return quantity(written, "rad/s" if per_second else blank.unit or "1")
+        return quantity(written, blank.unit or "1")
     except UnitError as error:
         example = f' (for example "12.5 {blank.unit}")' if blank.unit else ' (for example "12.5")'
         reason = str(error).partition(", expected")[0].partition("; expected")[0]
