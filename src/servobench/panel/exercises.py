@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import os
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -61,7 +62,7 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
         try:
             _results[found] = await work(asked)
         except ServobenchError as error:
-            return _error(str(error), _WRONG)
+            return _error(_told(error, _folder(request)), _WRONG)
     return JSONResponse(_results[found])
 
 
@@ -82,7 +83,7 @@ async def check_exercise(request: Request, work: Work) -> JSONResponse:
         facts = await _facts_for(found, answers, _folder(request), work)
         checked = await asyncio.to_thread(_checked, found, answers, facts)
     except ServobenchError as error:
-        return _error(str(error), _WRONG)
+        return _error(_told(error, _folder(request)), _WRONG)
     return JSONResponse({"answers": checked})
 
 
@@ -144,12 +145,17 @@ async def _named(request: Request) -> Exercise | JSONResponse:
     except UnknownName as error:
         return _error(str(error), _NOT_FOUND)
     except ServobenchError as error:
-        return _error(str(error), _WRONG)
+        return _error(_told(error, _folder(request)), _WRONG)
 
 
 def _folder(request: Request) -> Path:
     """Where the exercises lie: in a lecturer's own folder, where the application's state has one as `exercises`."""
     return Path(getattr(request.app.state, "exercises", FOLDER))
+
+
+def _told(error: ServobenchError, folder: Path) -> str:
+    """What is wrong, with the names of files alone: who reads it in a browser needn't know where they lie."""
+    return str(error).replace(f"{folder}{os.sep}", "")
 
 
 def _listed(folder: Path) -> list[dict[str, str]]:
@@ -159,7 +165,7 @@ def _listed(folder: Path) -> list[dict[str, str]]:
         try:
             found.append(exercise(name, folder))
         except ServobenchError as error:  # one file with a mistake doesn't take the others away
-            broken.append({"name": name, "title": name, "sentence": "", "error": str(error)})
+            broken.append({"name": name, "title": name, "sentence": "", "error": _told(error, folder)})
     found.sort(key=lambda each: (each.order, each.name))
     told = ({"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found)
     return [*told, *broken]
