@@ -98,6 +98,22 @@ def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
     assert f"{folder / 'bad.md'}:7: experiment.duration: '2 V' is a voltage" in ended.err
 
 
+def test_a_device_that_is_not_here_is_told_with_the_file_that_names_it(
+    servobench: Command, folder: Path
+) -> None:
+    text = MINE.replace("[signal]", '[device]\nname = "twn"\n\n[signal]', 1)
+    (folder / "mine.md").write_text(text, encoding="utf-8")
+
+    ended = servobench("lab", "mine", "--folder", folder)
+
+    assert ended.status == 2
+    assert (
+        f"{folder / 'mine.md'}: the table [device]: no device called 'twn' (did you mean 'twin'?)"
+        in ended.err
+    )
+    assert servobench("lab", "--folder", folder).status == 0  # another computer may have it
+
+
 def test_what_comes_out_is_not_told_before_it_is_asked_for(servobench: Command, folder: Path) -> None:
     ended = servobench("lab", folder / "mine.md")
 

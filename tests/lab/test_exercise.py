@@ -99,11 +99,6 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
             'duration = "2 s"\nnominal = "qube"',
             r"mine\.md:7: experiment\.nominal: no data sheet",
         ),
-        (
-            "[signal]",
-            '[device]\nname = "twn"\n\n[signal]',
-            r"mine\.md:9: device\.name: no device called 'twn'",
-        ),
         ("[signal]", "[motor]\n\n[signal]", r"mine\.md:8: motor: not known here; known: title, .*signal"),
         ('answer = "read_gain"', 'answer = "2 * ln(2)"', r"mine\.md:11: .*natural logarithm is called log"),
         ('answer = "read_gain"', 'answer = "read_gain^2"', r"mine\.md:11: .*a power is written as \*\*"),

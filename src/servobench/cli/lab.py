@@ -255,7 +255,7 @@ def _answer(text: str) -> tuple[str, str]:
 
 
 def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> MotorStand:
-    from servobench.errors import UsageError
+    from servobench.errors import UnknownName, UsageError
     from servobench.experiment.experiment import DeviceChoice
     from servobench.formats.base import load
     from servobench.lab.stand import check_made_for, stand_of, stand_on_the_twin, stand_with
@@ -271,9 +271,15 @@ def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> Mo
     if device is None and asked.name == "twin":
         return stand_on_the_twin(exercise)
     # The settings in the file are another device's.
-    return stand_with(
-        exercise, asked if device in (None, asked.name) else DeviceChoice(name=device or asked.name)
-    )
+    chosen = asked if device in (None, asked.name) else DeviceChoice(name=device or asked.name)
+    try:
+        return stand_with(exercise, chosen)
+    except UnknownName as error:
+        if device is not None:
+            raise
+        raise UsageError(
+            f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
+        ) from None
 
 
 def _one(

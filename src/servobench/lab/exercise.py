@@ -17,7 +17,6 @@ from typing import Annotated, Any, Self
 
 from pydantic import AfterValidator, Field, StringConstraints, ValidationError, model_validator
 
-from servobench.devices.base import DEVICES
 from servobench.errors import FormatError, UnknownName, UsageError
 from servobench.experiment import Experiment
 from servobench.experiment.lines import Path as KeyPath
@@ -314,7 +313,10 @@ def _check_keys(tables: Mapping[str, Any], lines: Mapping[KeyPath, int], source:
 
 
 def _check_named(experiment: Experiment, lines: Mapping[KeyPath, int], source: str) -> None:
-    """Raise `UsageError`, with file and line, for a chain, a data sheet or a device that isn't known."""
+    """Raise `UsageError`, with file and line, for a chain or a data sheet that isn't known.
+
+    A device may be one that another computer has.
+    """
 
     def chain() -> None:
         Chain.parse(experiment.chain)
@@ -323,13 +325,9 @@ def _check_named(experiment: Experiment, lines: Mapping[KeyPath, int], source: s
         if experiment.nominal:
             data_sheet(experiment.nominal)
 
-    def device() -> None:
-        DEVICES[experiment.device.name]
-
     checks: tuple[tuple[KeyPath, Callable[[], None]], ...] = (
         (("experiment", "chain"), chain),
         (("experiment", "nominal"), nominal),
-        (("device", "name"), device),
     )
     for path, check in checks:
         try:
