@@ -22,11 +22,17 @@ from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import NAME, blank_form, forms_in, read_form
 from servobench.lab.assessment.handing_out import HandedOut, hand_out
-from servobench.lab.assessment.marking import Marked, mark, marks_table
-from servobench.lab.assessment.questions import passed_by_others, questions, same_for_all
+from servobench.lab.assessment.marking import Mark, Marked, Verdict, mark, marks_table
+from servobench.lab.assessment.questions import (
+    Question,
+    all_passed_by_others,
+    passed_by_others,
+    questions,
+    same_for_all,
+)
 from servobench.lab.assessment.roster import Student, read_roster
 from servobench.lab.assessment.tables import harmless, read_table, unquoted
-from servobench.lab.exercise import exercise, exercises, load_exercise
+from servobench.lab.exercise import Blank, exercise, exercises, load_exercise
 from servobench.lab.stand import MotorStand
 from servobench.lab.truth import truth_of
 from servobench.motor.individual import (
@@ -718,3 +724,43 @@ def test_a_form_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert form is not None
     assert list(form.answers) == [blank.id for blank in blanks]
     assert json.dumps(form.code) == '"000000000000"'
+
+
+@pytest.mark.parametrize(("separator", "kept"), [(",", "1,5 s"), ("\t", "1,5 s"), (";", "1.5 s")])
+def test_a_comma_is_a_decimal_mark_only_where_a_semicolon_separates(
+    tmp_path: Path, separator: str, kept: str
+) -> None:
+    with (tmp_path / "f.csv").open("w", encoding="utf-8", newline="") as file:
+        csv.writer(file, delimiter=separator).writerows([("blank", "answer"), ("tau", "1,5 s")])
+
+    form = read_form(tmp_path / "f.csv")
+
+    assert form is not None
+    assert form.answers == {"tau": kept}
+
+
+def asked(*right: float | None, allowed: float = 0.5) -> tuple[Question, ...]:
+    """What a student is asked whose right answers these are; None is a blank that their recording doesn't tell."""
+    blank = Blank(id="one", label="", answer="1", tolerance="exact")
+    return tuple(
+        Question(blank=blank, why_not="nothing tells it")
+        if value is None
+        else Question(blank=blank, right=value, allowed=allowed)
+        for value in right
+    )
+
+
+def test_a_blank_that_somebody_is_not_asked_keeps_no_form_apart() -> None:
+    """The first two differ in what neither can be held to; the third is off in the last blank."""
+    three = [asked(1.0, None, 5.0), asked(1.2, 7.0, 5.0), asked(1.2, 7.0, 9.0)]
+    assert all_passed_by_others(three[:2]) == 1.0
+    assert all_passed_by_others(three) == pytest.approx(2 / 6)  # of six ordered pairs
+    assert math.isnan(all_passed_by_others(three[:1]))
+
+
+def test_points_are_out_of_what_was_asked() -> None:
+    verdicts: tuple[Verdict, ...] = ("right", "wrong", "not asked", "missing")
+    marks = tuple(Mark(blank=f"b{n}", verdict=each, given="", sentence="") for n, each in enumerate(verdicts))
+    marked = Marked(student="ada", marks=marks)
+
+    assert (marked.points, marked.total) == (1, 3)

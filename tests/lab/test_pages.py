@@ -12,9 +12,9 @@ import pytest
 
 from servobench.lab.exercise import Exercise, exercises, read_exercise
 from servobench.lab.expression import Expression
-from servobench.lab.page import INDEX, PAPERS, InPart, exercise_page, page_of, papers_page, write_lab
+from servobench.lab.page import INDEX, PAPERS, Block, InPart, exercise_page, page_of, papers_page, write_lab
 from servobench.lab.stand import stand_on_the_twin
-from servobench.lab.told import told
+from servobench.lab.told import Told, told
 from servobench.lab.worked import Worked
 from servobench.report.tables import capital
 from tests.report.test_page import Page
@@ -297,3 +297,17 @@ def test_a_recording_alone_has_a_page_that_says_what_it_cannot_show() -> None:
     words = Page(exercise_page(Worked(exercise=found, stand=stand, given={}), solution=False)).words
 
     assert "Nothing can be shown here: the study 'inertias': this takes further runs of the motor" in words
+
+
+@pytest.mark.parametrize(
+    ("columns", "width", "broad"),
+    [
+        (7, 6, False),
+        (8, 1, True),
+        (2, 29, False),
+        (2, 30, True),
+    ],  # with 2 between columns, 62 is the width of the text
+)
+def test_a_table_is_broad_by_its_columns_or_by_its_numbers(columns: int, width: int, broad: bool) -> None:
+    table = tuple(Told(heading="x", unit="", kind="number", texts=("9" * width,)) for _ in range(columns))
+    assert Block(tables=(("", table, ""),)).is_broad is broad

@@ -13,6 +13,7 @@ from servobench.errors import FormatError, NotIdentifiable, UnknownName, UsageEr
 from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.exercise import Exercise, Piece, exercises, read_exercise
 from servobench.lab.expression import Expression, Fact
+from servobench.lab.runs import simulated
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin, stand_with
 from servobench.lab.studies.base import Column, Shown, Stand, Table
 from servobench.lab.worked import Worked
@@ -285,3 +286,16 @@ def test_all_studies_and_corrections_of_an_exercise_have_their_figures(found: Ex
     for correction in found.corrections:
         if correction.answer:
             assert math.isfinite(value(correction.answer, stand.facts)), correction.where
+
+
+def test_a_run_beside_the_exercises_own_takes_its_own_settings_before_the_experiments() -> None:
+    asked = read().experiment
+    device = DeviceChoice(
+        name="twin", settings={"counts_per_rev": 500, "coulomb_torque": 0.0, "timing": "host"}
+    )
+    found = simulated(asked.model_copy(update={"device": device, "duration": 0.1}), counts_per_rev=4096)
+
+    assert found["counts"].channel.counts_per_rev == 4096
+    assert found.info is not None
+    assert dict(found.info.settings)["coulomb_torque"] == "0.0"
+    assert found.info.timing == "virtual"  # whatever the experiment says: nobody waits for a run beside
