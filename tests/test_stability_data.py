@@ -200,7 +200,7 @@ def test_a_corner_that_no_draw_reaches_leaves_the_verdict_open() -> None:
     ends = [found.estimates[name].interval for name in found.model.names]
     corners = [replace(found.model, theta=np.array(theta)) for theta in itertools.product(*ends)]
     limits = sorted(margins(corner.transfer_function("position")).gain_margin for corner in corners)
-    # Of the time constant and Coulomb friction nothing is open: four corners are alike, and this is too much for them only.
+    # Of the time constant and the offset nothing is open: four corners are alike, and this is too much for them only.
     controller = TransferFunction(numerator=(0.5 * (limits[3] + limits[4]),), denominator=(1.0,))
     report = loop_over_intervals(found, controller)
 
