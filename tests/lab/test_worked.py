@@ -82,10 +82,14 @@ def test_what_the_recording_does_not_tell_stands_below_the_table() -> None:
     assert max(map(len, text.splitlines())) <= 80
 
 
-def test_a_correction_gives_no_figure_whose_interval_holds_zero() -> None:
+def test_what_is_known_by_less_than_its_own_size_is_no_answer_and_no_figure() -> None:
     """The guard stops the run after 16 ms of motion: the interval of what is identified from it is wider than its value."""
     worked = half("[signal]", '[limits]\nspeed = "3 rad/s"\n\n[signal]')
 
     (corrected,) = worked.corrections
     assert corrected.value is None
-    assert "can't be told here: its 95 % interval is ±" in corrected.ours
+    assert (
+        "can't be told here: the recording tells no time_constant: its 95 % interval is ±" in corrected.ours
+    )
+    # Nor is there an answer: anything would lie within that interval.
+    assert "! half isn't told: the recording tells no time_constant" in shown(worked)

@@ -20,6 +20,7 @@ from servobench.finding import Severity
 from servobench.lab.expression import Fact
 from servobench.lab.rules import identifiable
 from servobench.measurement.base import Chain
+from servobench.rounding import plain
 
 if TYPE_CHECKING:
     from servobench.recording.recording import Recording
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
 _READ, _SHEET = "read_", "sheet_"
 _READINGS = ("gain", "time_constant")
 _LAG = "chain_lag"
+_NEVER_ZERO = ("gain", "time_constant")  # of a motor: known by less than their own size, they aren't known
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,7 +54,12 @@ class Evidence(Mapping[str, Fact]):
         if result is not None and result.fit is None and name in _identifiable():
             why = "; ".join(f.sentence for f in result.findings if f.severity is Severity.REFUSAL)
             raise NotIdentifiable(f"the recording tells no {name}: {why}")
-        return found[name]
+        fact = found[name]
+        if name in _NEVER_ZERO and fact.half >= fact.value:
+            raise NotIdentifiable(
+                f"the recording tells no {name}: its 95 % interval is ±{plain(fact.half, 2)}, as large as itself"
+            )
+        return fact
 
     def __iter__(self) -> Iterator[str]:
         return iter({**self._stated, **self._read, **self._found})
