@@ -408,3 +408,29 @@ def test_margins_without_intervals_are_the_same() -> None:
 
     assert plain == {name: each.value for name, each in made.margins.items()}
     assert METHODS["pole_placement"](motor, wish(damping=0.8, bandwidth=20.0)) == made.controller
+
+
+def test_a_response_is_told_only_where_it_is_worked_out_as_far_as_its_overshoot() -> None:
+    """At a tick of 5 µs the first 20 000 end before the loop has risen: it was told to have no overshoot."""
+    with pytest.raises(UsageError, match="takes more than 20000 ticks of that; expected") as refused:
+        tuned(damping=0.5, bandwidth=20.0, sample_time=5e-6)
+
+    enough = float(re.search(r"expected ([\d.e-]+) s at least", str(refused.value))[1])  # type: ignore[index]
+    overshoot = tuned(damping=0.5, bandwidth=20.0, sample_time=enough).response["overshoot"].value
+    # e^(-πζ/√(1 - ζ²)) = 16.3 %; the filter at ten times the bandwidth and the delay move the poles by some per cent: a fifth of it.
+    assert overshoot == pytest.approx(math.exp(-math.pi * 0.5 / math.sqrt(0.75)), rel=0.2)
+
+
+@pytest.mark.parametrize(
+    "asked",
+    [
+        {"damping": 0.8, "bandwidth": 1e300},
+        {"damping": 1e300, "bandwidth": 20.0},
+        {"poles": (-1e300 + 0j, -1e300 + 0j)},
+    ],
+)
+def test_a_bandwidth_beyond_any_controller_is_told(asked: dict[str, Any]) -> None:
+    with pytest.raises(
+        UsageError, match=r"no controller has ticks for a loop faster than 1e\+09 rad/s; expected"
+    ):
+        tuned(**asked)

@@ -26,6 +26,8 @@ from servobench.export.first_order import FirstOrderMotor
 from servobench.tuning.base import METHODS, Tunable, Wish, as_printed, unsupported
 
 _FILTER = 10.0  # times the fastest pole: costs 6° of phase there, and lets a tenth of the noise of a bare difference pass
+_FASTEST = 1e9  # rad/s
+_NO_FASTER = f"no controller has ticks for a loop faster than {_FASTEST:.0e} rad/s"
 
 
 class _PolePlacement:
@@ -70,6 +72,10 @@ def _denominator(wish: Wish) -> list[float]:
         )
     if not (wish.damping > 0 and wish.bandwidth > 0 and math.isfinite(wish.damping * wish.bandwidth)):
         raise UsageError(f"--damping {wish.damping:g} --bandwidth {wish.bandwidth:g}: expected both above 0")
+    if max(wish.bandwidth, wish.damping * wish.bandwidth) > _FASTEST:
+        raise UsageError(
+            f"--damping {wish.damping:g} --bandwidth {wish.bandwidth:g}: {_NO_FASTER}; expected a bandwidth such as 20"
+        )
     return [1.0, 2 * wish.damping * wish.bandwidth, wish.bandwidth**2]
 
 
@@ -80,6 +86,10 @@ def _of_poles(wish: Wish) -> list[float]:
     if not all(math.isfinite(abs(p)) and p.real < 0 for p in poles):
         raise UsageError(
             f"--poles {','.join(map(_written, poles))}: expected poles left of zero, such as -20 or -15+10j"
+        )
+    if max(map(abs, poles)) > _FASTEST:
+        raise UsageError(
+            f"--poles {','.join(map(_written, poles))}: {_NO_FASTER}; expected poles such as -20"
         )
     if len(poles) not in {2, 3}:
         raise UsageError(

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array, Channel, DeviceInfo, Sample
+from servobench.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
 from servobench.tuning.base import Tunable
 from servobench.tuning.loop import Told
@@ -18,6 +19,7 @@ from servobench.tuning.loop import Told
 _DRAWS = 40
 _RESOLUTION = 1e-9  # rad; finer than any encoder, as what is asked for is the loop's own course
 _LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
+_LEAST = 6.0  # times 1/gain crossover: a pair of poles has its overshoot after about π of these
 _MOST_TICKS = 20_000
 
 
@@ -85,7 +87,16 @@ def unit_step(
 
 
 def ticks_of(motor: FirstOrderMotor, sample_time: float, crossover: float) -> int:
-    """Return how many ticks of a step response tell all of it, for a loop with a gain crossover [rad/s]."""
+    """Return how many ticks of a step response tell all of it, for a loop with a gain crossover [rad/s].
+
+    Raises `UsageError` where more are needed for its overshoot than are worked out.
+    """
+    shortest = _LEAST / crossover / _MOST_TICKS
+    if sample_time < shortest:
+        raise UsageError(
+            f"--sample-time {sample_time:g}: the step response of a loop with its crossover at {crossover:.3g} rad/s takes more "
+            f"than {_MOST_TICKS} ticks of that; expected {1.1 * shortest:.2g} s at least, with which its gains are about the same"
+        )
     length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
     return min(math.ceil(length / sample_time), _MOST_TICKS)
 
