@@ -255,6 +255,19 @@ def test_words_are_spelled_for_the_output_that_there_is(encoding: str) -> None:
     assert {"utf-8": "kg·m²", "cp1252": "kg·m²", "cp437": "kg·m²", "ascii": "kg*m^2"}[encoding] in ended.out
 
 
+@pytest.mark.parametrize(
+    ("encoding", "said"),
+    [("ascii", "3x10^-7 1x10^12 m/s^2 s^2"), ("cp1252", "3×10^-7 1×10¹² m/s² s²")],
+)
+def test_no_digit_of_an_exponent_is_lost_where_the_output_has_none(encoding: str, said: str) -> None:
+    """Code pages have ¹²³ and no other: of 10⁻⁷ there was left `10^-?`."""
+    from servobench.cli.terminal import spell_what_cannot_be_encoded
+
+    spell_what_cannot_be_encoded()
+
+    assert "3×10⁻⁷ 1×10¹² m/s² s²".encode(encoding, "servobench.spelled").decode(encoding) == said
+
+
 def test_words_in_a_pipe_have_no_colours() -> None:
     assert "\x1b" not in process("signals").out
 

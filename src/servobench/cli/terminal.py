@@ -17,11 +17,12 @@ _NARROWEST = 40  # characters; what is narrower breaks figures apart, and wraps 
 
 # How a character is spelled where the output has no place for it, as on a Windows console with its old code page.
 _SPELLED = {
-    "Ω": "ohm", "ω": "omega", "τ": "tau", "µ": "u", "μ": "u", "°": "deg", "²": "^2", "³": "^3", "√": "sqrt ", "·": "*",
+    "Ω": "ohm", "ω": "omega", "τ": "tau", "µ": "u", "μ": "u", "°": "deg", "√": "sqrt ", "·": "*",
     "±": "+/-", "−": "-", "–": "-", "—": "-", "…": "...", "→": "->", "•": "-", "✗": "x", "×": "x", "≤": "<=", "≥": ">=",
-    "’": "'", "‘": "'", "“": '"', "”": '"', "─": "-", "⁻": "^-",
+    "’": "'", "‘": "'", "“": '"', "”": '"', "─": "-",
     "\u00a0": " ", "\u2009": " ", "\u202f": " ",
 }  # fmt: skip
+_EXPONENT = dict(zip("⁻⁰¹²³⁴⁵⁶⁷⁸⁹", "-0123456789", strict=True))
 _BLANKS = "\n\u00a0\u2009\u202f"  # the line's end and the narrow or unbroken blanks between figures
 
 
@@ -90,5 +91,13 @@ def _console(*, stderr: bool) -> Console:
 def _spelled(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    missing = error.object[error.start : error.end]
-    return "".join(_SPELLED.get(c, "?") for c in missing), error.end
+    places = range(error.start, error.end)
+    return "".join(_spelling(error.object, n) for n in places), error.end
+
+
+def _spelling(text: str, n: int) -> str:
+    """How the n-th character of a text is spelled: the first of an exponent's begins with `^`, the others go on."""
+    digit = _EXPONENT.get(text[n])
+    if digit is None:
+        return _SPELLED.get(text[n], "?")
+    return digit if n and text[n - 1] in _EXPONENT else f"^{digit}"
