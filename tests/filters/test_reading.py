@@ -1,6 +1,7 @@
 """Errors of a reading at 63.2 %, against algebra and against random starts with another reader."""
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from scipy.signal import lfilter
 
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.filters.edges import edge_speed
+from servobench.filters.quantisation import count_fraction
 from servobench.filters.reading import (
     ReadingError,
     Rise,
@@ -212,3 +214,28 @@ def test_a_tachometer_of_times_reads_nearly_the_truth() -> None:
     # At 12.6 rad/s it lags by five half counts, 0.6 ms; straight lines between samples of 2 ms add up to T²/(8 τ), 5 µs.
     assert found.bias == pytest.approx(2.5 * STEP / 12.64, abs=5e-5)
     assert found.sd < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("asked", "because"),
+    [
+        (lambda: reading_error(filtered_derivative(50.0), RISE, 0.0, 0.003), "the sample time is 0 s"),
+        (lambda: reading_error(filtered_derivative(50.0), RISE, math.nan, 0.003), "the sample time is nan s"),
+        (
+            lambda: reading_error(filtered_derivative(50.0), RISE, 0.01, -1.0),
+            "step is -1 rad; expected a positive",
+        ),
+        (lambda: reading_error(filtered_derivative(50.0), RISE, 0.01, 0.003, places=0), "at 0 places"),
+        (lambda: edge_reading_error(RISE, 0.01, math.inf), "step is inf rad"),
+        (lambda: best_cutoff(RISE, 0.0, 0.003), "the sample time is 0 s"),
+        (lambda: best_cutoff(RISE, 0.01, 0.003, []), "there is none to try"),
+        (
+            lambda: nearby(Rise(speed=0.01, time_constant=0.1), 0.001, 0.003),
+            "a speed of 0.01 rad/s is less than a count",
+        ),
+        (lambda: count_fraction(math.nan, 0.01, 0.003), "the speed is nan rad/s"),
+    ],
+)
+def test_what_is_no_reading_is_told_with_the_value(asked: Callable[[], object], because: str) -> None:
+    with pytest.raises(UsageError, match=because):
+        asked()

@@ -104,6 +104,7 @@ def test_at_the_cutoff_half_of_the_power_and_70_7_percent_of_the_amplitude_are_l
 
 def test_the_cutoff_for_an_attenuation_gives_it() -> None:
     assert attenuation(cutoff_for(100, 0.2), 100).amplitude == pytest.approx(0.2)
+    assert attenuation(cutoff_for(100, 1e-200), 100).amplitude == pytest.approx(1e-200)
     for part in (0, 1, 1.5):
         with pytest.raises(UsageError, match="positive"):
             cutoff_for(100, part)

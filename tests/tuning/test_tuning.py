@@ -417,7 +417,8 @@ def test_a_response_is_told_only_where_it_is_worked_out_as_far_as_its_overshoot(
 
     enough = float(re.search(r"expected ([\d.e-]+) s at least", str(refused.value))[1])  # type: ignore[index]
     overshoot = tuned(damping=0.5, bandwidth=20.0, sample_time=enough).response["overshoot"].value
-    # e^(-πζ/√(1 - ζ²)) = 16.3 %; the filter at ten times the bandwidth and the delay move the poles by some per cent: a fifth of it.
+    # e^(-πζ/√(1 - ζ²)) = 16.3 %; the filter at ten times the bandwidth and the delay move the poles by some per cent: a
+    # fifth of it.
     assert overshoot == pytest.approx(math.exp(-math.pi * 0.5 / math.sqrt(0.75)), rel=0.2)
 
 

@@ -41,4 +41,4 @@ def cutoff_for(omega: float, amplitude: float) -> float:
     check_positive("the frequency", omega, "rad/s")
     check_positive("the part that is left", amplitude, "")
     check_positive("what is taken", 1.0 - amplitude, "")
-    return omega / math.sqrt(1.0 / amplitude**2 - 1.0)
+    return omega * amplitude / math.sqrt((1.0 - amplitude) * (1.0 + amplitude))

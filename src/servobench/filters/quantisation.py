@@ -15,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from servobench.channels import Array
+from servobench.errors import UsageError
 from servobench.filters.base import SpeedEstimate
 from servobench.filters.response import frequency_response, impulse_response
 from servobench.measurement.words import check_positive
@@ -29,9 +30,14 @@ class NoiseLine(NamedTuple):
 
 
 def count_fraction(speed: float, sample_time: float, quantum: float) -> float:
-    """Return f, the fractional part of ω T/Δ, for a speed [rad/s], a sample time [s] and an encoder's step [rad]."""
+    """Return f, the fractional part of ω T/Δ, for a speed [rad/s], a sample time [s] and an encoder's step [rad].
+
+    Raises `UsageError` for a speed that isn't finite, and for one of the others that isn't positive.
+    """
     check_positive("the sample time", sample_time, "s")
     check_positive("the encoder's step", quantum, "rad")
+    if not math.isfinite(speed):
+        raise UsageError(f"the speed is {speed:g} rad/s; expected a finite number")
     return float(np.mod(speed * sample_time / quantum, 1.0))
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array
-from servobench.errors import NotIdentifiable
+from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.step_63 import time_to_63
 from servobench.filters.base import SpeedEstimate
 from servobench.filters.edges import edge_speed
@@ -53,7 +53,11 @@ class Rise:
         return np.asarray(self.speed * (since + self.time_constant * np.expm1(-since / self.time_constant)))
 
     def times(self, sample_time: float) -> Array:
-        """Return sample times (N,) [s], one of them that of the step, 0: from rest until it has long settled."""
+        """Return sample times (N,) [s], one of them that of the step, 0: from rest until it has long settled.
+
+        Raises `UsageError` for a sample time that isn't positive and finite.
+        """
+        check_positive("the sample time", sample_time, "s")
         before, after = (math.ceil(part * self.time_constant / sample_time) for part in (_REST, _SPAN))
         return sample_time * np.arange(-before, after + 1, dtype=np.float64)
 
@@ -86,9 +90,17 @@ def nearby(rise: Rise, sample_time: float, quantum: float, count: int = _SPEEDS)
 
     Where the level of a reading lies between two numbers of counts moves a noisy reading to and fro. Who names a speed of
     20 rad/s doesn't mean it to a hundredth of that: `pooled` over these the error is what is to be expected.
+    `sample_time` is in s, `quantum` in rad. Raises `UsageError` for a speed that is too slow to be spread like that.
     """
+    check_positive("the sample time", sample_time, "s")
+    check_positive("the encoder's step", quantum, "rad")
     width = quantum / sample_time / (1.0 - math.exp(-1.0))
     offsets = width * ((np.arange(count) + 0.5) / count - 0.5)
+    if rise.speed <= -offsets[0]:
+        raise UsageError(
+            f"a speed of {rise.speed:g} rad/s is less than a count a sample, so that speeds about it can't be spread over one: "
+            f"expected more than {-offsets[0]:.3g} rad/s; take a larger step, or longer samples"
+        )
     return tuple(Rise(speed=rise.speed + offset, time_constant=rise.time_constant) for offset in offsets)
 
 
@@ -106,10 +118,11 @@ def reading_error(
 
     `quantum` is the encoder's step [rad]. Where in a count the shaft stood before the step is all that can differ between
     two runs of the same motor; the mean goes over `places` positions, spread evenly. The voltage changes at a sample.
-    Raises `NotIdentifiable` where a speed never passes 63.2 %.
+    Raises `NotIdentifiable` where a speed never passes 63.2 %, `UsageError` for a sample time, a step or a number of places that
+    isn't above zero.
     """
     t = rise.times(sample_time)
-    start = (np.arange(places) + 0.5) / places
+    start = _starts(quantum, places)
     counts = np.floor(rise.position(t)[:, None] / quantum + start)
     return _error(estimate(quantum * counts, t), t, rise)
 
@@ -125,7 +138,7 @@ def edge_reading_error(
     fine = np.linspace(
         0.0, t[-1], 20 * len(t)
     )  # straight lines between are off by ω'' h²/8: less than 1e-5 of the way
-    starts = quantum * (np.arange(places) + 0.5) / places
+    starts = quantum * _starts(quantum, places)
     speeds = [edge_speed(fine, rise.position(fine) + start, t, quantum, counts) for start in starts]
     return _error(np.stack(speeds, axis=1), t, rise)
 
@@ -141,11 +154,16 @@ def best_cutoff(
 
     A low cut-off reads the filter's own lag, a high one the encoder's steps. `cutoffs` are those tried [rad/s], by default 40
     from 1/τ to where the filter's pole reaches zero, above which it rings: 1/T by forward Euler, 2/T by Tustin. The error is
-    `pooled` over speeds `nearby`.
+    `pooled` over speeds `nearby`. Raises what `reading_error` and `nearby` raise, and `UsageError` where there is none to try.
     """
+    check_positive("the sample time", sample_time, "s")
     if cutoffs is None:
         highest = _NO_RINGING[discretisation] / sample_time
         cutoffs = np.geomspace(1.0 / rise.time_constant, highest, 40).tolist()
+    if not len(cutoffs):
+        raise UsageError(
+            "best cut-off: there is none to try; expected cut-offs above 0, or None for the usual ones"
+        )
     chains = [filtered_derivative(cutoff, discretisation) for cutoff in cutoffs]
     rises = nearby(rise, sample_time, quantum)
     errors = [
@@ -160,6 +178,14 @@ def best_cutoff(
 def filtered_derivative(cutoff: float, discretisation: Discretisation = "tustin") -> Chain:
     """Return the chain `derivative | lowpass` with a cut-off [rad/s]."""
     return Chain((Derivative(), Lowpass(cutoff=cutoff, discretisation=discretisation)))
+
+
+def _starts(quantum: float, places: int) -> Array:
+    """Where in a count the shaft may stand, as parts of it (P,), spread evenly."""
+    check_positive("the encoder's step", quantum, "rad")
+    if places < 1:
+        raise UsageError(f"the shaft is to stand at {places} places within a count; expected 1 or more")
+    return np.asarray((np.arange(places) + 0.5) / places, dtype=np.float64)
 
 
 def _error(speeds: Array, t: Array, rise: Rise) -> ReadingError:
