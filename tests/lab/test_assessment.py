@@ -726,8 +726,8 @@ def test_a_form_is_read_as_it_was_written(tmp_path: Path) -> None:
     assert json.dumps(form.code) == '"000000000000"'
 
 
-@pytest.mark.parametrize(("separator", "kept"), [(",", "1,5 s"), ("\t", "1,5 s"), (";", "1.5 s")])
-def test_a_comma_is_a_decimal_mark_only_where_a_semicolon_separates(
+@pytest.mark.parametrize(("separator", "kept"), [(",", "1,5 s"), ("\t", "1.5 s"), (";", "1.5 s")])
+def test_a_comma_is_a_decimal_mark_where_it_does_not_separate(
     tmp_path: Path, separator: str, kept: str
 ) -> None:
     with (tmp_path / "f.csv").open("w", encoding="utf-8", newline="") as file:
