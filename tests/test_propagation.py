@@ -15,7 +15,8 @@ from servobench.estimators.output_error import OutputError
 from servobench.identification import identify
 from servobench.missing_terms import fast_pole_doubt
 from servobench.models.base import STRUCTURES, Model
-from servobench.propagation import TWO_SIDED, derived, draws, loop_margins, open_loop, propagate
+from servobench.propagation import derived, draws, loop_margins, open_loop, propagate
+from servobench.rounding import TWO_SIDED
 from servobench.transfer_function import TransferFunction
 from tests.datasets import dataset
 from tests.motor.reference import Truth

@@ -15,6 +15,7 @@ from servobench.estimators.base import Fit
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.finding import Finding, info, warning
 from servobench.models.rational import Rational
+from servobench.rounding import TWO_SIDED
 from servobench.score_test import ScoreTest, Shown, Term
 
 _RIPPLES = range(1, 17)  # times a revolution
@@ -49,7 +50,7 @@ def _directions_within(shown: Shown) -> bool:
     """Whether the interval of the gain K holds those of both directions, K (1 ± a/u) for an amount a of a largest input u."""
     size, half = shown.whole
     gain = shown.fit["gain"]
-    return (size + half) / shown.largest * abs(gain.value) <= 1.959964 * gain.sd
+    return (size + half) / shown.largest * abs(gain.value) <= TWO_SIDED * gain.sd
 
 
 def _ripple_sized(shown: Shown) -> str:
@@ -191,7 +192,7 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
     found = []
     if unsure:
-        told = ", ".join(f"{n} ({fit[n].value:.3g} ± {1.959964 * fit[n].sd:.2g})" for n in unsure)
+        told = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
         sentence = (
             f"These coefficients can't be told from zero: {told}. The order is higher than the data can support, and the others "
             f"are less well known for it: try {_lower(structure)}."

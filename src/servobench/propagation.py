@@ -22,9 +22,9 @@ from servobench.interop import as_controller
 from servobench.margins import margins, series
 from servobench.models.base import Model, Output
 from servobench.responses import bandwidth, rise_time
+from servobench.rounding import TWO_SIDED
 from servobench.transfer_function import TransferFunction
 
-TWO_SIDED = 1.959964  # standard deviations on each side of a 95 % interval
 LEVEL = 0.95
 Complex: TypeAlias = NDArray[np.complex128]
 Method: TypeAlias = Literal["first order", "sampling"]

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass, replace
 
 SPACE = "\u00a0"  # one that no line breaks at
+TWO_SIDED = 1.959964  # standard deviations of a normal distribution on each side of a 95 % interval
 _LARGEST = 7  # digits before the point, or zeros behind it, that are still read at a glance
 _MOST_DIGITS = 12
 _UNEVEN = 0.1  # of half an interval: a value further than that from the middle isn't the value ± half

@@ -23,6 +23,7 @@ from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.disturbance import whitened
 from servobench.estimators.encoder_rounding import is_rounded, rounding_sines
+from servobench.rounding import TWO_SIDED
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
 ASKED = 2.0  # below that nobody asks how much of a term there would be
@@ -86,7 +87,7 @@ class Shown:
         size = float(np.linalg.norm(self.amount))
         along = self.amount / size if size > 0 else self.amount
         variance = float(along @ self.covariance @ along)
-        return size, 1.959964 * float(np.sqrt(max(variance, 0.0)))
+        return size, TWO_SIDED * float(np.sqrt(max(variance, 0.0)))
 
 
 class ScoreTest:

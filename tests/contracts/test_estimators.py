@@ -22,7 +22,8 @@ from servobench.measurement.base import Chain
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
 from servobench.recording.recording import Source
-from servobench.report.bands import TWO_SIDED, frequency_band
+from servobench.report.bands import frequency_band
+from servobench.rounding import TWO_SIDED
 from tests.motor.reference import Truth, march
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from servobench.report.bands import (
-    TWO_SIDED,
     coefficient_halves,
     frequency_band,
     pole_bands,
     step_band,
 )
 from servobench.responses import step_response
+from servobench.rounding import TWO_SIDED
 from servobench.transfer_function import TransferFunction
 from tests.report.makers import fit_of
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
+from servobench.rounding import TWO_SIDED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -174,7 +175,7 @@ def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> No
     headings = ("parameter", "assumed", "predicted ± (95 %)", "relative", "unit")
     rows = []
     for parameter in structure.parameters:
-        value, half = float(values[parameter.name]), 1.959964 * made.chosen.sd[parameter.name]
+        value, half = float(values[parameter.name]), TWO_SIDED * made.chosen.sd[parameter.name]
         told = rounded(value, half, parameter.unit.format(position="rad", input="V"))
         share = f"{100 * half / abs(value):.2g} %" if value else ""
         rows.append((in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit))
@@ -192,7 +193,7 @@ def _show_comparison(console: Console, made: Design) -> None:
     rows = [
         (
             each.family + (" (chosen)" if each is made.chosen else ""),
-            *(f"{100 * 1.959964 * each.relative[name]:.2g} %" for name in ("gain", "time_constant")),
+            *(f"{100 * TWO_SIDED * each.relative[name]:.2g} %" for name in ("gain", "time_constant")),
             "#" * length + _remark(each),
         )
         for each, length in zip(every, lengths, strict=True)

@@ -24,6 +24,7 @@ from servobench.cli.options import (
     SupplyColumn,
     TimeColumn,
 )
+from servobench.rounding import TWO_SIDED
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -236,7 +237,7 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     from servobench.cli.layout import show_table
     from servobench.rounding import plain
 
-    halves = [1.959964 * sd for sd in each.sds]
+    halves = [TWO_SIDED * sd for sd in each.sds]
     lines = [(name, v - h, v, v + h) for name, v, h in zip(runs, each.values, halves, strict=True)][
         :_MOST_DRAWN
     ]

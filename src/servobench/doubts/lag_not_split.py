@@ -15,12 +15,12 @@ from servobench.doubts.base import DOUBTS, Doubt
 from servobench.doubts.resolution import is_coarse
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, warning
+from servobench.rounding import TWO_SIDED
 
 CODE = "lag-not-split"
 _UNKNOWN = 0.5  # of its value: a parameter with a larger standard deviation isn't known
 _SAMPLES = 10.0  # a lag that lasts for fewer may be hidden by the sampling alone
 _EXPLAINED = 80.0  # percent of the output: a model that explains less is another motor's
-_TWO_SIDED = 1.959964
 
 
 def with_what_the_lag_tells(fit: Fit) -> Fit:
@@ -36,7 +36,7 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
         return fit
     names, theta, tau = fit.model.names, fit.model.theta, fit["time_constant"]
     at, late = names.index("time_constant"), names.index("delay")
-    lag, half = float(theta[at] + theta[late]), _TWO_SIDED * float(np.sqrt(_variance(fit)))
+    lag, half = float(theta[at] + theta[late]), TWO_SIDED * float(np.sqrt(_variance(fit)))
     lower, _ = fit.model.structure.bounds([record.data for record in fit.records])
     none, whole = float(lower[at]), lag - float(lower[late])
     spread = ((whole - tau.value) ** 3 - (none - tau.value) ** 3) / (3 * (whole - none))

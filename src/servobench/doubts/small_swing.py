@@ -7,12 +7,12 @@ import numpy as np
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, warning
+from servobench.rounding import TWO_SIDED
 
 # Of the cosine's standard deviation: what the sum has at most where the two stand for each other. It is about how much cos θ
 # scatters beside 1: 0.31 over angles that are even between ±90 degrees, 0.04 between ±30.
 _TIED = 0.2
 _MATTERS = 0.25  # of gravity's other part: a cosine that is known better than that may be tied to the offset
-_TWO_SIDED = 1.959964
 
 
 def _small_swing(fit: Fit) -> list[Finding]:
@@ -32,7 +32,7 @@ def _small_swing(fit: Fit) -> list[Finding]:
     if not 0 <= variance < (_TIED * cosine.sd) ** 2 or cosine.sd < _MATTERS * abs(sine.value):
         return []
     swing = max(float(np.ptp(record.prediction[record.valid])) for record in fit.records)
-    known, half = float(weights @ fit.model.theta[at]), _TWO_SIDED * float(np.sqrt(variance))
+    known, half = float(weights @ fit.model.theta[at]), TWO_SIDED * float(np.sqrt(variance))
     sentence = (
         f"The shaft swung through {swing:.2g} rad at most, over which the cosine of its angle hardly changes: {pair[0]} and "
         f"{pair[1]} are known by their sum only, {known:.2g} ± {half:.1g} {cosine.unit} in the mean; let it swing by a "

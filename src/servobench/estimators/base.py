@@ -15,6 +15,7 @@ from servobench.finding import Finding, refusal
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Model, Structure
 from servobench.registry import Registry
+from servobench.rounding import TWO_SIDED
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -82,7 +83,9 @@ class Fit:
             name: Estimate(
                 value=float(value),
                 sd=float(s),
-                interval=self.intervals.get(name, (float(value - 1.959964 * s), float(value + 1.959964 * s))),
+                interval=self.intervals.get(
+                    name, (float(value - TWO_SIDED * s), float(value + TWO_SIDED * s))
+                ),
                 level=0.95,
                 unit=unit,
             )

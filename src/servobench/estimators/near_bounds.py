@@ -20,8 +20,8 @@ from servobench.estimators.covariance import inverse
 from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Structure
+from servobench.rounding import TWO_SIDED
 
-_TWO_SIDED = 1.959964
 _NEAR = 3.0  # standard deviations to a bound below which its interval is a profile's
 _STEPS = 6
 _SETTLED = 0.01  # of the wished rise of the cost
@@ -58,7 +58,7 @@ class _Profile:
     def end(self, side: float, bound: float) -> float:
         """The end of the interval on one side (±1): where the cost has risen by as much as it may, or the bound."""
         value = float(self.minimum.theta[self.at])
-        far, rise_wished = side * _TWO_SIDED * self.sd, self._rise()
+        far, rise_wished = side * TWO_SIDED * self.sd, self._rise()
         start = self.minimum.theta
         for _ in range(_STEPS):
             reach = min(abs(far), abs(bound - value)) * side
@@ -84,4 +84,4 @@ class _Profile:
         """1.96² κ s², which is what a parabola of that sd rises by over 1.96 sd."""
         h, _ = normal_equations(Layout(self.structure, self.data), self.minimum.predictions)
         own = float(inverse(h)[self.at, self.at])
-        return _TWO_SIDED**2 * self.sd**2 / own if own > 0 else np.inf
+        return TWO_SIDED**2 * self.sd**2 / own if own > 0 else np.inf

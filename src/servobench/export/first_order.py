@@ -11,9 +11,8 @@ from servobench.channels import Array
 from servobench.errors import UnitError, UsageError
 from servobench.estimators.base import Estimate
 from servobench.export.answer import Answer
+from servobench.rounding import TWO_SIDED
 from servobench.units import convert, unit
-
-TWO_SIDED = 1.959964  # standard deviations on each side of a 95 % interval
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

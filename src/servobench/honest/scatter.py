@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from servobench.channels import Array
+from servobench.rounding import TWO_SIDED
 
-_TWO_SIDED = 1.959964
 _STEPS = 200
 
 
@@ -80,7 +80,7 @@ def scatter(name: str, unit: str, values: Sequence[float], sds: Sequence[float],
     centre = float(weights @ y / weights.sum())
     seen = float(weights @ (y - centre) ** 2) / freedom
     wide = float(t.ppf(0.975, freedom) * np.sqrt(max(seen, 1.0) / weights.sum()))
-    narrow = _TWO_SIDED / float(np.sqrt(plain.sum()))
+    narrow = TWO_SIDED / float(np.sqrt(plain.sum()))
     half = wide if differs else narrow
     ends = [float(np.sqrt(q / chi2.ppf(level, freedom))) for level in (0.975, 0.025)]
     return Scatter(
@@ -130,5 +130,5 @@ def _covered(y: Array, s: Array) -> int:
         rest = np.arange(len(y)) != n
         weights = 1 / s[rest] ** 2
         off = y[n] - weights @ y[rest] / weights.sum()
-        count += bool(abs(off) <= _TWO_SIDED * np.sqrt(s[n] ** 2 + 1 / weights.sum()))
+        count += bool(abs(off) <= TWO_SIDED * np.sqrt(s[n] ** 2 + 1 / weights.sum()))
     return count

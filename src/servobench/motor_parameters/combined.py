@@ -15,8 +15,9 @@ from servobench.measurement.dataset import Dataset
 from servobench.motor_parameters.observed import UNITS, Motor, Observed, stated
 from servobench.motor_parameters.shaft import shaft_and_current
 from servobench.motor_parameters.stall import stall
+from servobench.rounding import TWO_SIDED
 
-_LEVEL, _Z = 0.95, 1.959964
+_LEVEL = 0.95
 _OPEN = 1e-6  # of a direction that the data say nothing about: a parameter with a larger part in it isn't determined
 _VAGUE = 0.5  # relative standard deviation above which a parameter is as good as unknown
 _CONFLICT = 10.83  # χ² of one more number than is needed: one in a thousand
@@ -131,10 +132,10 @@ class _Solution:
         value, relative = self.motor[name], self.relative(name)
         if name == "viscous_friction":
             sd = relative * _drag_scale(self.motor)
-            interval = (value - _Z * sd, value + _Z * sd)
+            interval = (value - TWO_SIDED * sd, value + TWO_SIDED * sd)
         else:
             sd = relative * value
-            interval = (value * math.exp(-_Z * relative), value * math.exp(_Z * relative))
+            interval = (value * math.exp(-TWO_SIDED * relative), value * math.exp(TWO_SIDED * relative))
         return Estimate(value=value, sd=sd, interval=interval, level=_LEVEL, unit=UNITS[name])
 
 

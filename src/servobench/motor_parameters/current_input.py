@@ -9,6 +9,7 @@ import numpy as np
 
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info
+from servobench.rounding import TWO_SIDED
 from servobench.units import is_unit, unit
 
 
@@ -27,7 +28,7 @@ def about_current_input(fit: Fit) -> list[Finding]:
     sentence = (
         "The input is a current, so there is no back-emf in the model: the time constant is J/b and the gain k/b, much longer "
         "and larger than those of the same motor driven by a voltage. Their ratio k/J = "
-        f"{ratio:.4g} ± {1.96 * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit}) is what "
+        f"{ratio:.4g} ± {TWO_SIDED * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit}) is what "
         "such data tell best."
     )
     return [info("input-is-a-current", sentence, parameters=("gain", "time_constant"))]

@@ -14,9 +14,9 @@ from servobench.errors import UsageError
 from servobench.estimators.recursion.beginning import Setting
 from servobench.estimators.recursion.motion import Samples
 from servobench.estimators.recursive import Recursive
+from servobench.rounding import TWO_SIDED
 
 _INTERVAL = 0.2  # s of the run between two messages
-_TWO_SIDED = 1.959964  # standard deviations of a normal that hold 95 %
 _KEPT = 8192  # residuals that nobody has asked for yet
 _UNITS = {
     "gain": "rad/(s·V)",
@@ -127,7 +127,7 @@ class LiveFit:
             "parameters": {
                 name: {
                     "value": value,
-                    "interval": [value - _TWO_SIDED * sd, value + _TWO_SIDED * sd],
+                    "interval": [value - TWO_SIDED * sd, value + TWO_SIDED * sd],
                     "unit": _UNITS[name],
                 }
                 for name, (value, sd) in found.items()
@@ -151,7 +151,7 @@ class LiveFit:
     def _reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
         """Whether there is a wish, and each interval wished for is narrow enough."""
         return bool(self._wish) and all(
-            name in found and _TWO_SIDED * found[name][1] <= share * abs(found[name][0])
+            name in found and TWO_SIDED * found[name][1] <= share * abs(found[name][0])
             for name, share in self._wish.items()
         )
 

@@ -10,7 +10,6 @@ from servobench.errors import UsageError
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, Verdict, info, warning
 from servobench.motor.parameters import MotorParameters, data_sheet
-from servobench.propagation import TWO_SIDED
 from servobench.reconciliation.base import CAUSES, Question
 from servobench.reconciliation.claim import Claim
 from servobench.reconciliation.explanation import Difference, Explanation
@@ -27,6 +26,7 @@ from servobench.reconciliation.weighing import (
     weigh,
 )
 from servobench.result import Result
+from servobench.rounding import TWO_SIDED
 
 _ALIKE = 1 / 3  # of the first one's probability: evidence "barely worth mentioning" (Jeffreys)
 

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.channels import Array
-from servobench.propagation import TWO_SIDED
 from servobench.reconciliation.base import CAUSES, Cause, Decision, Excluded, Name, Question, Sizes
 from servobench.reconciliation.weighing import slope
+from servobench.rounding import TWO_SIDED
 
 _LIMIT = 10.83  # χ² of one degree of freedom that chance exceeds once in a thousand
 _LOOKS = 401

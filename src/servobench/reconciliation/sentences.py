@@ -8,12 +8,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.propagation import TWO_SIDED
 from servobench.reconciliation.base import CAUSES, Question, Sizes
 from servobench.reconciliation.judging import Judged, Share, Size
 from servobench.reconciliation.reenactment import AS_RECORDED, SPOKEN
 from servobench.reconciliation.weighing import SOMETHING_ELSE, Hypothesis
-from servobench.rounding import SPACE, plain, rounded, with_unit
+from servobench.rounding import SPACE, TWO_SIDED, plain, rounded, with_unit
 
 if TYPE_CHECKING:
     from servobench.reconciliation.explanation import Difference

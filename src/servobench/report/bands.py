@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.models.base import Model, Output
-from servobench.propagation import TWO_SIDED, Propagated, deviation, gradient, matched, propagate
+from servobench.propagation import Propagated, deviation, gradient, matched, propagate
 from servobench.responses import step_response
+from servobench.rounding import TWO_SIDED
 from servobench.transfer_function import TransferFunction
 
 __all__ = [
-    "TWO_SIDED",
     "FrequencyBand",
     "PoleBand",
     "StepBand",

@@ -11,10 +11,9 @@ import numpy as np
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, Severity
 from servobench.measurement.dataset import Dataset
-from servobench.report.bands import TWO_SIDED
 from servobench.report.mathml import symbol
 from servobench.result import Comparison, OperatingRange, Result
-from servobench.rounding import Rounded, plain, rounded, rounded_interval, with_unit
+from servobench.rounding import TWO_SIDED, Rounded, plain, rounded, rounded_interval, with_unit
 
 _SYMBOL = re.compile(r"\w\s*=")  # one letter that stands for a number
 _RPM = 30 / np.pi  # in 1 rad/s

@@ -16,6 +16,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nonlinear.grammar import with_term
 from servobench.models.search import smoothed_speed
+from servobench.rounding import TWO_SIDED
 from servobench.rungs.comparison import deviance, moved, worth_it
 from servobench.score_test import LIMIT
 from servobench.validation import explains_the_colour
@@ -136,7 +137,7 @@ def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
         return "gain and time constant would not be known any more"
     value, sd = _amount(term, allowed)
     if not sd < 0.5 * value and not (asked and moved(allowed, fit)):
-        return f"its size can't be told from zero ({value:.2g} ± {1.959964 * sd:.1g})"
+        return f"its size can't be told from zero ({value:.2g} ± {TWO_SIDED * sd:.1g})"
     return ""
 
 

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info
+from servobench.rounding import TWO_SIDED
 from servobench.rungs.trial import TERMS, Rung
 from servobench.score_test import Shown
 from servobench.validation import explains_the_colour
@@ -58,7 +59,7 @@ def _estimate(fit: Fit, name: str) -> str:
     """A parameter with the half of its interval and its unit."""
     found = fit[name]
     unit = "" if found.unit == "1" else f" {found.unit}"
-    return f"{found.value:.3g} ± {1.959964 * found.sd:.1g}{unit}"
+    return f"{found.value:.3g} ± {TWO_SIDED * found.sd:.1g}{unit}"
 
 
 def stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, Rung]) -> Finding:

@@ -21,9 +21,8 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.measurement.dataset import Dataset
-from servobench.rounding import plain, rounded, with_unit
+from servobench.rounding import TWO_SIDED, plain, rounded, with_unit
 
-_TWO_SIDED = 1.959964  # standard deviations on each side of a 95 % interval
 _FEWEST = 20  # samples in a part whose slope is told
 _MOST = 6  # stretches of constant input, the longest
 _NEVER = (
@@ -128,7 +127,7 @@ def _slope(t: Array, y: Array, quantum: float | None) -> Slope:
     variance = float(left @ left) / (len(t) - 2)
     rho = float(left[1:] @ left[:-1] / (left @ left)) if variance > 0 else 0.0
     inflation = max((1 + rho) / (1 - min(rho, 0.99)), 1.0)
-    half = _TWO_SIDED * math.sqrt(variance * inflation * float(weights @ weights))
+    half = TWO_SIDED * math.sqrt(variance * inflation * float(weights @ weights))
     # What has no quantum is rounded to a float, and its times are.
     rounding = max(quantum or 0.0, 16 * float(np.finfo(np.float64).eps * np.abs(y).max()))
     worst = 0.5 * rounding * float(np.abs(weights).sum())

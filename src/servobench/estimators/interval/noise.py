@@ -9,6 +9,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.estimators.covariance import inverse
 from servobench.estimators.interval.search import Found, Point
+from servobench.rounding import TWO_SIDED
 
 # Standard deviations of ln s at which the parameters are tried: three equal steps of √3 integrate a normal density to 1e-3.
 _TRIALS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0])
@@ -60,8 +61,8 @@ def profiled(found: Found, floor: float) -> NoiseProfile:
     best = found.near.climbed(found.near.at(point.change, float(np.exp(mean))))
     return NoiseProfile(
         best=best,
-        interval=(float(np.exp(mean - 1.96 * spread)), float(np.exp(mean + 1.96 * spread))),
-        at_floor=bool(mean - 1.96 * spread <= np.log(floor)),
+        interval=(float(np.exp(mean - TWO_SIDED * spread)), float(np.exp(mean + TWO_SIDED * spread))),
+        at_floor=bool(mean - TWO_SIDED * spread <= np.log(floor)),
         trials=tuple(trials),
         weights=weights,
     )

@@ -18,8 +18,8 @@ from servobench.estimators.base import Estimate
 from servobench.estimators.covariance import inverse
 from servobench.estimators.spectral.path import Complex
 from servobench.estimators.spectral.response import FrequencyResponse
+from servobench.rounding import TWO_SIDED
 
-_TWO_SIDED = 1.959964
 _CLEAR = (
     0.2  # of a magnitude: points with a larger standard deviation have no logarithm that is near to normal
 )
@@ -79,7 +79,7 @@ def _from_phase(omega: Array, g: Complex, sd: Array, tau: float) -> dict[str, Es
         raise NotIdentifiable("a time constant and a delay need the phase at two frequencies at least")
     p, covariance, _ = _searched(model, phase, sd, np.array([np.log(tau), 0.0]))
     spread = np.sqrt(np.diag(covariance))
-    delay, half = float(p[1]), float(_TWO_SIDED * spread[1])
+    delay, half = float(p[1]), float(TWO_SIDED * spread[1])
     return {
         "time_constant_from_phase": _positive(p[0], spread[0], "s"),
         "delay_from_phase": Estimate(
@@ -116,7 +116,7 @@ def _searched(
 
 def _positive(logarithm: float, spread: float, unit: str) -> Estimate:
     """A positive quantity from its logarithm and that one's standard deviation."""
-    value, factor = float(np.exp(logarithm)), float(np.exp(_TWO_SIDED * spread))
+    value, factor = float(np.exp(logarithm)), float(np.exp(TWO_SIDED * spread))
     return Estimate(
         value=value,
         sd=value * float(spread),

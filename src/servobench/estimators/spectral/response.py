@@ -21,10 +21,9 @@ from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
 from servobench.models.search import directions
-from servobench.rounding import counted
+from servobench.rounding import TWO_SIDED, counted
 from servobench.transfer_function import TransferFunction
 
-_TWO_SIDED = 1.959964
 _BOTH_WAYS = 0.02  # of the samples
 
 
@@ -67,12 +66,12 @@ class FrequencyResponse:
     @property
     def magnitude_half(self) -> Array:
         """Half of the 95 % interval of |G| (F,), in the unit."""
-        return _TWO_SIDED * self.sd
+        return TWO_SIDED * self.sd
 
     @property
     def phase_half(self) -> Array:
         """Half of the 95 % interval of the phase (F,) [rad]; π where it isn't known at all."""
-        relative = _TWO_SIDED * self.sd / np.maximum(self.magnitude, 1e-300)
+        relative = TWO_SIDED * self.sd / np.maximum(self.magnitude, 1e-300)
         return np.where(relative < 1.0, np.arcsin(np.minimum(relative, 1.0)), np.pi)
 
     def as_speed(self) -> FrequencyResponse:

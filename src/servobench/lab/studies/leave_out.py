@@ -11,7 +11,7 @@ from pydantic import Field
 
 from servobench.errors import NotIdentifiable
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.rounding import plain
+from servobench.rounding import TWO_SIDED, plain
 from servobench.settings import PositiveTime
 from servobench.signals.base import AnySignal
 from servobench.signals.square import Square
@@ -100,7 +100,7 @@ def _autocorrelation(fit: Fit) -> Array:
 
 
 def _outside(fit: Fit) -> int:
-    band = 1.959964 / np.sqrt(np.count_nonzero(fit.records[0].valid))
+    band = TWO_SIDED / np.sqrt(np.count_nonzero(fit.records[0].valid))
     return int(np.count_nonzero(np.abs(_autocorrelation(fit)) > band))
 
 

@@ -265,8 +265,8 @@ def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
 
 def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
     from servobench.report import figures
-    from servobench.report.bands import TWO_SIDED
     from servobench.report.illustrations import Illustration
+    from servobench.rounding import TWO_SIDED
 
     rows = tuple(
         figures.Difference(

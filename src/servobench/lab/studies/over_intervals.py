@@ -10,8 +10,8 @@ from servobench.experiment import Experiment
 from servobench.experiment.experiment import PAPER
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.propagation import LEVEL, TWO_SIDED, propagate
-from servobench.rounding import rounded_interval
+from servobench.propagation import LEVEL, propagate
+from servobench.rounding import TWO_SIDED, rounded_interval
 from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
 from servobench.transfer_function import TransferFunction
 
