@@ -146,7 +146,7 @@ def _show_causes(console: Console, explanation: Explanation) -> None:
     shares = [f"of {each.name.replace('_', ' ')}" for each in explanation.differences]
     headings = ("cause", "probability", *shares, "all of it would take")
     rows = []
-    for each in [cause for cause in explanation.causes if cause.needed is not None][:_MOST_CAUSES]:
+    for each in [cause for cause in explanation.causes if cause.possible][:_MOST_CAUSES]:
         parts = {share.name: share for share in each.explains}
         told = [_share(parts.get(difference.name)) for difference in explanation.differences]
         rows.append((each.label, _percent(each.probability), *told, _needed(each)))

@@ -20,15 +20,18 @@ from servobench.reconciliation.sentences import differences_told, likeliest, sen
 from servobench.reconciliation.weighing import (
     CHANCE,
     SOMETHING_ELSE,
+    TOLD,
     Hypothesis,
     chance_is_enough,
     taking_part,
     weigh,
+    without,
 )
 from servobench.result import Result
 from servobench.rounding import TWO_SIDED
 
 _ALIKE = 1 / 3  # of the first one's probability: evidence "barely worth mentioning" (Jeffreys)
+_NO_CAUSE = (CHANCE, SOMETHING_ELSE)
 
 
 def why(
@@ -78,14 +81,13 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
     told = " ".join(differences_told(_differences(question), question))
     if chance_is_enough(question):
         return [info("nominal-agrees", told, parameters=("gain", "time_constant"))]
-    hypotheses = weigh(question)
-    causes = _judged(question, hypotheses)
-    explained = likeliest(question, causes[0], hypotheses, _alike(hypotheses))
+    causes, hypotheses = _weighed(question)
+    explained = likeliest(question, causes, hypotheses, _alike(causes[0], hypotheses))
     first = causes[0]
     found = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
     return [
         found("nominal-differs", " ".join((told, *explained)), parameters=("gain", "time_constant")),
-        info("deciding-experiment", _decisive(causes), parameters=("gain", "time_constant")),
+        info("deciding-experiment", _decisive(causes, hypotheses), parameters=("gain", "time_constant")),
     ]
 
 
@@ -104,11 +106,10 @@ def _known(motor: MotorParameters | None) -> MotorParameters:
 
 
 def _explained(question: Question, result: Result) -> Explanation:
-    hypotheses = weigh(question)
-    causes = _judged(question, hypotheses)
+    causes, hypotheses = _weighed(question)
     differences = _differences(question)
     agrees = chance_is_enough(question)
-    alike = _alike(hypotheses)
+    alike = _alike(causes[0], hypotheses)
     told = differences_told(differences, question)
     if not agrees:
         told += sentences(question, causes, hypotheses, alike)
@@ -123,16 +124,18 @@ def _explained(question: Question, result: Result) -> Explanation:
         causes=causes,
         hypotheses=hypotheses,
         alike=() if agrees else alike,
-        decision=None if agrees else causes[0].decision,
-        sentences=tuple(told) if agrees else (*told, _decisive(causes)),
+        decision=causes[0].decision if causes[0].possible and not agrees else None,
+        sentences=tuple(told) if agrees else (*told, _decisive(causes, hypotheses)),
     )
 
 
-def _judged(question: Question, hypotheses: tuple[Hypothesis, ...]) -> tuple[Judged, ...]:
-    """All causes, the most probable first; those that can't be one last."""
-    parts = taking_part(hypotheses)
-    found = [judge(name, question, parts.get(name, 0.0)) for name in CAUSES.names()]
-    return tuple(sorted(found, key=lambda each: (not each.possible, -each.probability)))
+def _weighed(question: Question) -> tuple[tuple[Judged, ...], tuple[Hypothesis, ...]]:
+    """All causes, the most probable first and those that can't be one last, and the sets of those that can."""
+    hypotheses = weigh(question)
+    found = [judge(name, question, hypotheses) for name in CAUSES.names()]
+    excluded = {each.name for each in found if not each.possible}
+    causes = sorted(found, key=lambda each: (not each.possible, -each.probability))
+    return tuple(causes), without(hypotheses, excluded)
 
 
 def _differences(question: Question) -> tuple[Difference, ...]:
@@ -170,27 +173,31 @@ def _nearest(question: Question) -> Reading | None:
     return min(usable, key=far, default=None)
 
 
-def _alike(hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
-    """The causes that the first explanation could have in place of one of its own, about as probably."""
-    named = [each for each in hypotheses if not {CHANCE, SOMETHING_ELSE} & set(each.causes)]
-    first = named[0]
+def _alike(first: Judged, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """The causes that may stand in the place of the first one, in the likeliest set with it, about as probably."""
+    best = next((each for each in hypotheses if first.name in each.causes), None)
+    if best is None:
+        return ()
+    rest = set(best.causes) - {first.name}
     found: list[str] = []
-    for each in named[1:]:
-        others = set(each.causes) - set(first.causes)
-        if (
-            len(each.causes) == len(first.causes)
-            and len(others) == 1
-            and each.probability > _ALIKE * first.probability
-        ):
-            found += sorted(others - set(found))
+    for each in hypotheses:
+        others = set(each.causes) - rest
+        replaced = rest < set(each.causes) and len(others) == 1 and not others & {first.name, *_NO_CAUSE}
+        if replaced and each.probability > _ALIKE * best.probability:
+            found += others
     return tuple(found)
 
 
-def _decisive(causes: Sequence[Judged]) -> str:
-    """The experiment that tells the first cause from the second."""
-    first, second = causes[0], causes[1]
-    if not second.possible:
+def _decisive(causes: Sequence[Judged], hypotheses: Sequence[Hypothesis]) -> str:
+    """The experiment that tells the first cause from the one that is likeliest without it."""
+    first = causes[0]
+    if not first.possible:
+        return "None of these causes is left to decide about: look at how both figures were found."
+    instead = taking_part(tuple(each for each in hypotheses if first.name not in each.causes))
+    rivals = [each for each in causes[1:] if each.possible and instead.get(each.name, 0.0) >= TOLD]
+    if not rivals:
         return f"To decide whether it is {first.label}: {_lowered(first.decision.sentence)}"
+    second = max(rivals, key=lambda each: instead[each.name])
     return f"To decide between {first.label} and {second.label}: {_lowered(first.decision.sentence)}"
 
 

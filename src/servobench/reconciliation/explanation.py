@@ -41,9 +41,9 @@ class Explanation:
     """Why figures differ: the differences, what methods read off the same data, the causes, and the experiment that decides.
 
     `causes` are all that were weighed, the most probable first; a cause's probability is that of taking part, alone or with
-    another one. `hypotheses` are the sets of causes, whose probabilities add up to one. `alike` are the causes that these data
-    can't tell from the first one. `agrees` says that chance is enough. Where the data can't support a model (`verdict` refused),
-    there are no differences, and the sentences say why.
+    another one, and 0 where it isn't possible. `hypotheses` are the sets of possible causes, whose probabilities add up to
+    one. `alike` are the causes that these data can't tell from the first one. `agrees` says that chance is enough. Where the
+    data can't support a model (`verdict` refused), there are no differences, and the sentences say why.
     """
 
     verdict: Verdict
@@ -61,7 +61,7 @@ class Explanation:
     hypotheses: tuple[Hypothesis, ...] = ()
     alike: tuple[str, ...] = ()
     decision: Decision | None = None
-    """The experiment that decides about the first cause."""
+    """The experiment that decides about the first cause; None where none is possible."""
     sentences: tuple[str, ...] = ()
 
     def __getitem__(self, name: str) -> Judged:

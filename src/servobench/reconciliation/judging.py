@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.reconciliation.base import CAUSES, Cause, Decision, Excluded, Name, Question, Sizes
-from servobench.reconciliation.weighing import slope
+from servobench.reconciliation.weighing import TOLD, Hypothesis, helps_another, slope, taking_part
 from servobench.rounding import TWO_SIDED
 
 _LIMIT = 10.83  # χ² of one degree of freedom that chance exceeds once in a thousand
@@ -48,8 +48,8 @@ class Judged:
     """A cause, how probable it is that it takes part, and what speaks for and against it.
 
     `against` says why it can't be the cause, or not alone; empty where nothing speaks against it. `needed` is the size that
-    explains most, None where no size helps. `likely` is the size that such a cause has before anybody looks at the difference,
-    and `explains` what that explains.
+    explains most, None where no size helps without another cause. `likely` is the size that such a cause has before anybody
+    looks at the difference, and `explains` what that explains.
     """
 
     name: str
@@ -59,9 +59,9 @@ class Judged:
     law: str
     """What it does to gain and time constant."""
     probability: float
-    """That it takes part, alone or with another."""
+    """That it takes part, alone or with another; 0 where it isn't possible."""
     possible: bool
-    """Whether it can be a cause of this at all."""
+    """Whether it can be a cause of this at all, alone or with another."""
     against: str
     needed: Size | None
     likely: Size | None
@@ -70,8 +70,12 @@ class Judged:
     """The experiment that would decide about it."""
 
 
-def judge(name: str, question: Question, probability: float) -> Judged:
-    """Return what there is to say about the cause of that name."""
+def judge(name: str, question: Question, hypotheses: tuple[Hypothesis, ...]) -> Judged:
+    """Return what there is to say about the cause of that name.
+
+    `hypotheses` are all sets of causes. A cause of which no size helps, neither alone nor beside another one, isn't possible:
+    that it may be there all the same, as before anybody looked, explains nothing.
+    """
     cause = CAUSES[name]
     sizes = cause.sizes(question)
     if isinstance(sizes, Excluded):
@@ -90,15 +94,17 @@ def judge(name: str, question: Question, probability: float) -> Judged:
     best = _best(cause, question, sizes)
     likely = _likely(cause, question, sizes, best)
     left = question.difference - cause.effect(question, best)
-    helps = question.distance(left) < (1 - _NO_HELP) * question.distance(question.difference)
+    alone = question.distance(left) < (1 - _NO_HELP) * question.distance(question.difference)
+    beside = helps_another(name, hypotheses) >= TOLD
+    against = _against(cause, question, left, helps=alone, known=len(sizes.values) == 1)
     return Judged(
         name=name,
         label=cause.label,
         law=cause.law,
-        probability=probability,
-        possible=True,
-        against=_against(cause, question, left, helps=helps, known=len(sizes.values) == 1),
-        needed=_size(cause, question, sizes, best) if helps else None,
+        probability=taking_part(hypotheses).get(name, 0.0) if alone or beside else 0.0,
+        possible=alone or beside,
+        against=f"not alone: {against}" if beside and not alone else against,
+        needed=_size(cause, question, sizes, best) if alone else None,
         likely=Size(value=likely, text=cause.told(question, likely)),
         explains=_explained(cause, question, sizes, likely),
         decision=cause.decided_by(question, best),

@@ -46,15 +46,15 @@ def sentences(
 ) -> list[str]:
     """Return what explains the difference: the first cause, what it leaves, what can't be told from it, and what is ruled out."""
     first = causes[0]
-    told = likeliest(question, first, hypotheses, alike)
-    if first.name in _OF_THE_READING and question.origin == "claim":
+    told = likeliest(question, causes, hypotheses, alike)
+    if first.possible and first.name in _OF_THE_READING and question.origin == "claim":
         told += _if_the_motor(causes)
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
         told.append(
             f"None of the causes that are weighed here explains it well: with {probability_told(other)} it is something else."
         )
-    ruled_out = [each for each in causes if not each.possible or each.needed is None]
+    ruled_out = [each for each in causes if not each.possible]
     if ruled_out:
         told.append(f"It isn't {_or([f'{each.label} ({each.against})' for each in ruled_out])}.")
     return told  # fmt: skip
@@ -70,9 +70,12 @@ def needed_told(size: Size) -> str:
 
 
 def likeliest(
-    question: Question, first: Judged, hypotheses: Sequence[Hypothesis], alike: Sequence[str]
+    question: Question, causes: Sequence[Judged], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
 ) -> list[str]:
-    """Return what the first cause explains, what it leaves, and what can't be told from it."""
+    """Return what the first cause explains, what it leaves, and what can't be told from it; nothing where none is possible."""
+    first = causes[0]
+    if not first.possible:
+        return []
     return [_first(question, first), *_rest(question, first, hypotheses), *_alike(first, alike)]
 
 

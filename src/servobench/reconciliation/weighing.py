@@ -12,7 +12,7 @@ What is judged in it, and why, is told in docs/decisions/0014-why.md.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -23,6 +23,7 @@ from servobench.reconciliation.base import CAUSES, Cause, Excluded, Question, Si
 
 CHANCE = "chance"
 SOMETHING_ELSE = "something_else"
+TOLD = 0.01  # of probability: less is told as "below 1 %", and nothing is made of it
 _ELSE_OCCURS = 0.05
 _ELSE_SD = 0.5  # of ln: two figures may differ by half, or twice that, for reasons that nobody thought of
 _SMOOTH = 0.8  # of the distance between sizes: a sum of normals so wide is smooth to 1e-5
@@ -65,8 +66,7 @@ def weigh(question: Question) -> tuple[Hypothesis, ...]:
     values = np.array(list(logs.values()))
     weights = np.exp(values - values.max())
     weights /= weights.sum()
-    found = [Hypothesis(causes=key, probability=float(w)) for key, w in zip(logs, weights, strict=True)]
-    return tuple(sorted(found, key=lambda each: -each.probability))
+    return _sorted({key: float(w) for key, w in zip(logs, weights, strict=True)})
 
 
 def taking_part(hypotheses: tuple[Hypothesis, ...]) -> Mapping[str, float]:
@@ -76,6 +76,36 @@ def taking_part(hypotheses: tuple[Hypothesis, ...]) -> Mapping[str, float]:
         for name in each.causes:
             found[name] = found.get(name, 0.0) + each.probability
     return found
+
+
+def helps_another(name: str, hypotheses: tuple[Hypothesis, ...]) -> float:
+    """Return how much more probable the sets of two with this cause are than if it did nothing in them.
+
+    A cause that does nothing beside another leaves its evidence as it is: the set {other, cause} has then the probability
+    of {other} times the cause's odds beforehand. What it has above that is owed to the cause.
+    """
+    odds = CAUSES[name].occurrence / (1 - CAUSES[name].occurrence)
+    at = {each.causes: each.probability for each in hypotheses}
+    found = 0.0
+    for causes, probability in at.items():
+        if name in causes and len(causes) == 2:
+            (other,) = set(causes) - {name}
+            found += max(probability - odds * at[other,], 0.0)
+    return found
+
+
+def without(hypotheses: tuple[Hypothesis, ...], names: Collection[str]) -> tuple[Hypothesis, ...]:
+    """Return the sets less causes that make no part of the difference; where nothing else is in a set, it is chance."""
+    found: dict[tuple[str, ...], float] = {}
+    for each in hypotheses:
+        causes = tuple(name for name in each.causes if name not in names) or (CHANCE,)
+        found[causes] = found.get(causes, 0.0) + each.probability
+    return _sorted(found)
+
+
+def _sorted(probabilities: Mapping[tuple[str, ...], float]) -> tuple[Hypothesis, ...]:
+    found = [Hypothesis(causes=causes, probability=each) for causes, each in probabilities.items()]
+    return tuple(sorted(found, key=lambda each: -each.probability))
 
 
 def _sizes(name: str, question: Question) -> Sizes | Excluded:
