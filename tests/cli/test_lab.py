@@ -327,6 +327,13 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
         ),
         (("encoder", "--answers", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
         (("encoder", "--device", "nothing"), "no device called 'nothing'"),
+        (("encoder", "--device", "replay"), "--device replay: its setting 'file' is missing: a native file"),
+        (("encoder", "--device", "replay"), "--recording FILE"),
+        (
+            ("encoder", "--device", "assigned"),
+            "--device assigned: its setting 'student' is missing: whose motor",
+        ),
+        (("--all", "--device", "replay"), "--device replay: its setting 'file' is missing"),
         (("encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),
         (("encoder", "--out", "nowhere/page.html"), "--out nowhere"),
         (("--folder", "nowhere"), "--folder nowhere: is no folder"),

@@ -255,8 +255,39 @@ def test_another_device_than_the_file_s_doesn_t_get_its_settings(
     ended = servobench("run", short, "--device", "replay", "--out", tmp_path / "run")
 
     assert ended.status == 2
-    assert "file" in ended.err
+    assert "--device replay: its setting 'file' is missing: a native file (.mcap)" in ended.err
+    assert 'name = "replay" in [device]' in ended.err
+    assert str(short) not in ended.err  # nothing in it is wrong
     assert "resistance" not in ended.err
+
+
+def test_a_device_that_lacks_a_setting_in_a_file_is_told_with_what_it_is(
+    servobench: Command, short: Path, tmp_path: Path
+) -> None:
+    short.write_text(SHORT + '[device]\nname = "replay"\n')
+
+    ended = servobench("run", short, "--out", tmp_path / "run")
+
+    assert ended.status == 2
+    assert "device.settings: its setting 'file' is missing: a native file (.mcap)" in ended.err
+
+
+@pytest.mark.parametrize("name", DEVICES.names())
+@pytest.mark.parametrize("command", [("panel", "--no-open"), ("honest",), ("run",), ("lab", "step")])
+def test_whatever_a_named_device_can_t_do_without_is_told(
+    servobench: Command, tmp_path: Path, command: tuple[str, ...], name: str
+) -> None:
+    required = [key for key, field in DEVICES[name].Settings.model_fields.items() if field.is_required()]
+    if not required:
+        return  # such a device is run by other tests
+
+    ended = servobench(*command, "--device", name)
+
+    assert ended.status == 2
+    assert ended.err.count("is missing: ") == len(required)
+    assert "settings are given in" in ended.err
+    for key in required:
+        assert f"--device {name}: its setting '{key}' is missing: " in ended.err
 
 
 @pytest.mark.usefixtures("quick_report")

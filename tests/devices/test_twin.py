@@ -133,6 +133,8 @@ def test_connect_refuses_unknown_devices_and_settings_by_name() -> None:
         connect("twin", resistance="8 V")
     with pytest.raises(UnknownName, match="qube_servo_2"):
         connect("twin", motor="qube")
+    with pytest.raises(UsageError, match=r"replay: its setting 'file' is missing: a native file"):
+        connect("replay")
 
 
 def test_a_solver_that_would_diverge_says_so_at_the_start_of_the_run() -> None:

@@ -255,6 +255,7 @@ def _answer(text: str) -> tuple[str, str]:
 
 
 def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> MotorStand:
+    from servobench.cli.run import check_named_alone
     from servobench.errors import UnknownName, UsageError
     from servobench.experiment.experiment import DeviceChoice
     from servobench.formats.base import load
@@ -270,16 +271,22 @@ def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> Mo
     asked = exercise.experiment.device
     if device is None and asked.name == "twin":
         return stand_on_the_twin(exercise)
+    if device is None or device == asked.name:
+        try:
+            return stand_with(exercise, asked)
+        except UnknownName as error:
+            if device is not None:
+                raise
+            raise UsageError(
+                f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
+            ) from None
     # The settings in the file are another device's.
-    chosen = asked if device in (None, asked.name) else DeviceChoice(name=device or asked.name)
-    try:
-        return stand_with(exercise, chosen)
-    except UnknownName as error:
-        if device is not None:
-            raise
-        raise UsageError(
-            f"{exercise.source}: the table [device]: {error}; mend it, or give --device"
-        ) from None
+    check_named_alone(
+        device,
+        f'in an exercise of your own, with name = "{device}" in [device] and the settings in [device.settings]; for a recording '
+        "that there is take --recording FILE with the exercise's name, in place of --device",
+    )
+    return stand_with(exercise, DeviceChoice(name=device))
 
 
 def _one(

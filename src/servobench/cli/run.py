@@ -149,6 +149,11 @@ def experiment_asked_for(
     asked = PAPER if file is None else load_experiment(file)
     if device is not None and device != asked.device.name:
         # The settings in the file are another device's.
+        check_named_alone(
+            device,
+            f'in the file of an experiment, with name = "{device}" in [device] and the settings in [device.settings]; leave '
+            "--device out then",
+        )
         asked = asked.model_copy(update={"device": DeviceChoice(name=device, faults=asked.device.faults)})
     if faults:
         tables = (*asked.device.faults, *map(table_of, faults))
@@ -164,11 +169,24 @@ def experiment_asked_for(
     return asked
 
 
+def check_named_alone(device: str, where: str) -> None:
+    """Raise `UsageError` for a device that can't do without settings, as --device takes a name alone.
+
+    `where` says where settings can be given.
+    """
+    from servobench.devices.base import missing_settings
+    from servobench.errors import UsageError
+
+    if missing := missing_settings(device, {}):
+        lines = [f"--device {device}: {each}" for each in missing]
+        raise UsageError("\n".join([*lines, f"--device takes a name alone; settings are given {where}"]))
+
+
 def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     """The device that is asked for, not yet connected; mistakes in its settings are told with their lines in the file."""
     from pydantic import ValidationError
 
-    from servobench.devices.base import DEVICES
+    from servobench.devices.base import DEVICES, missing_settings
     from servobench.devices.faults.base import fault_from
     from servobench.devices.faulty import Faulty
     from servobench.errors import UnknownName, UsageError
@@ -182,6 +200,8 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
         if held_against:
             data_sheet(held_against)
         part = ("device", "settings")
+        if missing := missing_settings(asked.device.name, asked.device.settings):
+            raise UsageError("; ".join(missing))
         device = kind(kind.Settings(**asked.device.settings))
         faults = []
         for place, table in enumerate(asked.device.faults):

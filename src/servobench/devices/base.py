@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from contextlib import suppress
 from types import TracebackType
 from typing import Any, ClassVar, Protocol, Self, runtime_checkable
@@ -115,6 +116,8 @@ def connect(name: str, **settings: object) -> Device:
     from pydantic import ValidationError
 
     device = DEVICES[name]
+    if missing := missing_settings(name, settings):
+        raise UsageError("\n".join(f"{name}: {each}" for each in missing))
     try:
         return device(device.Settings(**settings))
     except ValidationError as error:
@@ -123,3 +126,19 @@ def connect(name: str, **settings: object) -> Device:
             for e in error.errors()
         ]
         raise UsageError("\n".join(lines)) from None
+
+
+def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ...]:
+    """Return a sentence for each setting that the device can't do without and that isn't given: its name, and what it is.
+
+    Raises `UnknownName`, which lists the devices.
+    """
+    return tuple(
+        f"its setting {key!r} is missing: {_lowered(field.description or 'servobench devices lists them').rstrip('.')}"
+        for key, field in DEVICES[name].Settings.model_fields.items()
+        if field.is_required() and key not in settings
+    )
+
+
+def _lowered(sentence: str) -> str:
+    return sentence if sentence[1:2].isupper() else sentence[:1].lower() + sentence[1:]
