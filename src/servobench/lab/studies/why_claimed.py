@@ -67,8 +67,6 @@ def _readings(found: Explanation) -> Table:
 
 
 def _causes(found: Explanation) -> Table:
-    from servobench.reconciliation.sentences import probability_told
-
     causes = found.causes
     return Table(
         title="What could have made the difference",
@@ -77,7 +75,9 @@ def _causes(found: Explanation) -> Table:
             Column(
                 name="probability",
                 heading="probability",
-                values=tuple(probability_told(each.probability) if each.possible else "—" for each in causes),
+                unit="%",
+                digits=2,
+                values=tuple(100 * each.probability if each.possible else "—" for each in causes),
             ),
             Column(
                 name="needed",
