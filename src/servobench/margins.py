@@ -47,25 +47,25 @@ def margins(loop: TransferFunction) -> Margins:
     beyond 1e150, and a delay that is above 0 and below 1e-100 s.
     """
     loop = _checked(loop)
-    gain_crossovers = _gain_crossovers(loop)
+    at_one = gain_crossovers(loop)
     phase = Phase.of(loop)
-    phases = [_wrapped(phase(omega) + math.pi) for omega in gain_crossovers]
+    phases = [wrapped(phase(omega) + math.pi) for omega in at_one]
     nearest = min(range(len(phases)), key=lambda n: abs(phases[n]), default=None)
     phase_crossovers = (
-        _phase_crossovers_behind_delay(phase, loop, max(gain_crossovers, default=0.0))
+        _phase_crossovers_behind_delay(phase, loop, max(at_one, default=0.0))
         if loop.delay and any(loop.numerator)
         else _phase_crossovers(loop)
     )
     factors = [*_at_the_ends(loop), *((_factor(loop, omega), omega) for omega in phase_crossovers)]
-    factor, at = min(factors, key=lambda pair: _apart(pair[0]), default=(math.inf, math.nan))
+    factor, at = min(factors, key=lambda pair: apart(pair[0]), default=(math.inf, math.nan))
     return Margins(
         gain_margin=factor,
         phase_margin=math.inf if nearest is None else phases[nearest],
         delay_margin=min(
-            (max(left, 0.0) / omega for left, omega in zip(phases, gain_crossovers, strict=True)),
+            (max(left, 0.0) / omega for left, omega in zip(phases, at_one, strict=True)),
             default=math.inf,
         ),
-        gain_crossover=math.nan if nearest is None else gain_crossovers[nearest],
+        gain_crossover=math.nan if nearest is None else at_one[nearest],
         phase_crossover=at,
     )
 
@@ -79,7 +79,7 @@ def delay_margin(loop: TransferFunction) -> float:
     loop = _checked(loop)
     phase = Phase.of(loop)
     return min(
-        (math.fmod(_wrapped(phase(w) + math.pi) + _TURN, _TURN) / w for w in _gain_crossovers(loop)),
+        (math.fmod(wrapped(phase(w) + math.pi) + _TURN, _TURN) / w for w in gain_crossovers(loop)),
         default=math.inf,
     )
 
@@ -118,8 +118,8 @@ def _factor(loop: TransferFunction, omega: float) -> float:
     return 1 / size if size else math.inf
 
 
-def _apart(factor: float) -> float:
-    """By how much a factor is off 1, up or down."""
+def apart(factor: float) -> float:
+    """Return by how much a factor is off 1, up or down, as a logarithm."""
     return abs(math.log(factor)) if factor else math.inf
 
 
@@ -131,8 +131,8 @@ def _at_the_ends(loop: TransferFunction) -> list[tuple[float, float]]:
     return [(abs(below / above), omega) for above, below, omega in ends if above * below < 0]
 
 
-def _gain_crossovers(loop: TransferFunction) -> list[float]:
-    """Where |N(jω)|² = |D(jω)|² [rad/s]; a delay has no part in it."""
+def gain_crossovers(loop: TransferFunction) -> list[float]:
+    """Return where |N(jω)|² = |D(jω)|² [rad/s]; a delay has no part in it."""
     n, d = squared_magnitude(loop.numerator), squared_magnitude(loop.denominator)
     return [math.sqrt(square) for square in positive_roots(np.polysub(n, d))]
 
@@ -184,21 +184,32 @@ def _phase_crossovers_behind_delay(
             level = _TURN * turn - math.pi
             at = float(brentq(lambda x, level=level: phase(x) - level, omega[n], omega[n + 1], rtol=1e-12))
             found.append(at)
-            best = min(best, _apart(_factor(loop, at)))
+            best = min(best, apart(_factor(loop, at)))
     return found
 
 
 def _nearest_to_one(loop: TransferFunction, low: float, high: float) -> float:
     """How near |L| can come to 1 between two frequencies [rad/s] at which it is and between which it rises or falls."""
     one, two = (_factor(loop, float(omega)) for omega in (low, high))
-    return 0.0 if (one - 1) * (two - 1) <= 0 else min(_apart(one), _apart(two))
+    return 0.0 if (one - 1) * (two - 1) <= 0 else min(apart(one), apart(two))
 
 
 def turning_points(loop: TransferFunction) -> list[float]:
     """Return the frequencies [rad/s] at which the phase or the magnitude of a loop stops rising or falling, but for its jumps.
 
-    With L'/L = P/|ND|², P = (N'D - ND')(s) (ND)(-s) at s = jω, the slope of the phase is Re P/|ND|² - delay, that of ln |L| is
-    -Im P/|ND|², by algebra. At a root on the imaginary axis the phase jumps.
+    At a root on the imaginary axis the phase jumps.
+    """
+    phase, magnitude, squared = slopes(loop)
+    held = _less(phase, loop.delay * squared)
+    squares = [*positive_roots(held), *(positive_roots(magnitude) if len(magnitude) else ())]
+    return [math.sqrt(square) for square in squares]
+
+
+def slopes(loop: TransferFunction) -> tuple[Array, Array, Array]:
+    """Return how phase and magnitude of N/D, without the delay, rise and fall: three polynomials in ω², highest power first.
+
+    With L'/L = P/|ND|², P = (N'D - ND')(s) (ND)(-s) at s = jω, the slope of the phase over ω is the first, Re P, over the third,
+    |ND|², by algebra; that of ln |L| is zero where the second is, or at ω = 0.
     """
     n = np.trim_zeros(np.asarray(loop.numerator, dtype=np.float64), "f")
     d = np.asarray(loop.denominator, dtype=np.float64)
@@ -206,9 +217,7 @@ def turning_points(loop: TransferFunction) -> list[float]:
     above = _less(np.convolve(_derivative(n), d), np.convolve(n, _derivative(d)))
     product = np.convolve(above, mirrored(both))
     even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
-    slope = _less(mirrored(even), loop.delay * squared_magnitude(tuple(both)))
-    squares = [*positive_roots(slope), *(positive_roots(mirrored(odd)) if len(odd) else ())]
-    return [math.sqrt(square) for square in squares]
+    return mirrored(even), mirrored(odd), squared_magnitude(tuple(both))
 
 
 def _derivative(polynomial: Array) -> Array:
@@ -261,7 +270,7 @@ class Phase:
         return angle
 
 
-def _wrapped(phase: float) -> float:
-    """The same phase within (-π, π]."""
+def wrapped(phase: float) -> float:
+    """Return the same phase [rad] within (-π, π]."""
     rest = math.remainder(phase, _TURN)
     return math.pi if rest == -math.pi else rest

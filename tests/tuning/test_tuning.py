@@ -19,7 +19,6 @@ from servobench.errors import NotIdentifiable, UsageError
 from servobench.experiment import Experiment, read_experiment
 from servobench.export.answer import Answer
 from servobench.export.first_order import FirstOrderMotor
-from servobench.margins import margins
 from servobench.signals.square import Square
 from servobench.tuning.base import METHODS, Wish
 from servobench.tuning.loop import nominal_margins, open_loop
@@ -165,26 +164,36 @@ def test_margins_are_those_of_the_sampled_loop(asked: dict[str, Any]) -> None:
     def at(frequency: float) -> complex:
         return complex(loop(np.exp(1j * frequency * H)))
 
-    crossover = brentq(lambda w: abs(at(w)) - 1, 0.5 * omega, 2 * omega)
-    phase = 180 + math.degrees(np.angle(at(crossover)))
+    crossover = brentq(lambda w: abs(at(w)) - 1, 0.5 * omega, 2 * omega, xtol=1e-12)
+    phase = math.pi + np.angle(at(crossover))
+    closed = ct.feedback(made.margins["gain_margin"].value * loop).poles()
 
-    # A lag for the filter and for the difference, a delay for the hold, half a sample of the integral's sum: what is left is of
-    # second order in ω h.
-    error = (omega * H) ** 2
-    assert omega == pytest.approx(crossover, rel=0.01 + error)
-    assert made.margins["phase_margin"].value == pytest.approx(math.radians(phase), abs=0.01 + error)
+    # The same loop by other routes. Matrices of a motor that is sampled 50 times in its time constant, with two integrators near
+    # each other, leave python-control eight digits; a pole next to the circle moves by less than the gain in proportion.
+    assert omega == pytest.approx(crossover, rel=1e-7)
+    assert made.margins["phase_margin"].value == pytest.approx(phase, abs=1e-7)
+    assert made.margins["delay_margin"].value == pytest.approx(phase / crossover, rel=1e-6)
+    # A difference of the position has its pole at 1 cancelled, and there it stays.
+    assert min(abs(abs(closed[abs(closed - 1) > 1e-6]) - 1)) < 1e-6
 
 
-@pytest.mark.parametrize(("kp", "ki"), [(0.0, 4.0), (0.05, 4.0)])
-def test_an_integral_that_counts_the_newest_sample_is_half_a_sample_early(kp: float, ki: float) -> None:
-    controller = Pid(kp=kp, ki=ki, output="speed", cutoff=500.0)
-    loop = open_loop(controller, GAIN, TAU, DELAY, H)
-    omega = margins(loop).gain_crossover
-    sampled = complex(sampled_loop(controller)(np.exp(1j * omega * H)))
+@pytest.mark.parametrize(
+    "controller",
+    [
+        Pid(kp=0.05, ki=4.0, output="speed", cutoff=500.0),
+        Pid(kp=0.0, ki=4.0, output="speed", cutoff=500.0),
+        Pid(kp=4.0, ki=10.0, kd=0.2, cutoff=300.0),
+        Lead(gain=3.0, zero=10.0, pole=300.0),
+    ],
+    ids=str,
+)
+def test_the_loop_is_what_is_computed_at_all_frequencies(controller: Any) -> None:
+    omega = np.geomspace(0.5, 0.999 * math.pi / H, 50)
+    ours = open_loop(controller, GAIN, TAU, DELAY, H).frequency_response(omega)
+    theirs = np.array([complex(sampled_loop(controller)(np.exp(1j * w * H))) for w in omega])
 
-    ratio = complex(loop(np.array([1j * omega]))[0]) / sampled
-    # What is left is of second order; half a sample would be ω h/2, eight times as much.
-    assert abs(ratio - 1) < (omega * H) ** 2
+    # As above; near π/h the zero of the trapezoid rule makes both small.
+    np.testing.assert_allclose(ours, theirs, rtol=1e-6, atol=1e-9)
 
 
 def test_margins_have_intervals_that_grow_with_what_is_not_known_of_the_motor() -> None:
@@ -293,6 +302,7 @@ def test_over_the_interval_of_the_motor_the_twin_overshoots_by_what_is_predicted
     ("asked", "because"),
     [
         ({"damping": 0.8, "bandwidth": 300.0}, "faster than a controller that runs every 0.002 s"),
+        ({"damping": 0.8, "bandwidth": 5000.0}, "has a gain above 1 up to half the sample rate, 1571 rad/s"),
         ({"damping": 0.3, "bandwidth": 100.0}, "too fast for the 0.0024 s that pass before anything is seen"),
         (
             {"damping": 0.8, "bandwidth": 20.0, "step": 10.0},

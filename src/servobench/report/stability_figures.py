@@ -66,7 +66,7 @@ def nyquist(real: Array, imaginary: Array, style: Style) -> Figure:
     """Return the curve L(jω) from its parts (N,) for ω > 0, with that for ω < 0, faint, about -1, with the unit circle."""
     palette = style.palette
     figure = sheet(style, _HEIGHT)
-    ax = axes(figure, whole(style, _HEIGHT), palette, "Imaginary part of L(jω)")
+    ax = axes(figure, whole(style, _HEIGHT), palette, "Imaginary part of L")
     around = np.linspace(0, 2 * np.pi, 181)
     ax.plot(np.cos(around), np.sin(around), color=palette.rule, linewidth=1.2)
     ax.plot(real, -imaginary, color=palette.band, linewidth=1.6)
@@ -77,7 +77,7 @@ def nyquist(real: Array, imaginary: Array, style: Style) -> Figure:
     wide = 2.4 * inner / (_HEIGHT - TITLE - BOTTOM - 4)
     ax.set(xlim=(0.45 * -wide - 0.3, 0.55 * wide - 0.3), ylim=(-1.2, 1.2))
     ax.set_aspect("equal", adjustable="datalim")
-    x_label(ax, "real part of L(jω)", palette)
+    x_label(ax, "real part of L", palette)
     return figure
 
 

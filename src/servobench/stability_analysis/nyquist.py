@@ -85,7 +85,7 @@ def closed_loop(loop: TransferFunction) -> ClosedLoop:
             encirclements=None,
             sentence="The open loop goes through −1: the closed loop is on the border of stability.",
         )
-    return _judged("unstable" if count else "stable", count, open_right)
+    return judged("unstable" if count else "stable", count, open_right)
 
 
 def nyquist_curve(loop: TransferFunction, omega: Array) -> tuple[Array, Array]:
@@ -113,10 +113,13 @@ def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
             encirclements=None,
             sentence=f"The closed loop has a pole on the imaginary axis, at {plain(abs(at.imag))} rad/s: it is on the border.",
         )
-    return _judged(verdict, right, open_right)
+    return judged(verdict, right, open_right)
 
 
-def _judged(verdict: StabilityVerdict, right: int, open_right: int) -> ClosedLoop:
+def judged(
+    verdict: StabilityVerdict, right: int, open_right: int, where: str = "in the right half-plane"
+) -> ClosedLoop:
+    """Return a loop off the border, with its sentence; `where` says on which side of it poles make a loop unstable."""
     round_it = right - open_right
     often = {1: "once", 2: "twice"}.get(abs(round_it), f"{abs(round_it)} times")
     sense = "clockwise" if round_it > 0 else "anticlockwise"
@@ -136,7 +139,7 @@ def _judged(verdict: StabilityVerdict, right: int, open_right: int) -> ClosedLoo
         open_right=open_right,
         encirclements=round_it,
         sentence=(
-            f"The open loop has {open_right or 'no'} pole{'' if open_right == 1 else 's'} in the right half-plane, and {times}"
+            f"The open loop has {open_right or 'no'} pole{'' if open_right == 1 else 's'} {where}, and {times}"
             f"{meaning}: "
             f"the closed loop has {right or 'none'} there and is {verdict}."
         ),

@@ -27,9 +27,7 @@ LEAST_PHASE, GOOD_PHASE = math.radians(30), math.radians(45)
 """What a loop has to keep of its phase at the least, and what is good practice (Åström and Murray, section 10.2)."""
 LEAST_FACTOR = 2.0
 """By which the gain may be off before a loop is unstable."""
-_MOST_TURNED = (
-    0.5  # rad of phase in a sample time at the gain crossover: as far as L(s) stands for the sampled loop
-)
+_MOST_TURNED = 0.5  # rad of phase in a sample time at the gain crossover: as far as gains serve that are found without sampling
 _SLOWEST = 1000.0  # times slower than wished: as far as an answer is looked for, in steps of a twentieth
 _STEP, _SLACK = 1.05, 1.01
 _TUNABLE = ("lead", "pid", "state_feedback")
@@ -117,12 +115,17 @@ def _too_fast(
     low = {name: each.interval[0] if isinstance(each, Told) else each for name, each in margins.items()}
     high = {name: each.interval[1] if isinstance(each, Told) else each for name, each in margins.items()}
     crossover = high["gain_crossover"]
-    if not math.isfinite(crossover):
+    if math.isnan(crossover):
         return "the loop's gain is below 1 everywhere: it would do nothing"
     if crossover * wish.sample_time > _MOST_TURNED:
+        where = (
+            f"has its crossover at {crossover:.3g} rad/s"
+            if math.isfinite(crossover)
+            else f"has a gain above 1 up to half the sample rate, {math.pi / wish.sample_time:.4g} rad/s"
+        )
         return (
-            f"faster than a controller that runs every {wish.sample_time:g} s can be: its loop has its crossover at "
-            f"{crossover:.3g} rad/s, and {_MOST_TURNED / wish.sample_time:.3g} rad/s is as far as it goes"
+            f"faster than a controller that runs every {wish.sample_time:g} s can be: its loop {where}, and "
+            f"{_MOST_TURNED / wish.sample_time:.3g} rad/s is as far as a crossover goes"
         )
     if low["phase_margin"] < LEAST_PHASE or low["gain_margin"] < LEAST_FACTOR:
         passed, left = motor.delay + wish.sample_time, math.degrees(low["phase_margin"])

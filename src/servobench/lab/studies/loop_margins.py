@@ -8,6 +8,7 @@ from functools import partial
 
 import numpy as np
 
+from servobench.channels import Array
 from servobench.control.pid import Pid
 from servobench.experiment.experiment import AnyController
 from servobench.lab.expression import Fact
@@ -18,18 +19,23 @@ from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.responses import bandwidth
 from servobench.rounding import plain
-from servobench.stability_analysis.nyquist import closed_loop, nyquist_curve
+from servobench.stability_analysis.nyquist import closed_loop
 from servobench.transfer_function import TransferFunction
 from servobench.tuning.base import Tunable
 from servobench.tuning.loop import open_loop
+from servobench.tuning.sampled import (
+    SampledLoop,
+    closed_bandwidth,
+    closed_sampled_loop,
+    sampled_margins,
+)
 
 _POINTS = 400
-_COARSE = 0.5  # rad in a sample, from which on a delay stands for the hold only roughly
 
 
 @STUDIES.member("loop_margins")
 class LoopMargins(OfAMotor):
-    """Margins and bandwidth of a controller around the motor: as drawn on paper, and as it runs, with hold and filter."""
+    """Margins and bandwidth of a controller around the motor: as drawn on paper, and as it runs, tick by tick."""
 
     controller: AnyController | None = None
     """The controller; without it that of the exercise's experiment."""
@@ -39,48 +45,42 @@ class LoopMargins(OfAMotor):
         law = tunable(self.controller or stand.experiment.controller)
         gain, tau = self.motor(stand)
         h = stand.experiment.sample_time
-        loops = {
-            "on paper": on_paper(law, gain, tau),
-            "as it runs": open_loop(law, gain, tau, 0.0, h),
-        }
-        found = {name: margins(loop) for name, loop in loops.items()}
-        closed = {name: closed_loop(loop) for name, loop in loops.items()}
+        paper, sampled = on_paper(law, gain, tau), open_loop(law, gain, tau, 0.0, h)
+        found = (margins(paper), sampled_margins(sampled))
+        closed = (closed_loop(paper), closed_sampled_loop(sampled))
         numbers = {
-            "crossover": ("gain crossover", "rad/s", [m.gain_crossover for m in found.values()]),
-            "phase": ("phase margin", "°", [math.degrees(m.phase_margin) for m in found.values()]),
-            "gain": ("gain margin", "", [m.gain_margin for m in found.values()]),
-            "delay": ("delay margin", "s", [m.delay_margin for m in found.values()]),
-            "bandwidth": ("bandwidth of L/(1 + L)", "rad/s", [_bandwidth(loop) for loop in loops.values()]),
+            "crossover": ("gain crossover", "rad/s", [m.gain_crossover for m in found]),
+            "phase": ("phase margin", "°", [math.degrees(m.phase_margin) for m in found]),
+            "gain": ("gain margin", "", [m.gain_margin for m in found]),
+            "delay": ("delay margin", "s", [m.delay_margin for m in found]),
+            "bandwidth": ("bandwidth of L/(1 + L)", "rad/s", [_bandwidth(paper), closed_bandwidth(sampled)]),
         }
         columns = (
-            Column(name="loop", heading="loop", values=tuple(loops)),
+            Column(name="loop", heading="loop", values=("on paper", "as it runs")),
             *(
                 Column(name=name, heading=heading, unit=unit, values=tuple(values))
                 for name, (heading, unit, values) in numbers.items()
             ),
-            Column(name="verdict", heading="closed loop", values=tuple(c.verdict for c in closed.values())),
+            Column(name="verdict", heading="closed loop", values=tuple(c.verdict for c in closed)),
         )
         note = (
-            f"‘As it runs’ has half a sample time of delay for the hold, {plain(500 * h, 3)} ms, and the filter of a speed or a "
-            "derivative."
-        )
-        note += _of_the_reference(law, loops["on paper"], gain) + _rough(
-            found["as it runs"].phase_crossover, h
-        )
+            f"‘As it runs’ is the loop as it is computed every {plain(1000 * h, 3)} ms: the voltage holds in between, and "
+            "filters, derivatives and integrals are sums and differences of samples."
+        ) + _of_the_reference(law, paper, gain)
         return Shown(
             tables=(Table(title=f"Margins with {named(law)}", columns=columns, note=note),),
-            figures=(_bode(loops, found["as it runs"].gain_crossover), _nyquist(loops["as it runs"])),
-            sentences=(closed["as it runs"].sentence,),
-            facts={"right": Fact(value=float(closed["as it runs"].right or 0))},
+            figures=(
+                _bode(paper, sampled, found[1].gain_crossover),
+                _nyquist(sampled, found[1].gain_crossover),
+            ),
+            sentences=(closed[1].sentence,),
+            facts={"right": Fact(value=float(closed[1].right or 0))},
         )
 
 
 def _bandwidth(loop: TransferFunction) -> float:
-    """Where L/(1 + L) has 1/√2 of its gain at zero [rad/s]; a delay as a Padé approximation of the third order."""
-    from servobench.interop import without_delay
-
-    rational = without_delay(loop, 3 if loop.delay else None)
-    return bandwidth(_closed(rational, rational.numerator))
+    """Where L/(1 + L) has 1/√2 of its gain at zero [rad/s]."""
+    return bandwidth(_closed(loop, loop.numerator))
 
 
 def _closed(loop: TransferFunction, numerator: Sequence[float]) -> TransferFunction:
@@ -101,21 +101,12 @@ def _of_the_reference(law: Tunable, loop: TransferFunction, gain: float) -> str:
     )
 
 
-def _rough(crossover: float, sample_time: float) -> str:
-    """That a gain margin is rough where a swing has few samples: at ωh = 0.5 the hold's sin(ωh/2)/(ωh/2) is 1 % below 1."""
-    if not crossover * sample_time > _COARSE:
-        return ""
-    samples = 2 * math.pi / (crossover * sample_time)
-    return (
-        f" The gain margin as it runs is rough: where the phase crosses −180°, at {plain(crossover, 3)} rad/s, a swing has only "
-        f"{plain(samples, 2)} samples, and hold and filter are taken for a delay and a lag."
+def _bode(paper: TransferFunction, sampled: SampledLoop, crossover: float) -> Illustration:
+    omega = _frequencies(sampled, crossover, 30)
+    responses = (
+        ("on paper", paper.frequency_response(omega)),
+        ("as it runs", sampled.frequency_response(omega)),
     )
-
-
-def _bode(loops: dict[str, TransferFunction], crossover: float) -> Illustration:
-    middle = crossover if math.isfinite(crossover) else 10.0
-    omega = np.geomspace(middle / 30, middle * 30, _POINTS)
-    responses = tuple((name, loop.frequency_response(omega)) for name, loop in loops.items())
     return Illustration(
         name="loop",
         title="Bode diagram of the open loop",
@@ -125,15 +116,22 @@ def _bode(loops: dict[str, TransferFunction], crossover: float) -> Illustration:
     )
 
 
-def _nyquist(loop: TransferFunction) -> Illustration:
-    roots = np.abs(loop.poles)
-    scale = float(np.median(roots[roots > 0])) if (roots > 0).any() else 1.0
-    omega = np.geomspace(scale / 100, scale * 1000, 2000)
-    real, imaginary = nyquist_curve(loop, omega)
+def _nyquist(sampled: SampledLoop, crossover: float) -> Illustration:
+    response = sampled.frequency_response(_frequencies(sampled, crossover, 1000))
     return Illustration(
         name="nyquist",
         title="Nyquist curve of the open loop",
         caption="Dark for positive, light for negative frequencies. The cross is −1, the circle has the radius 1.",
-        description=f"Nyquist curve of {loop}.",
-        draw=partial(stability_figures.nyquist, real, imaginary),
+        description="Nyquist curve of the loop as it runs, up to half the sample rate.",
+        draw=partial(stability_figures.nyquist, np.asarray(response.real), np.asarray(response.imag)),
     )
+
+
+def _frequencies(sampled: SampledLoop, crossover: float, times: float) -> Array:
+    """Frequencies (N,) [rad/s] about a crossover, so many times to either side, and not quite as far as half the sample rate.
+
+    Right there a sampled motor is nearly zero, and its phase jumps.
+    """
+    last = 0.99 * math.pi / sampled.sample_time
+    middle = crossover if math.isfinite(crossover) else min(10.0, 0.1 * last)
+    return np.geomspace(middle / times, min(middle * times, last), _POINTS if times < 100 else 5 * _POINTS)

@@ -1,8 +1,7 @@
-"""The study `marginal_gain`: the gain at which a loop begins to swing by itself, by Routh, with delays, and by trial."""
+"""The study `marginal_gain`: the gain at which a loop begins to swing by itself, by Routh, as it is sampled, and by trial."""
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from typing import Annotated
 
@@ -15,7 +14,6 @@ from servobench.experiment import Experiment
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.margins import margins
 from servobench.measurement.measure import measure
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
@@ -25,6 +23,7 @@ from servobench.settings import PositiveTime, Speed
 from servobench.signals.ramp import Ramp
 from servobench.stability_analysis.gains import stable_gains
 from servobench.transfer_function import TransferFunction
+from servobench.tuning.loop import open_loop
 
 _SETTLED = 0.5  # s after the ramp; the loop's third pole is gone by then
 _SHOWN = 4
@@ -54,8 +53,8 @@ class MarginalGain(OfAMotor):
         a, h = self.pole, stand.experiment.sample_time
         loop = TransferFunction(numerator=(gain,), denominator=(tau, 1 + a * tau, a, 0.0), unit="1")
         paper = stable_gains(loop)[0][1]
-        # Hold and difference are half a sample late each; the integral, which counts the newest sample in, is as much early.
-        late = margins(replace(loop, delay=0.5 * h)).gain_margin
+        # The loop itself, sampled, for k = 1.
+        sampled = stable_gains(open_loop(self._law(1.0), gain, tau, 0.0, h).in_w)[0][1]
         courses, growths, frequencies = [], [], []
         for k in self.gains:
             t, speed = self._run(stand, k)
@@ -72,9 +71,9 @@ class MarginalGain(OfAMotor):
             Column(
                 name="how",
                 heading="limit of the gain",
-                values=("Routh", "with half a sample of delay", "tried"),
+                values=("Routh", "of the loop as it is sampled", "tried"),
             ),
-            Column(name="limit", heading="k", values=(paper, late, tried)),
+            Column(name="limit", heading="k", values=(paper, sampled, tried)),
         )
         return Shown(
             tables=(
