@@ -94,7 +94,7 @@ def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
     ended = servobench("lab", "--folder", folder)
 
     assert ended.status == 2
-    assert "mine  One of my own." in ended.out
+    assert "mine  Mine. One of my own." in ended.out
     assert f"{folder / 'bad.md'}:7: experiment.duration: '2 V' is a voltage" in ended.err
 
 

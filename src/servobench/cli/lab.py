@@ -206,7 +206,6 @@ def _list(console: Console, folder: Path) -> None:
     from servobench.cli.layout import show_table
     from servobench.errors import ServobenchError, UsageError
     from servobench.lab.exercise import exercise, names
-    from servobench.lab.formula import line_text
 
     found: list[Exercise] = []
     mistakes: list[str] = []
@@ -218,10 +217,18 @@ def _list(console: Console, folder: Path) -> None:
     if not found and not mistakes:
         raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
     found.sort(key=lambda each: (each.order, each.name))
-    rows = [(each.name, line_text(each.sentence)) for each in found]
+    rows = [(each.name, _told(each)) for each in found]
     show_table(console, ("name", "what it is about"), rows)
     if mistakes:
         raise UsageError("\n".join(mistakes))
+
+
+def _told(exercise: Exercise) -> str:
+    """Its title, and what it is about, as two sentences."""
+    from servobench.lab.formula import line_text
+
+    title = line_text(exercise.title)
+    return f"{title}{'' if title.endswith(('.', '?', '!')) else '.'} {line_text(exercise.sentence)}".rstrip()
 
 
 def _asked_for(name: str, folder: Path) -> Exercise:
