@@ -61,7 +61,7 @@ PLACES = {
     "1 eq. 7": Place("modelling", "eq. 7", "V = R I + k I", K / ((R + K) * J)),
     "2 J_eq": Place("modelling", "J_eq", "hub and disc", R * J / K**2),
     "2 0.13 s is never derived": Place("modelling", "II.E, τ", "never derived", R * J / K**2, 0.01),  # b makes it 0.5 % less
-    "2 K is never reported": Place("modelling", "eq. 10, K", "never given a number", 1 / K),
+    "2 K is never reported": Place("modelling", "eq. 10, K", "never given a number", 1 / K, 0.01),  # as above
     # The difference of two counts is late by 1 ms, and so is the filter's own discretisation: 2 ms of 0.12 s.
     "3 63.2 % behind the filter": Place("step", "0.13 s", "0.13 s", _behind_the_filter(R * J / K**2, 50.0), 0.02),
     "3 the same, measured": Place("identification", "II.E, τ = 0.13 s", "0.13 s", _behind_the_filter(R * J / K**2, 50.0), 0.02),
