@@ -66,3 +66,8 @@ def verdict(findings: Iterable[Finding]) -> Verdict:
     if Severity.REFUSAL in severities:
         return Verdict.REFUSED
     return Verdict.DOUBTFUL if Severity.WARNING in severities else Verdict.TRUSTED
+
+
+def lowered(sentence: str) -> str:
+    """Return a sentence as it stands behind a colon: with a small letter, unless it begins with an abbreviation such as USB."""
+    return sentence if sentence[1:2].isupper() else sentence[:1].lower() + sentence[1:]

@@ -32,7 +32,7 @@ from servobench.rungs.words import found, stopped
 from servobench.score_test import ASKED, Shown
 from servobench.validation import explains_the_colour
 
-_RUNGS = 5  # as many as there are
+_RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"

@@ -93,3 +93,4 @@ def test_what_is_known_by_less_than_its_own_size_is_no_answer_and_no_figure() ->
     )
     # Nor is there an answer: anything would lie within that interval.
     assert "! half isn't told: the recording tells no time_constant" in shown(worked)
+    assert "s, as large as itself" in corrected.ours

@@ -12,6 +12,7 @@ import numpy as np
 
 from servobench.channels import DeviceInfo, Sample
 from servobench.errors import UsageError
+from servobench.finding import lowered
 from servobench.recording.recording import Stopped
 from servobench.registry import Registry
 
@@ -134,11 +135,7 @@ def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ..
     Raises `UnknownName`, which lists the devices.
     """
     return tuple(
-        f"its setting {key!r} is missing: {_lowered(field.description or 'servobench devices lists them').rstrip('.')}"
+        f"its setting {key!r} is missing: {lowered(field.description or 'servobench devices lists them').rstrip('.')}"
         for key, field in DEVICES[name].Settings.model_fields.items()
         if field.is_required() and key not in settings
     )
-
-
-def _lowered(sentence: str) -> str:
-    return sentence if sentence[1:2].isupper() else sentence[:1].lower() + sentence[1:]

@@ -20,7 +20,7 @@ from servobench.finding import Severity
 from servobench.lab.expression import Fact
 from servobench.lab.rules import identifiable
 from servobench.measurement.base import Chain
-from servobench.rounding import plain
+from servobench.rounding import with_unit
 
 if TYPE_CHECKING:
     from servobench.recording.recording import Recording
@@ -29,7 +29,8 @@ if TYPE_CHECKING:
 _READ, _SHEET = "read_", "sheet_"
 _READINGS = ("gain", "time_constant")
 _LAG = "chain_lag"
-_NEVER_ZERO = ("gain", "time_constant")  # of a motor: known by less than their own size, they aren't known
+# Of a motor: where the interval is as large as themselves, they aren't known.
+_NEVER_ZERO = ("gain", "time_constant")
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,8 @@ class Evidence(Mapping[str, Fact]):
         fact = found[name]
         if name in _NEVER_ZERO and fact.half >= fact.value:
             raise NotIdentifiable(
-                f"the recording tells no {name}: its 95 % interval is ±{plain(fact.half, 2)}, as large as itself"
+                f"the recording tells no {name}: its 95 % interval is ±{with_unit(fact.half, identifiable()[name], 2)}, as large "
+                "as itself"
             )
         return fact
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.errors import UsageError
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, Verdict, info, warning
+from servobench.finding import Finding, Verdict, info, lowered, warning
 from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.reconciliation.base import CAUSES, Question
 from servobench.reconciliation.claim import Claim
@@ -196,10 +196,6 @@ def _decisive(causes: Sequence[Judged], hypotheses: Sequence[Hypothesis]) -> str
     instead = taking_part(tuple(each for each in hypotheses if first.name not in each.causes))
     rivals = [each for each in causes[1:] if each.possible and instead.get(each.name, 0.0) >= TOLD]
     if not rivals:
-        return f"To decide whether it is {first.label}: {_lowered(first.decision.sentence)}"
+        return f"To decide whether it is {first.label}: {lowered(first.decision.sentence)}"
     second = max(rivals, key=lambda each: instead[each.name])
-    return f"To decide between {first.label} and {second.label}: {_lowered(first.decision.sentence)}"
-
-
-def _lowered(sentence: str) -> str:
-    return sentence[:1].lower() + sentence[1:]
+    return f"To decide between {first.label} and {second.label}: {lowered(first.decision.sentence)}"

@@ -54,11 +54,9 @@ def sampled_law(controller: Tunable, sample_time: float) -> SampledLaw:
     if abs(numerator[0]) <= _ROUNDING * sum(map(abs, above)):
         numerator[0] = Fraction(0)
     denominator = _in_w(below)
+    # A filter far faster than the ticks does nothing.
     while len(denominator) > 1 and _vanishes(numerator) and _vanishes(denominator):
-        numerator, denominator = (
-            numerator[1:],
-            denominator[1:],
-        )  # a filter far faster than the ticks does nothing
+        numerator, denominator = numerator[1:], denominator[1:]
     return SampledLaw(
         numerator=tuple(-float(each) for each in numerator),
         denominator=tuple(float(each) for each in denominator),
