@@ -3,20 +3,25 @@
 Processor time of one core. The peer gets the same guess, the same residual and the same exact Jacobian, through
 `scipy.optimize.least_squares`; one of each in turn, so that both meet the same load, and the ratio is formed within each pair.
 Each call gets a fresh copy of the data, so that nothing is remembered from the call before.
+
+    python bench/cost.py          the times, and whether one is twice as long as at its last entry in bench/history.csv
+    python bench/cost.py --keep   appends an entry for each
 """
 
+import argparse
 import os
 import statistics
 import sys
-import time
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, before NumPy is imported
 sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the tests' reference motor
 
 from figures import Figure, shown
+from history import Timing, against_history, keep, milliseconds, timed
 
 import servobench as sb
 from servobench.estimators.output_error import OutputError
@@ -28,22 +33,6 @@ from tests.datasets import dataset
 FITS = 200
 PAIRS = 30
 IDENTIFICATIONS = 15
-
-
-def milliseconds(call: Callable[[], object]) -> float:
-    """Return the processor time that a call takes [ms]."""
-    start = time.process_time()
-    call()
-    return 1e3 * (time.process_time() - start)
-
-
-def repeated(
-    what: str, call: Callable[[], object], times: int, *, at_most: float | None, goal: str = ""
-) -> Figure:
-    """Return how long a call takes [ms], the first one left out."""
-    call()
-    low, middle, high = statistics.quantiles([milliseconds(call) for _ in range(times)], n=4)
-    return Figure(what=what, value=middle, half=(low, high), unit="ms", at_most=at_most, goal=goal)
 
 
 def by_scipy(structure: Structure, data: Dataset) -> object:
@@ -62,11 +51,11 @@ def by_scipy(structure: Structure, data: Dataset) -> object:
     return min(found, key=lambda result: float(result.cost))
 
 
-def against_scipy(what: str, structure: Structure, data: Dataset) -> Figure:
+def against_scipy(what: str, structure: Structure, data: Dataset, pairs: int) -> Figure:
     """Return how many times as long SciPy's search takes as our fit, intervals included."""
     by_scipy(structure, data)
     ratios = []
-    for _ in range(PAIRS):
+    for _ in range(pairs):
         ours = milliseconds(lambda: OutputError().fit(structure, [replace(data)]))
         ratios.append(milliseconds(lambda: by_scipy(structure, replace(data))) / ours)
     low, middle, high = statistics.quantiles(ratios, n=4)
@@ -79,40 +68,94 @@ def against_scipy(what: str, structure: Structure, data: Dataset) -> Figure:
     )
 
 
-def main() -> list[Figure]:
-    """Return the figures of this bench."""
-    rows = (
-        ("one way, 6 parameters", "first_order_one_way", dataset(seed=1), 3.0, "below 1"),
-        ("friction, 7 parameters", "first_order_coulomb", dataset(seed=1, kind="prbs"), 8.0, "below 2"),
+@dataclass(frozen=True, kw_only=True)
+class Timed:
+    """A call that is timed so many times, and its limit and goal [ms]."""
+
+    what: str
+    call: Callable[[], object]
+    times: int
+    at_most: float
+    goal: str = ""
+
+    def figure(self, timing: Timing) -> Figure:
+        """Return what it took."""
+        low, middle, high = timing.quartiles
+        limits = {"at_most": self.at_most, "goal": self.goal}
+        return Figure(what=self.what, value=middle, half=(low, high), unit="ms", **limits)
+
+
+def _rows() -> tuple[tuple[str, Structure, Dataset], ...]:
+    """The two records: what they are, the structure that suits them, and the data."""
+    return (
+        ("one way, 6 parameters", STRUCTURES["first_order_one_way"], dataset(seed=1)),
+        ("friction, 7 parameters", STRUCTURES["first_order_coulomb"], dataset(seed=1, kind="prbs")),
     )
-    figures = []
-    for what, name, data, limit, goal in rows:
-        structure = STRUCTURES[name]
 
-        def fit(structure: Structure = structure, data: Dataset = data) -> object:
-            return OutputError().fit(structure, [replace(data)])
 
-        def everything(data: Dataset = data) -> object:
-            return sb.identify(replace(data))
-
-        figures += [
-            repeated(f"output error, {what}", fit, FITS, at_most=limit, goal=goal),
-            against_scipy(what, structure, data),
-            repeated(f"identify, {what}", everything, IDENTIFICATIONS, at_most=300.0),
+def calls() -> list[Timed]:
+    """Return all that is timed by itself."""
+    limits = {"one way, 6 parameters": (1.5, 30.0), "friction, 7 parameters": (5.0, 50.0)}
+    found = []
+    for what, structure, data in _rows():
+        fit, whole = limits[what]
+        found += [
+            Timed(
+                what=f"output error, {what}",
+                call=partial(_fitted, structure, data),
+                times=FITS,
+                at_most=fit,
+                goal="below 1.5",
+            ),
+            Timed(
+                what=f"identify, {what}",
+                call=partial(_identified, data),
+                times=IDENTIFICATIONS,
+                at_most=whole,
+            ),
         ]
     disturbed = dataset(seed=1, torque_noise=1e-5)
     start = OutputError().fit(STRUCTURES["first_order_one_way"], [disturbed])
-    figures.append(
-        repeated(
-            "prediction error after output error, torque 1e-5 N·m/√Hz",
-            lambda: PredictionError().fit_after(start),
-            FITS // 4,
-            at_most=60.0,
-            goal="below 20",
-        )
+    after = Timed(
+        what="prediction error after output error, torque 1e-5 N·m/√Hz",
+        call=partial(PredictionError().fit_after, start),
+        times=FITS // 4,
+        at_most=60.0,
+        goal="below 20",
     )
-    return figures
+    return [*found, after]
+
+
+def _fitted(structure: Structure, data: Dataset) -> object:
+    return OutputError().fit(structure, [replace(data)])
+
+
+def _identified(data: Dataset) -> object:
+    return sb.identify(replace(data))
+
+
+def main(least: int | None = None) -> list[Figure]:
+    """Return the figures of this bench; `least` is how often each call is timed, as often as it needs without it."""
+    tasks = calls()
+    timings = {task.what: timed(task.call, least or task.times) for task in tasks}
+    peers = [against_scipy(what, structure, data, least or PAIRS) for what, structure, data in _rows()]
+    return [*(task.figure(timings[task.what]) for task in tasks), *peers, *against_history(timings)]
+
+
+def smallest() -> list[Figure]:
+    """Return the figures of two calls each."""
+    return main(2)
+
+
+def command(words: list[str]) -> int:
+    """Show the figures, or append an entry to the history."""
+    parser = argparse.ArgumentParser(description="What a fit costs.")
+    parser.add_argument("--keep", action="store_true", help="append an entry to bench/history.csv")
+    if not parser.parse_args(words).keep:
+        return shown(main())
+    keep({task.what: timed(task.call, task.times) for task in calls()})
+    return 0
 
 
 if __name__ == "__main__":
-    sys.exit(shown(main()))
+    sys.exit(command(sys.argv[1:]))

@@ -17,6 +17,7 @@ from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+from damaged_parts.runs import Run
 from figures import Figure
 
 OUT = Path(__file__).resolve().parent.parent / "docs" / "benchmarks"
@@ -26,7 +27,20 @@ def main() -> list[Figure]:
     """Return hits and false alarms of one seed, for `make bench`."""
     from damaged_parts.runs import damaged_runs, undamaged_runs
 
-    damaged, sound = damaged_runs((1,)), undamaged_runs((1,))
+    return figures(damaged_runs((1,)), undamaged_runs((1,)))
+
+
+def smallest() -> list[Figure]:
+    """Return the figures of the first damage and of the first sound recording alone."""
+    from damaged_parts.damages import copies
+    from damaged_parts.recordings import undamaged
+    from damaged_parts.runs import damaged_run, undamaged_run
+
+    return figures([damaged_run(next(iter(copies())), 1)], [undamaged_run(next(iter(undamaged())), 1)])
+
+
+def figures(damaged: Sequence[Run], sound: Sequence[Run]) -> list[Figure]:
+    """Return how many damages were found, and how many alarms were false."""
     return [
         Figure(
             what=f"damaged recordings that are told by the right name, of {len(damaged)}",

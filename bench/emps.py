@@ -28,6 +28,7 @@ from servobench.models.base import STRUCTURES
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 STRUCTURE = STRUCTURES["first_order_coulomb"]
 NAMES = [parameter.name for parameter in STRUCTURE.parameters]
+COUNTS = ((4, False), (5, True), (6, True))  # segments, and whether their scatter is held against a limit
 JUDGED = ("gain", "time_constant", "coulomb_voltage")
 
 # With start states fitted, as here, they come out a little better than in the publication (3.52 % over the training record).
@@ -41,14 +42,15 @@ PUBLISHED = {
 }
 
 
-def main() -> list[Figure]:
-    """Return the figures of both records; one that holds no number where the recordings are absent."""
+def main(counts: Sequence[tuple[int, bool]] = COUNTS, share: float = 1.0) -> list[Figure]:
+    """Return the figures of both records, of so large a share of each; one without a number where the recordings are absent."""
     folder = Path(os.environ.get("SERVOBENCH_REAL_DATA") or FOLDER) / "emps"
     if not folder.is_dir():
         what = "EMPS: not run, the recordings are absent (SERVOBENCH_REAL_DATA names their folder)"
         return [Figure(what=what, value=float("nan"))]
-    training, pulses = (record(folder / name) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"))
-    return [*_predictions(training, pulses), *_scatters((training, pulses))]
+    whole = [record(folder / name) for name in ("DATA_EMPS.mat", "DATA_EMPS_PULSES.mat")]
+    training, pulses = (data.part(0.0, share * data.duration) if share < 1 else data for data in whole)
+    return [*_predictions(training, pulses), *_scatters((training, pulses), counts)]
 
 
 def record(path: Path) -> Dataset:
@@ -103,15 +105,22 @@ def scatter(fits: Sequence[Fit]) -> dict[str, float]:
     """Return the standard deviation of the estimates over the root mean square of the stated ones."""
     out = {}
     for name in JUDGED:
-        values, sds = (np.array([getattr(fit[name], what) for fit in fits]) for what in ("value", "sd"))
+        values, sds = np.array([_estimate(fit, name) for fit in fits]).T
         out[name] = float(np.std(values, ddof=1) / np.sqrt(np.mean(sds**2)))
     return out
 
 
-def _scatters(records: Sequence[Dataset]) -> list[Figure]:
+def _estimate(fit: Fit, name: str) -> tuple[float, float]:
+    """The value and standard deviation; where friction isn't the same in both directions, of the mean of the two."""
+    wanted = [name] if name in fit.model.names else [f"{name}_forward", f"{name}_backward"]
+    weights = np.array([each in wanted for each in fit.model.names]) / len(wanted)
+    return float(weights @ fit.model.theta), float(np.sqrt(weights @ fit.covariance @ weights))
+
+
+def _scatters(records: Sequence[Dataset], counts: Sequence[tuple[int, bool]]) -> list[Figure]:
     """The scatter over disjoint segments beside what is stated, the two records pooled."""
     figures = []
-    for count, judged in ((4, False), (5, True), (6, True)):
+    for count, judged in counts:
         found = [scatter([_fitted(part) for part in segments(data, count)]) for data in records]
         for name in JUDGED:
             each = [ratios[name] for ratios in found]
@@ -132,6 +141,11 @@ def _fitted(data: Dataset) -> Fit:
     if fit is None:
         raise ValueError(f"{data.name}: nothing was identified")
     return fit
+
+
+def smallest() -> list[Figure]:
+    """Return the same figures from two segments of the first way up and down."""
+    return main(((2, False),), share=0.25)
 
 
 if __name__ == "__main__":

@@ -12,6 +12,7 @@ import statistics
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -21,7 +22,6 @@ from figures import Figure, shown
 
 import servobench as sb
 from servobench.estimators.base import ESTIMATORS, Estimator
-from servobench.estimators.instruments.closed_loop import with_reference
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Structure
 
@@ -46,7 +46,7 @@ def reference_data() -> tuple[Dataset, ...]:
     return (
         position,
         sb.measure(recording, "derivative | lowpass 50 rad/s"),
-        with_reference(position, position.u),
+        replace(position, reference=position.u, reference_unit=position.input_unit),
     )
 
 
@@ -71,7 +71,7 @@ def seconds(estimator: Estimator, structure: Structure, data: Dataset) -> float:
     return time.process_time() - start
 
 
-def pairs() -> dict[str, list[tuple[float, float]]]:
+def pairs(most: int = PAIRS) -> dict[str, list[tuple[float, float]]]:
     """Return, for each estimator, the times [s] of its fits, each beside that of a fit by output error just after it."""
     data = reference_data()
     anchor = (ESTIMATORS[ANCHOR], STRUCTURES["first_order_one_way"], data[0])
@@ -80,7 +80,9 @@ def pairs() -> dict[str, list[tuple[float, float]]]:
     for name, *task in tasks(data):
         seconds(*task)  # compiles
         found[name], start = [], time.perf_counter()
-        while len(found[name]) < 3 or (len(found[name]) < PAIRS and time.perf_counter() - start < LONGEST):
+        while len(found[name]) < min(3, most) or (
+            len(found[name]) < most and time.perf_counter() - start < LONGEST
+        ):
             found[name].append((seconds(*task), seconds(*anchor)))
     return found
 
@@ -123,6 +125,11 @@ def write(table: dict[str, tuple[float, float, float]], file: Path = FILE) -> No
 def main() -> list[Figure]:
     """Return the figures of this bench."""
     return figures(costs(pairs()))
+
+
+def smallest() -> list[Figure]:
+    """Return the figures of two pairs of each estimator."""
+    return figures(costs(pairs(2)))
 
 
 if __name__ == "__main__":

@@ -40,16 +40,26 @@ from servobench.loop.process import LoopProcess
 from servobench.loop.ring import RowReader, RowRing
 from servobench.loop.spec import COLUMNS
 from tests.panel.browser import NAMES, chromium
+from tests.panel.doubles import rows_until
 from tests.processes import children
 from tests.stories.program import PATIENCE, Page, Program, running
 
 SAMPLE_TIME = 0.001
-SECONDS = 10.0
-FILLED = 11.0  # s until the scopes' 10 s are full
-SETTLED = 2.0  # s until a page has what was before it
-PAIRS = 5
 SOCKETS = (1, 20)
 SHARED_MEMORY = Path("/dev/shm")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Size:
+    """How long and how often is measured."""
+
+    seconds: float = 10.0
+    filled: float = 11.0
+    """Until the scopes' 10 s are full [s]."""
+    settled: float = 2.0
+    """Until a page has what was before it [s]."""
+    pairs: int = 5
+
 
 WATCH = """
 (() => {
@@ -123,7 +133,7 @@ class Viewers:
 
     frames: int = 0
 
-    async def share(self, program: Program, count: int) -> dict[str, float]:
+    async def share(self, program: Program, count: int, size: Size) -> dict[str, float]:
         """What part of a core the server needs for `count` of them, and what live identification needs beside it."""
         import httpx
         from websockets.asyncio.client import connect
@@ -150,11 +160,11 @@ class Viewers:
             while not self.frames:  # until the device is open
                 await asyncio.sleep(0.1)
         await sockets[0].send(json.dumps({"do": "start"}))
-        await asyncio.sleep(SETTLED)
+        await asyncio.sleep(size.settled)
         self.frames = 0
         pids = {"server": program.process.pid, "live": live_process(program)}
         before, begun = {who: processor_time(pid) for who, pid in pids.items()}, time.monotonic()
-        await asyncio.sleep(SECONDS)
+        await asyncio.sleep(size.seconds)
         lasted = time.monotonic() - begun
         used = {who: (processor_time(pid) - before[who]) / lasted for who, pid in pids.items()}
         for task, socket in zip(taking, sockets, strict=True):
@@ -163,19 +173,24 @@ class Viewers:
         return used
 
     async def _take(self, socket: Any) -> None:
+        own = 0
         async for message in socket:
-            self.frames += isinstance(message, bytes)
+            if isinstance(message, bytes):
+                self.frames += 1
+                own += 1
+                if own % 3 == 0:  # ten times a second, as a page that draws
+                    await socket.send(json.dumps({"do": "beat", "row": rows_until(message)}))
 
 
-def costs() -> list[Figure]:
+def costs(size: Size) -> list[Figure]:
     """The server's share of a core, for one viewer and for 20; that of live identification, a process beside it, has no limit."""
     figures = []
     live = []
     with panel() as program:
         for count, limit in zip(SOCKETS, (3.0, 8.0), strict=True):
             viewers = Viewers()
-            shares = asyncio.run(viewers.share(program, count))
-            sent = viewers.frames / SECONDS / count
+            shares = asyncio.run(viewers.share(program, count, size))
+            sent = viewers.frames / size.seconds / count
             what = f"panel: server's share of a core, {count} socket{'s' if count > 1 else ''} with {sent:.0f} frames/s"
             figures.append(Figure(what=what, value=100 * shares["server"], unit="%", at_most=limit))
             live.append(100 * shares["live"])
@@ -191,18 +206,18 @@ class Shown:
     ages: np.ndarray
 
 
-def looked_at(program: Program, browser: Any) -> tuple[Shown, np.ndarray]:
+def looked_at(program: Program, browser: Any, size: Size) -> tuple[Shown, np.ndarray]:
     """Let a page show the turning motor; return what was painted, and the loop's `times` meanwhile [us]."""
     with Page(browser, program.address, script=WATCH) as page:
         page.drive()
         page.button("Start").click()
         page.page.get_by_text("Driving").wait_for()
         with ring_of(program) as ring:
-            page.page.wait_for_timeout(1000 * FILLED)
+            page.page.wait_for_timeout(1000 * size.filled)
             zero = time_zero(ring)
             reader = ring.reader(ring.written)
             page.page.evaluate("() => { watched.on = true; }")
-            page.page.wait_for_timeout(1000 * SECONDS)
+            page.page.wait_for_timeout(1000 * size.seconds)
             frames = np.array(page.page.evaluate("() => { watched.on = false; return watched.frames; }"))
             late = times(reader)
     # The browser's times count from 1970, the loop's from its own start on the monotonic clock.
@@ -251,9 +266,11 @@ def times(reader: RowReader) -> np.ndarray:
     return 1e6 * (rows[:, [0, 1 + WRITTEN]] - rows[:, [1 + SCHEDULED]])
 
 
-def alone() -> np.ndarray:
+def alone(size: Size) -> np.ndarray:
     """The same in a program without a panel [us]."""
-    with LoopProcess(experiment(SETTLED + SECONDS), missed_go_on=True) as loop:  # as the panel's loop does
+    with LoopProcess(
+        experiment(size.settled + size.seconds), missed_go_on=True
+    ) as loop:  # as the panel's loop does
         found = []
         reader = loop.rows(0)
         while loop.ended is None:
@@ -262,7 +279,7 @@ def alone() -> np.ndarray:
         ended = loop.ended
     if ended.reason != "finished":
         raise RuntimeError(f"the run without a panel came to an early end: {ended.sentence}")
-    return np.concatenate(found)[int(SETTLED / SAMPLE_TIME) :]
+    return np.concatenate(found)[int(size.settled / SAMPLE_TIME) :]
 
 
 def columns(*names: str) -> list[int]:
@@ -280,14 +297,14 @@ def columns(*names: str) -> list[int]:
 SCHEDULED, WRITTEN = columns("scheduled", "written")
 
 
-def live() -> list[Figure]:
+def live(size: Size) -> list[Figure]:
     """What a page shows, and what it does to the loop."""
     seen, p99 = [], []
-    for _ in range(PAIRS):
+    for _ in range(size.pairs):
         with chromium() as browser, panel() as program:
-            found, with_panel = looked_at(program, browser)
+            found, with_panel = looked_at(program, browser, size)
         seen.append(found)
-        p99.append([np.quantile(with_panel, 0.99, axis=0), np.quantile(alone(), 0.99, axis=0)])
+        p99.append([np.quantile(with_panel, 0.99, axis=0), np.quantile(alone(size), 0.99, axis=0)])
     every = np.concatenate([each.ages for each in seen])
     half = tuple(float(q) for q in np.quantile(every, (0.25, 0.75)))
     return [
@@ -334,12 +351,17 @@ def missing() -> str:
     return "" if SHARED_MEMORY.is_dir() else "not Linux"
 
 
-def main() -> list[Figure]:
+def main(size: Size = Size()) -> list[Figure]:
     """All figures."""
     if lacking := missing():
         print(f"panel: {lacking}: nothing was measured", file=sys.stderr)
         return []
-    return [*costs(), *live()]
+    return [*costs(size), *live(size)]
+
+
+def smallest() -> list[Figure]:
+    """All figures, of one pair and a second each."""
+    return main(Size(seconds=0.5, filled=0.5, settled=0.2, pairs=1))
 
 
 if __name__ == "__main__":

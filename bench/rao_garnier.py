@@ -41,7 +41,7 @@ def input_data(samples: int) -> Dataset:
     )  # fmt: skip
 
 
-def figures(samples: int, *, at_most: float | None) -> list[Figure]:
+def figures(samples: int, *, at_most: float | None, runs: int = RUNS) -> list[Figure]:
     """Return the figures for a record of so many samples; the limit is that of the errors over the bound."""
     structure, srivc, data = STRUCTURES["rational_4_1"], ESTIMATORS["srivc"], input_data(samples)
     theta = np.concatenate([list(TRUTH.values()), np.zeros(len(structure.nuisance(data)))])
@@ -50,7 +50,7 @@ def figures(samples: int, *, at_most: float | None) -> list[Figure]:
     bound = noise * np.sqrt(np.diag(np.linalg.inv(exact.jacobian.T @ exact.jacobian)))[: len(TRUTH)]
     errors, covered, seconds, lost = [], [], [], 0
     srivc.fit(structure, [replace(data, y=exact.y)])  # compiles
-    for seed in range(RUNS):
+    for seed in range(runs):
         record = replace(data, y=exact.y + noise * np.random.default_rng(seed).standard_normal(samples))
         start = time.process_time()
         fit = srivc.fit(structure, [record])
@@ -71,7 +71,7 @@ def figures(samples: int, *, at_most: float | None) -> list[Figure]:
     low, middle, high = (1e3 * quartile for quartile in statistics.quantiles(seconds, n=4))
     return [
         *found,
-        Figure(what=f"{what}: failures in {RUNS} runs", value=float(lost), unit="runs", at_most=0.0),
+        Figure(what=f"{what}: failures in {runs} runs", value=float(lost), unit="runs", at_most=0.0),
         Figure(what=f"{what}: least coverage of a 95 % interval", value=100 * float(share.min()), unit="%"),
         Figure(what=f"{what}: largest coverage", value=100 * float(share.max()), unit="%"),
         Figure(what=f"{what}: a fit, processor time", value=middle, half=(low, high), unit="ms"),
@@ -86,6 +86,11 @@ def main() -> list[Figure]:
     """Return the figures of this bench."""
     period = (2**STAGES - 1) * CLOCK
     return [*figures(period, at_most=1.1), *figures(1000, at_most=None)]
+
+
+def smallest() -> list[Figure]:
+    """Return the figures of two runs of the short record."""
+    return figures(1000, at_most=None, runs=2)
 
 
 if __name__ == "__main__":

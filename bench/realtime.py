@@ -198,17 +198,25 @@ def missing() -> str:
     return "" if len(os.sched_getaffinity(0)) > 1 else "only one processor"
 
 
-def main() -> list[Figure]:
+def main(pairs_of_each: int = QUICK_PAIRS, seconds: float = QUICK_SECONDS) -> list[Figure]:
     """A look at idle and stressed, real-time scheduling, and at a busy reader."""
     if lacking := missing():
         print(f"realtime: {lacking}: nothing was measured", file=sys.stderr)
         return []
     figures = []
     for condition in (CONDITIONS["idle"], CONDITIONS["stress"]):
-        pairs = [pair(k, QUICK_SECONDS, condition) for k in range(QUICK_PAIRS)]
+        pairs = [pair(k, seconds, condition) for k in range(pairs_of_each)]
         figures += limits(condition, pairs)
-    readers = [with_and_without_reader(k, QUICK_SECONDS) for k in range(QUICK_PAIRS)]
+    readers = [with_and_without_reader(k, seconds) for k in range(pairs_of_each)]
     return [*figures, reader_limit(readers)]
+
+
+def smallest() -> list[Figure]:
+    """A look of one second at each; at the loop alone where the tools that it is compared with are missing."""
+    if not missing():
+        return main(1, 1)
+    alone = measured(1.0, min(os.sched_getaffinity(0)), Condition("idle", real_time=False))
+    return [Figure(what="latency of the loop alone: p50", value=alone.quantiles[0], unit="us")]
 
 
 def limits(condition: Condition, pairs: list[tuple[Latency, Latency]]) -> list[Figure]:
@@ -289,10 +297,20 @@ def page(kept: dict[str, dict[str, Any]], lines: list[str]) -> str:
     return f"""# Punctuality of the loop
 
 Made by `python bench/realtime.py --write`: {pairs} pairs of {seconds:g} s or more of each condition, the loop and `cyclictest` at
-the same time on two processors, which they change from pair to pair; Linux {release}, {os.cpu_count()} processors. Latency of the
-loop: from the deadline of a tick to the latch of its sample; of cyclictest: from its deadline to its wake-up. Medians over the
-pairs. The largest values describe the machine (a host that pauses a virtual processor, for instance), not either program. A tick
-of cyclictest counts as missed where it woke up more than a period late.
+the same time on two processors, which they change from pair to pair; Linux {release}, {os.cpu_count()} processors.
+Medians over the pairs.
+
+**The two don't measure the same.** The loop sleeps until shortly before the deadline of a tick and then *spins*: it
+looks at the clock until the deadline is there, for 20 to 150 µs, which costs a part of a processor. cyclictest *sleeps*
+until its deadline and is woken up by the kernel. So a loop that was woken up in time has next to no latency, and its
+median says only how long one look at the clock takes; the ratio of the two medians is what spinning buys, not how much
+faster the loop is. What can be compared is the tail: there both were woken up too late.
+
+Latency of the loop is from the deadline of a tick to the *latch* of its sample: the moment, by the clock of the loop,
+at which it asks the device for counts and current. What the device takes to answer comes on top of it, and isn't in
+here: the device is the simulated motor. Latency of cyclictest is from its deadline to its wake-up. The largest values
+describe the machine (a host that pauses a virtual processor, for instance), not either program. A tick of cyclictest
+counts as missed where it woke up more than a period late.
 
 {head}
 {chr(10).join(lines)}

@@ -176,6 +176,11 @@ def main(rows: int = ROWS) -> list[Figure]:
     return [*alone(rows // REPEATS), *between(rows)]
 
 
+def smallest() -> list[Figure]:
+    """Return the figures of few rows."""
+    return main(20_000)
+
+
 if __name__ == "__main__":
     if len(sys.argv) > 1:
         write(sys.argv[1], int(sys.argv[2]))

@@ -1,6 +1,7 @@
 """What every test may use: real recordings where they are at hand, and the rules that hold under CI."""
 
 import os
+import signal
 from collections.abc import Callable, Generator, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -12,6 +13,16 @@ import pytest
 ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
+
+# A shell that starts something in the background has it ignore Ctrl-C, and nohup the end of the terminal. The processes that the
+# tests start would inherit that, and whoever ignores a signal can't be tested with it.
+for name in ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTERM"):
+    if hasattr(signal, name) and signal.getsignal(number := getattr(signal, name)) is signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if name == "SIGINT" else signal.SIG_DFL)
+
+# So would they inherit how words look in the terminal of whoever started the tests, which says nothing of what is said.
+for name in ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
+    os.environ.pop(name, None)
 
 # No deadline: the first example of a property compiles the kernels, and a shared machine stalls now and then.
 hypothesis.settings.register_profile("local", deadline=None)

@@ -49,3 +49,48 @@ def test_the_speed_once_more_is_an_echo_too(stepped: Dataset) -> None:
     assert codes(
         replace(stepped, y=speed, kind="speed", output_unit="rad/s", quantum=None, u=0.3 * speed)
     ) == {"input-is-output"}
+
+
+def test_a_motor_that_follows_a_ramp_is_no_echo_of_it(stepped: Dataset) -> None:
+    """Of a ramp any motor's speed is a line as well, a little later: K (u - u_c) less its lag."""
+    u = 10.0 * stepped.t_input / stepped.t_input[-1]
+    speed = 20.0 * np.maximum(u - 0.05, 0.0) + 0.01 * np.random.default_rng(0).standard_normal(len(u))
+    ramp = replace(
+        stepped,
+        u=u,
+        y=speed,
+        t_output=stepped.t_input,
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+        reference=None,
+    )
+    assert abs(np.corrcoef(u, speed)[0, 1]) > 0.9999
+
+    assert codes(ramp) == set()
+
+
+@pytest.mark.parametrize(("gain", "tau", "told"), [(1.0, 0.05, True), (1.024, 0.2, False)])
+def test_a_speed_that_passes_the_inputs_value_on_its_way_has_not_settled_there(
+    stepped: Dataset, gain: float, tau: float, *, told: bool
+) -> None:
+    """Levels of ±10 V for a second, and K/(τ s + 1) behind them: at 1.024 rad/(s·V) the last 0.3 s of each are 9.9 on average."""
+    t = np.arange(500) * 0.01
+    u = np.where(t % 2.0 < 1.0, 10.0, -10.0)
+    speed = np.zeros(len(t))
+    for n in range(1, len(t)):
+        speed[n] = speed[n - 1] + (gain * u[n - 1] - speed[n - 1]) * -np.expm1(-0.01 / tau)
+    driven = replace(
+        stepped,
+        t_input=t,
+        t_output=t,
+        u=u,
+        y=speed,
+        kind="speed",
+        output_unit="rad/s",
+        quantum=None,
+        reference=None,
+        current=None,
+    )
+
+    assert ("input-settles-at-output" in codes(driven)) == told

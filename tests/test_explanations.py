@@ -7,7 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.explanations.base import explain, is_damaged
+from servobench.explanations.base import EXPLANATIONS, Case, explain, is_damaged
+from servobench.explanations.equation import motion
 from servobench.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 
@@ -108,3 +109,13 @@ def _ideal(u: np.ndarray, step: float) -> Dataset:
     like = dataset(seed=0, samples=2, y=np.zeros(2))
     t = np.arange(len(u)) * step
     return replace(like, t_input=t, u=u, t_output=t, y=np.round(angle, 6), quantum=None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_level_says_nothing_of_how_drag_grows(seed: int) -> None:
+    """Five seconds at 2 V from the first row on, under a random torque: the equation held better with drag."""
+    data = dataset(seed=seed, samples=2500, u=np.full(2500, 2.0), torque_noise=2e-4)
+    moved = motion(data)
+    assert moved is not None
+
+    assert EXPLANATIONS["drag"](Case((moved,))) is None

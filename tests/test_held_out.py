@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.estimators.output_error import OutputError
+from servobench.held_out import cross_validate
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
+from servobench.models.base import STRUCTURES
 from servobench.result import Result
 from tests.datasets import QUANTUM, dataset
 from tests.motor.reference import Truth, march
@@ -100,3 +103,19 @@ def test_of_many_records_eight_are_left_out() -> None:
     assert result.validation is not None
     assert result.validation.how == "each of 8 records (of 11) simulated by a model fitted to the others"
     assert {"run 0", "run 10"} <= {record.name for record in result.validation.records}
+
+
+def test_refits_begin_at_the_fit_and_guess_no_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search over time constant and delay for each part that is left out took a tenth of an identification."""
+    data, method = dataset(seed=1, kind="prbs"), OutputError()
+    fit = method.fit(STRUCTURES["first_order_coulomb"], [data])
+
+    def guesses(*_: object) -> None:
+        raise AssertionError("parameters are guessed again")
+
+    monkeypatch.setattr("servobench.models.search.separable_guesses", guesses)
+    validation = cross_validate(method, [data], fit)
+
+    assert validation is not None
+    assert len(validation.records) == 3
+    assert validation.fit_percent > 99.9

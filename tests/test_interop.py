@@ -19,6 +19,7 @@ from servobench.interop import (
     to_scipy,
     to_scipy_and_delay,
 )
+from servobench.result import Result
 from servobench.transfer_function import TransferFunction
 from tests.datasets import dataset
 
@@ -62,12 +63,48 @@ def test_both_have_the_frequency_response_of_the_rational_part() -> None:
 
 @pytest.mark.parametrize("convert", [to_control, to_scipy])
 def test_a_delay_is_never_dropped_without_a_word(convert) -> None:  # type: ignore[no-untyped-def]
-    with pytest.raises(UsageError, match=r"delay of 0\.002 s.*pade_order.*_and_delay"):
-        convert(replace(MOTOR, delay=0.002))
+    late = convert(replace(MOTOR, delay=0.002))
+    found = late(1j * OMEGA) if convert is to_control else late.freqresp(OMEGA)[1]
+    # Of order 3 the first term left out is (ωd)^7 (3!)²/(6! 7!): 3e-7 at 300 rad/s.
+    np.testing.assert_allclose(found, replace(MOTOR, delay=0.002).frequency_response(OMEGA), rtol=1e-6)
     with pytest.raises(UsageError, match="before its cause"):
-        convert(replace(MOTOR, delay=-0.002), pade_order=3)
+        convert(replace(MOTOR, delay=-0.002))
     with pytest.raises(UsageError, match="order 0 leaves the delay out"):
         convert(MOTOR, pade_order=0)
+
+
+def of_delay(delay: float, interval: tuple[float, float]) -> Result:
+    """A result whose delay and its interval are these."""
+    made = identify(dataset(seed=1, samples=2000))
+    assert made.fit is not None
+    model = made.fit.model
+    theta = np.where([name == "delay" for name in model.names], delay, model.theta)
+    fit = replace(made.fit, model=replace(model, theta=theta), intervals={"delay": interval})
+    return replace(made, fit=fit)
+
+
+@pytest.mark.parametrize(
+    ("delay", "interval", "kept"),
+    [
+        (0.002, (0.0019, 0.0021), True),
+        (0.002, (-0.001, 0.005), False),
+        (-0.0001, (-0.0003, 0.0001), False),
+        (-0.0002, (-0.0003, -0.0001), False),
+    ],
+)
+def test_a_result_goes_over_whatever_its_delay_and_with_none_where_there_may_be_none(
+    delay: float, interval: tuple[float, float], kept: bool
+) -> None:
+    result = of_delay(delay, interval)
+    rational = result.to_control_and_delay()[0](1j * OMEGA)
+
+    assert result.to_control_and_delay()[1] == result.to_scipy_and_delay()[1] == (delay if kept else 0.0)
+    expected = rational * np.exp(-1j * OMEGA * (delay if kept else 0.0))
+    # As above for a delay of 2 ms.
+    np.testing.assert_allclose(result.to_control()(1j * OMEGA), expected, rtol=1e-6)
+    np.testing.assert_allclose(result.to_control(pade_order=5)(1j * OMEGA), expected, rtol=1e-6)
+    np.testing.assert_allclose(result.to_scipy().freqresp(OMEGA)[1], expected, rtol=1e-6)
+    assert len(result.to_control().poles()) == (4 if kept else 1)
 
 
 @pytest.mark.parametrize("order", [1, 2, 5])

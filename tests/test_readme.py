@@ -145,7 +145,7 @@ def identified(words: list[str], folder: Path) -> list[list[str]]:
 
 
 def test_the_figures_of_the_logger_are_those_that_it_prints(folder: Path) -> None:
-    (shown,) = [block for block in blocks("text") if "36.1331" in block]
+    (shown,) = [block for block in blocks("text") if "36.1332" in block]
 
     printed = identified(["examples/logger.csv", "--output", "angle:deg"], folder)
 
@@ -155,44 +155,26 @@ def test_the_figures_of_the_logger_are_those_that_it_prints(folder: Path) -> Non
 def test_the_figures_of_the_motor_that_is_not_ours_are_those_that_it_prints(
     folder: Path, real_data: Callable[[str], Path]
 ) -> None:
-    (shown,) = [block for block in blocks("text") if "0.453" in block]
+    (shown,) = [block for block in blocks("text") if "0.434" in block]
     file = real_data("undcmotor/und_DCmotor_prbs_open_exp.csv")
 
     printed = identified([str(file), "--output", "y:deg/s"], folder)
 
     assert all(line.split() in printed for line in shown.splitlines())
-    assert sum(line[:1] == ["!"] for line in printed) == 5
+    assert sum(line[:1] == ["!"] for line in printed) == 0
 
 
-PEERS = {
-    "`servobench identify`": "servobench identify (auto)",
-    "best subspace method (nfoursid), means taken out": "nfoursid, order 1, detrended",
-    "63.2 % read off by hand, behind the usual filter": "bump test by hand, 63.2 %",
-    "curve fit to the filtered speed, means taken out": "scipy curve_fit on filtered speed, detrended",
-    "ARX (Octave), means taken out": "Octave control arx(1,2), detrended",
-}
+def test_no_figure_of_a_long_benchmark_stands_in_the_readme() -> None:
+    """Nobody makes them anew with each change, so that they are of an older version; the benchmarks' pages are dated."""
+    prose = re.sub(r"(?s)```.*?```", "", README)
 
-
-def test_the_comparison_is_that_of_the_peer_table() -> None:
-    """The first table of the page has, in columns 7 and 9, the RMSE of the time constant and the coverage of K and τ."""
-    page = (ROOT / "docs" / "benchmarks" / "peers.md").read_text(encoding="utf-8")
-    first = page.split("\n## ")[1]
-    measured = {
-        cells[1]: cells
-        for line in first.splitlines()
-        if len(cells := [c.strip() for c in line.split("|")]) > 9
-    }
-    rows = [
-        [c.strip() for c in line.split("|")] for line in README.splitlines() if line.lstrip().startswith("| ")
-    ]
-    shown = {cells[1]: cells for cells in rows if cells[1] in PEERS}
-
-    assert set(shown) == set(PEERS)
-    for ours, theirs in PEERS.items():
-        rmse, coverage = measured[theirs][7].split()[0], measured[theirs][9].rpartition(", ")[2]
-        digits = len(shown[ours][2].split()[0].replace(".", "").lstrip("0"))
-        assert f"{float(f'{float(rmse):.{digits}g}'):g} %" == shown[ours][2]
-        assert shown[ours][3] == (f"{coverage} of the time" if coverage else "none is given")
+    assert not [line for line in prose.splitlines() if line.lstrip().startswith("| ")]
+    assert not re.findall(r"\d %", prose.replace("95 %", ""))
+    for page in ("accuracy", "peers"):
+        dated = (ROOT / "docs" / "benchmarks" / f"{page}.md").read_text(encoding="utf-8")
+        assert f"(docs/benchmarks/{page}.md)" in README
+        assert re.search(r"on 20\d\d-\d\d-\d\d", dated)
+        assert "servobench 0." in dated
 
 
 def test_what_a_reference_needs_is_that_of_the_package() -> None:

@@ -2,7 +2,16 @@ import math
 
 import pytest
 
-from servobench.rounding import counted, handy_unit, percent, plain, rounded, rounded_interval, with_unit
+from servobench.rounding import (
+    as_known,
+    counted,
+    handy_unit,
+    percent,
+    plain,
+    rounded,
+    rounded_interval,
+    with_unit,
+)
 
 
 @pytest.mark.parametrize(
@@ -106,3 +115,20 @@ def test_a_number_and_its_unit_stay_on_one_line() -> None:
     assert with_unit(0.0041, "s") == "4.1\u00a0ms"
     assert counted(1, "lag") == "1 lag"
     assert counted(24841, "sample") == "24\u202f841 samples"
+
+
+@pytest.mark.parametrize(
+    ("value", "half", "rounded_to"),
+    [
+        (21.8676, 0.35, 21.87),
+        (0.014522, 0.0037, 0.0145),
+        (-0.0929, 0.0163, -0.093),
+        (0.01275, 0.2, 0.013),
+        (12345.6, 300.0, 12350.0),
+        (1.23456789, 0.0, 1.23456789),
+        (1.23456789, float("inf"), 1.23456789),
+        (0.0, 0.1, 0.0),
+    ],
+)
+def test_a_value_is_shown_to_two_digits_of_its_interval(value: float, half: float, rounded_to: float) -> None:
+    assert as_known(value, half) == pytest.approx(rounded_to, rel=1e-12)

@@ -47,3 +47,13 @@ def test_a_swing_by_a_right_angle_to_either_side_tells_them_apart() -> None:
 
     assert np.ptp(fit.records[0].prediction) > np.pi
     assert "swing-small" not in told(fit)
+
+
+def test_a_shaft_that_turned_round_and_round_did_not_swing_too_little() -> None:
+    """Whatever ties the two together there, a larger swing wouldn't part them."""
+    fit = fit_of_swings(voltage=1.2, cosine_sd=2.0)
+    (record,) = fit.records
+    turned = np.where(np.arange(len(record.prediction)) < 2000, 0.0, 2 * np.pi)
+    far = replace(record, prediction=record.prediction + turned)
+
+    assert "swing-small" not in told(replace(fit, records=(far,)))

@@ -14,7 +14,11 @@ from servobench.margins import margins
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Source
 from servobench.rounding import plain
-from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
+from servobench.stability_analysis.intervals import (
+    continuous_loop_over_intervals,
+    loop_over_intervals,
+    stability_over_intervals,
+)
 from servobench.stability_analysis.record import bibo
 from servobench.transfer_function import TransferFunction
 from tests.report.makers import fit_of
@@ -179,13 +183,13 @@ def test_a_loop_near_its_limit_is_left_open() -> None:
     def gain(factor: float) -> TransferFunction:
         return TransferFunction(numerator=(factor * limit,), denominator=(1.0,), output="input", unit="1")
 
-    near = loop_over_intervals(found, gain(0.9999))
+    near = continuous_loop_over_intervals(found, gain(0.9999))
     assert not near.everywhere
     # 600 draws, mirrored pairs: half but for the bend, 0.5 ± 0.02 · 3.
     assert near.share == pytest.approx(0.5, abs=0.06)
     assert "leave it open" in near.sentence
-    assert loop_over_intervals(found, gain(0.5)).everywhere
-    assert loop_over_intervals(found, gain(2.0)).verdict == "unstable"
+    assert continuous_loop_over_intervals(found, gain(0.5)).everywhere
+    assert continuous_loop_over_intervals(found, gain(2.0)).verdict == "unstable"
 
 
 def test_a_corner_that_no_draw_reaches_leaves_the_verdict_open() -> None:
@@ -202,7 +206,7 @@ def test_a_corner_that_no_draw_reaches_leaves_the_verdict_open() -> None:
     limits = sorted(margins(corner.transfer_function("position")).gain_margin for corner in corners)
     # Of the time constant and the offset nothing is open: four corners are alike, and this is too much for them only.
     controller = TransferFunction(numerator=(0.5 * (limits[3] + limits[4]),), denominator=(1.0,))
-    report = loop_over_intervals(found, controller)
+    report = continuous_loop_over_intervals(found, controller)
 
     assert (report.verdict, report.corners, report.corners_alike) == ("stable", 16, 12)
     assert (report.share, report.everywhere) == (1.0, False)
@@ -213,7 +217,7 @@ def test_a_draw_outside_the_corners_leaves_the_verdict_open() -> None:
     found = fit((0.5, 1e-9, 1e-9, 1e-9))
     limit = margins(found.model.transfer_function("position")).gain_margin
     controller = TransferFunction(numerator=(limit / (1 + 2.2 * 0.5 / 20),), denominator=(1.0,))
-    report = loop_over_intervals(found, controller)
+    report = continuous_loop_over_intervals(found, controller)
 
     assert (report.verdict, report.corners_alike) == ("stable", report.corners)
     # Φ(2.2) = 0.9861; three standard deviations of a binomial share of 600.

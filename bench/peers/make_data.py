@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import tempfile
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -174,6 +175,13 @@ def main() -> None:
     words.add_argument("--folder", type=Path, default=Path(__file__).resolve().parent / "data")
     asked = words.parse_args()
     write(asked.folder, asked.runs, asked.seed)
+
+
+def smallest() -> list[str]:
+    """Write all sets of one run into a folder that is gone afterwards, and return the names of the files."""
+    with tempfile.TemporaryDirectory() as folder:
+        write(Path(folder), 1)
+        return sorted(path.name for path in Path(folder).iterdir())
 
 
 if __name__ == "__main__":

@@ -17,6 +17,7 @@ import queue
 import shutil
 import subprocess
 import sys
+import tempfile
 import threading
 import time
 import venv
@@ -239,6 +240,14 @@ def main(words: list[str]) -> None:
         page.page(rows, truth, HERE / "requirements.txt", seed_of(wish.folder)), encoding="utf-8"
     )
     print(f"wrote {wish.page}", file=sys.stderr)
+
+
+def smallest() -> list[str]:
+    """Let our own tool fit one run of each set, its page in a folder that is gone afterwards, and return the page's lines."""
+    with tempfile.TemporaryDirectory() as folder:
+        made = Path(folder) / "peers.md"
+        main(["--runs", "1", "--tools", *sorted(OWN), "--folder", f"{folder}/data", "--page", str(made)])
+        return made.read_text(encoding="utf-8").splitlines()
 
 
 if __name__ == "__main__":

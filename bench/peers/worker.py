@@ -68,5 +68,10 @@ def main(name: str, method: str = "", data: str = "", first: str = "0") -> None:
         lines.flush()
 
 
+def smallest() -> list[str]:
+    """Return the methods of our own tool."""
+    return list(tool("servobench_auto").METHODS)
+
+
 if __name__ == "__main__":
     main(*sys.argv[1:])

@@ -12,6 +12,24 @@ Array: TypeAlias = NDArray[np.float64]
 Timing: TypeAlias = Literal["virtual", "host", "device"]
 
 
+LARGEST_VALUE = 1e30
+"""The largest value of a channel, in any unit: 64-bit counters end at 1.8e19, and powers of it stay within a float."""
+
+SMALLEST_VALUE = 1e-30
+"""What is smaller is zero: no sensor tells it from nothing."""
+
+SHORTEST_STEP, LONGEST_STEP = 1e-9, 1e6
+"""Between these lies the sample time of any motor [s]."""
+
+
+def measurable(x: Array) -> Array:
+    """Return values x (N,) as a channel can have them: NaN beyond `LARGEST_VALUE`, zero below `SMALLEST_VALUE`."""
+    size = np.abs(x)
+    if (size <= LARGEST_VALUE).all() and ((size >= SMALLEST_VALUE) | (size == 0.0)).all():
+        return x
+    return np.where(size < SMALLEST_VALUE, 0.0, np.where(size <= LARGEST_VALUE, x, np.nan))
+
+
 @dataclass(frozen=True, kw_only=True)
 class Channel:
     """One thing that is measured or commanded.
@@ -35,7 +53,8 @@ class Sample:
     """One latch of a device's inputs, taken before the voltage of the same tick acts.
 
     `index` counts ticks from 0, `time` is the device's or the clock's own time of the latch [s], `counts` the encoder as the
-    counter shows it (wrapped). `tachometer` [rad/s] and `current` [A] are there where the device has them.
+    counter shows it (wrapped). `tachometer` [rad/s] and `current` [A] are there where the device has them, and so is `held_since`
+    [s]: when the voltage that it puts out at the latch began to hold, by a device that keeps the time, in the count of `time`.
     """
 
     index: int
@@ -43,6 +62,7 @@ class Sample:
     counts: int
     tachometer: float | None = None
     current: float | None = None
+    held_since: float | None = None
 
 
 @dataclass(frozen=True, kw_only=True)

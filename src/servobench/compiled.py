@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import Any, TypeVar, cast
 
 import numba
+from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register, unregister
 
 F = TypeVar("F", bound=Callable[..., object])
@@ -15,9 +17,60 @@ F = TypeVar("F", bound=Callable[..., object])
 def compiled(function: F) -> F:
     """Compile a numeric function to machine code at its first call, and keep the code on disk for the next process.
 
-    Only contraction to fused multiply-adds is allowed: NaN and infinity keep their meaning.
+    Only contraction to fused multiply-adds is allowed: NaN and infinity keep their meaning. Where the code can't be kept, or
+    what was kept can't be read, it is compiled anew; one warning a process says so, to the logger "servobench".
     """
-    return cast(F, numba.njit(cache=True, nogil=True, error_model="numpy", fastmath={"contract"})(function))
+    dispatcher = numba.njit(nogil=True, error_model="numpy", fastmath={"contract"})(function)
+    try:
+        cast(Any, dispatcher)._cache = _Cache(function)  # type: ignore[no-untyped-call]
+    except (RuntimeError, OSError):  # no folder that can be written to, or one that can't be looked at
+        _warn("compiled code can't be kept, as neither the package nor the home folder can be written to")
+    return cast(F, dispatcher)
+
+
+class _Cache(FunctionCache):
+    """Numba's cache of one function, which may fail: no result depends on it."""
+
+    def load_overload(self, sig: Any, target_context: Any) -> Any:
+        """Return what was kept, None where there is nothing or it can't be read; a damaged index is begun anew."""
+        try:
+            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+        except Exception as error:  # pickle: what stands in a damaged file may raise anything
+            _warn(f"compiled code in {self.cache_path} can't be read ({_reason(error)})")
+            with suppress(OSError):
+                self.flush()  # type: ignore[no-untyped-call]
+            return None
+
+    def save_overload(self, sig: Any, data: Any) -> None:
+        """Keep compiled code for the next process, where that can be done."""
+        try:
+            super().save_overload(sig, data)  # type: ignore[no-untyped-call]
+        except Exception as error:  # it reads the index as well
+            _warn(f"compiled code can't be kept in {self.cache_path} ({_reason(error)})")
+
+
+def _reason(error: Exception) -> str:
+    return (getattr(error, "strerror", None) or str(error) or type(error).__name__).rstrip(".")
+
+
+class _Warning:
+    """The one warning of a process: each of a hundred kernels would say the same."""
+
+    given = False
+
+
+def _warn(what: str) -> None:
+    if not _Warning.given:
+        _Warning.given = True
+        logging.getLogger("servobench").warning(
+            "%s; it is compiled anew, which takes longer. NUMBA_CACHE_DIR can name another folder for it.",
+            what,
+        )
+
+
+def code_is_kept() -> bool:
+    """Return whether nothing has kept compiled code from being kept so far."""
+    return not _Warning.given
 
 
 @contextmanager

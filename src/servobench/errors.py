@@ -13,6 +13,7 @@ The tree::
     ├── SimulationDiverged (ArithmeticError) 2   a solver's step is too long for the motor
     ├── DeviceError (OSError)            4   the device failed
     │   └── DeviceLost                       in the middle of a run; carries the recording so far
+    │       └── DeviceSilent                     a call of it didn't return; what is known of the motor stands in the message
     └── StorageError (OSError)           5   nothing more could be written
 
 Every message says which thing, which value, what was expected, and what to do next.
@@ -97,6 +98,10 @@ class DeviceLost(DeviceError):
     def __init__(self, message: str, recording: Recording) -> None:
         super().__init__(message)
         self.recording = recording
+
+
+class DeviceSilent(DeviceLost):
+    """A device of which a call didn't return; the message says whether zero volts were confirmed before the loop was ended."""
 
 
 class StorageError(ServobenchError, OSError):

@@ -8,11 +8,15 @@ from enum import StrEnum
 
 
 class Severity(StrEnum):
-    """How much a finding weighs: `info` is told, `warning` makes a result doubtful, `refusal` refuses it."""
+    """How much a finding weighs: `info` is told, `warning` makes a result doubtful, `refusal` refuses it.
+
+    `danger` weighs most: the motor may still be driven, and somebody has to act. It makes a result doubtful.
+    """
 
     INFO = "info"
     WARNING = "warning"
     REFUSAL = "refusal"
+    DANGER = "danger"
 
 
 class Verdict(StrEnum):
@@ -33,7 +37,7 @@ class Finding:
 
     code: str
     severity: Severity
-    """`info` tells, `warning` makes a result doubtful, `refusal` refuses it."""
+    """`info` tells, `warning` makes a result doubtful, `refusal` refuses it; `danger`: somebody has to act."""
     sentence: str
     parameters: tuple[str, ...] = ()
     rows: tuple[int, int] | None = None
@@ -60,12 +64,35 @@ def refusal(
     return Finding(code=code, severity=Severity.REFUSAL, sentence=sentence, parameters=parameters, rows=rows)
 
 
+def danger(code: str, sentence: str) -> Finding:
+    """Return a finding that the motor may still be driven: told before anything else, and it makes a result doubtful."""
+    return Finding(code=code, severity=Severity.DANGER, sentence=sentence)
+
+
 def verdict(findings: Iterable[Finding]) -> Verdict:
-    """Return the verdict: refused with any refusal, doubtful with any warning, otherwise trusted."""
+    """Return the verdict: refused with any refusal, doubtful with any warning or danger, otherwise trusted."""
     severities = {finding.severity for finding in findings}
     if Severity.REFUSAL in severities:
         return Verdict.REFUSED
-    return Verdict.DOUBTFUL if Severity.WARNING in severities else Verdict.TRUSTED
+    return Verdict.DOUBTFUL if severities & {Severity.WARNING, Severity.DANGER} else Verdict.TRUSTED
+
+
+def by_weight(findings: Iterable[Finding]) -> list[tuple[Finding, ...]]:
+    """Return findings in groups of one severity and code, the weightiest first.
+
+    Within a severity those come first that concern parameters, and so the figures, then the others, each in their order.
+    """
+    order = (Severity.DANGER, Severity.REFUSAL, Severity.WARNING, Severity.INFO)
+    groups: dict[tuple[int, bool, str], list[Finding]] = {}
+    for finding in findings:
+        key = (order.index(finding.severity), not finding.parameters, finding.code)
+        groups.setdefault(key, []).append(finding)
+    return [tuple(groups[key]) for key in sorted(groups, key=lambda key: key[:2])]
+
+
+def parameter_in_words(name: str) -> str:
+    """Return a parameter's name as people write it: `time constant`, `Coulomb voltage`."""
+    return name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
 
 
 def lowered(sentence: str) -> str:

@@ -3,23 +3,29 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from datetime import UTC, datetime
 
 import numpy as np
 
 from servobench._version import __version__
 from servobench.doubts.base import about_data, about_fit
+from servobench.doubts.chain_unknown import with_unknown_chain
 from servobench.doubts.host_delay import with_what_the_computer_hides
 from servobench.doubts.lag_not_split import with_what_the_lag_tells
-from servobench.doubts.single_level import with_what_one_level_tells
+from servobench.doubts.single_level import (
+    moves_under_one_level,
+    with_gain_and_friction_apart,
+    with_what_one_level_tells,
+)
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Fit
+from servobench.estimators.unseen_torque import with_unseen_torque
 from servobench.explanations.base import explain, unexplained
 from servobench.finding import Finding, Verdict, refusal, verdict
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
-from servobench.missing_terms import fast_pole_doubt, missing_terms, superfluous_terms
+from servobench.missing_terms import missing_terms, superfluous_terms, with_fast_pole, with_missing_terms
 from servobench.models.nominal import nominal_values
 from servobench.models.nonlinear.structure import SINE
 from servobench.models.search import smoothed_speed
@@ -31,8 +37,13 @@ from servobench.motor_parameters.current_input import about_current_input
 from servobench.noise_choice import allowing_for_disturbance, as_it_is
 from servobench.reconciliation.asking import reconcile
 from servobench.records_apart import with_what_records_tell
+from servobench.restored_counts import with_counts_restored
 from servobench.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.structure_choice import chosen
+from servobench.uncertainty.answers import Answer, Combination, answers, combinations
+from servobench.uncertainty.model_error import with_model_error
+from servobench.uncertainty.rounded_times import with_rounded_times
+from servobench.uncertainty.stated import about_answers
 from servobench.validation import validate
 from servobench.winding import about_winding
 
@@ -60,7 +71,8 @@ def identify(
     records = (data,) if isinstance(data, Dataset) else tuple(data)
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
-    findings += about_data(records)
+    records, restored = with_counts_restored(records, estimator)
+    findings += [*restored, *about_data(records, _parameters(nominal))]
     records, left_out = stretches_of_motion(records)
     findings += left_out
     judged = _Judged()
@@ -77,6 +89,8 @@ def identify(
     return Result(
         data=records,
         fit=judged.fit,
+        answers=judged.answers,
+        combinations=judged.combinations,
         findings=tuple(_once(findings)),
         validation=judged.validation,
         operating_range=_operating_range(records),
@@ -95,6 +109,8 @@ class _Judged:
     """A fit and what was made of it; nothing where there is no fit."""
 
     fit: Fit | None = None
+    answers: Mapping[str, Answer] = field(default_factory=dict)
+    combinations: tuple[Combination, ...] = ()
     findings: tuple[Finding, ...] = ()
     validation: Validation | None = None
     nominal: tuple[Comparison, ...] = ()
@@ -113,13 +129,21 @@ def _judged(
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
-    fit = replace(choice.fit, covariance=choice.fit.covariance + fast_pole_doubt(choice.fit))
-    fit = with_what_records_tell(with_what_one_level_tells(fit), method, allow)
-    fit = with_what_the_lag_tells(with_what_the_computer_hides(fit))
+    fit = with_what_records_tell(with_fast_pole(choice.fit), method, allow)
+    if estimator == "auto":
+        fit = with_unseen_torque(fit)
+    fit = with_missing_terms(fit, choice.shown)
+    fit = with_rounded_times(fit)
+    fit = with_model_error(fit, one_level=moves_under_one_level(records))
+    fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
+    fit = with_gain_and_friction_apart(fit)
+    told = answers(fit), combinations(fit)
+    fit = with_what_one_level_tells(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,
         *fit.findings,
+        *about_answers(*told),
         *about_fit(fit, _parameters(nominal)),
         *about_winding(fit),
         *about_current_input(fit),
@@ -134,6 +158,8 @@ def _judged(
         motor = motor_parameters(fit, known=known)
     return _Judged(
         fit=fit,
+        answers=told[0],
+        combinations=told[1],
         findings=(*findings, *motor.findings),
         validation=validation,
         nominal=_compare(fit, nominal),
@@ -170,7 +196,11 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
     if data.input_unit != "V" or data.position_unit != "rad":
         raise UsageError(
             f"a data sheet is in V and rad, the data are in {data.input_unit} and {data.position_unit}: leave nominal out"
-            + (", or say the counts in a turn (--counts-per-rev)" if data.position_unit == "counts" else "")
+            + (
+                ", or say the counts in a turn (`counts_per_rev=...`)"
+                if data.position_unit == "counts"
+                else ""
+            )
         )
     estimates = fit.estimates
     return tuple(

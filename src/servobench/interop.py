@@ -1,7 +1,7 @@
 """Transfer functions for and from other packages: python-control and SciPy.
 
-Neither has a delay in its transfer function, so none is ever dropped: a system with a delay needs a Padé approximation that is
-asked for by its order, or is split into its rational part and its delay.
+Neither has a delay in its transfer function, and none is ever dropped: it becomes a Padé approximation, whose order can be
+chosen, or stands beside the rational part of the system.
 """
 
 from __future__ import annotations
@@ -21,10 +21,14 @@ if TYPE_CHECKING:
     import scipy.signal
 
 
-def to_control(system: TransferFunction, *, pade_order: int | None = None) -> control.TransferFunction:
-    """Return a system as a `control.TransferFunction`, its delay as a Padé approximation of the order given.
+PADE_ORDER = 3
+"""The order of a Padé approximation where none is said: its phase is good to 0.015 rad up to a frequency of 3 over the delay."""
 
-    Raises `UsageError` for a delay without an order, and where python-control isn't installed.
+
+def to_control(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> control.TransferFunction:
+    """Return a system as a `control.TransferFunction`, its delay as a Padé approximation of that order.
+
+    `to_control_and_delay` is exact. Raises `UsageError` for a negative delay, and where python-control isn't installed.
     """
     rational = without_delay(system, pade_order)
     return _control().TransferFunction(
@@ -77,10 +81,10 @@ def as_controller(controller: TransferFunction | Any) -> TransferFunction:
     return from_control(controller, output="input", unit="1")
 
 
-def to_scipy(system: TransferFunction, *, pade_order: int | None = None) -> scipy.signal.lti:
-    """Return a system as a `scipy.signal.lti`, its delay as a Padé approximation of the order given.
+def to_scipy(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> scipy.signal.lti:
+    """Return a system as a `scipy.signal.lti`, its delay as a Padé approximation of that order.
 
-    Raises `UsageError` for a delay without an order.
+    `to_scipy_and_delay` is exact. Raises `UsageError` for a negative delay.
     """
     from scipy.signal import lti
 
@@ -121,26 +125,21 @@ def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> Tr
     )
 
 
-def without_delay(system: TransferFunction, pade_order: int | None) -> TransferFunction:
+def without_delay(system: TransferFunction, pade_order: int = PADE_ORDER) -> TransferFunction:
     """Return a system with its delay replaced by a Padé approximation of that order; the system itself where it has none.
 
-    Raises `UsageError` for a delay without an order, an order below 1, and a negative delay, which no causal system has.
+    Raises `UsageError` for an order below 1, and for a negative delay, which no causal system has.
     """
-    if pade_order is not None and pade_order < 1:
+    if pade_order < 1:
         raise UsageError(
             f"a Padé approximation of order {pade_order} leaves the delay out; expected 1 or more"
         )
     if system.delay == 0.0:
         return system
-    if pade_order is None or system.delay < 0:
-        why = (
-            "give pade_order (3 is good to a frequency of 3 divided by the delay)"
-            if system.delay > 0
-            else "the output comes before its cause, which no causal system does"
-        )
+    if system.delay < 0:
         raise UsageError(
-            f"the system has a delay of {system.delay:g} s, which a rational transfer function can't hold: {why}, or take the "
-            "delay beside it with to_control_and_delay or to_scipy_and_delay"
+            f"the system has a delay of {system.delay:g} s, so that the output comes before its cause, which no causal system "
+            "does: take the delay beside it with to_control_and_delay or to_scipy_and_delay"
         )
     lag = pade(system.delay, pade_order)
     return replace(
@@ -149,6 +148,31 @@ def without_delay(system: TransferFunction, pade_order: int | None) -> TransferF
         denominator=tuple(map(float, np.polymul(system.denominator, lag.denominator))),
         delay=0.0,
     )
+
+
+def handed_over(
+    system: TransferFunction, interval: tuple[float, float] | None
+) -> tuple[TransferFunction, str]:
+    """Return a model as other programs get it, and a sentence on a delay that was left out; an empty one where none was.
+
+    `interval` is the delay's [s], None where it wasn't estimated. No delay is handed over where the interval holds zero, nor a
+    negative one, which no causal system has.
+    """
+    delay = system.delay
+    low, high = (delay, delay) if interval is None else interval
+    if not delay:
+        return system, ""
+    if low <= 0 <= high:
+        why = f"its 95 % interval, {_milliseconds(low)} to {_milliseconds(high)} ms, holds zero"
+    elif delay < 0:
+        why = "the output can't come before its cause"
+    else:
+        return system, ""
+    return replace(system, delay=0.0), f"The delay of {_milliseconds(delay)} ms is left out: {why}."
+
+
+def _milliseconds(seconds: float) -> str:
+    return f"{1000 * seconds:.3g}"
 
 
 def pade(delay: float, order: int) -> TransferFunction:

@@ -12,6 +12,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.estimators.base import Fit
+from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.finding import Finding, info, warning
 from servobench.models.rational import Rational
@@ -73,7 +74,7 @@ def _ripple(cycles: int) -> Term:
         code="ripple",
         sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an eccentric encoder), which the "
         "model doesn't know; where the motor lingers at one angle it moves gain and time constant.",
-        to_input=lambda m: (np.sin(cycles * m.position), np.cos(cycles * m.position)),
+        to_input=lambda m: m.wave(cycles),
         rung="gravity" if cycles == 1 else None,
         sized=_ripple_sized,
     )
@@ -160,12 +161,36 @@ def shown_terms(fit: Fit) -> tuple[Shown, ...]:
 
 def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
     """Return a finding for each term that the data ask for and the structure lacks; of several ripples, the strongest."""
+    return [_finding(code, one) for code, one in _strongest(shown).items()]
+
+
+def with_missing_terms(fit: Fit, shown: Sequence[Shown]) -> Fit:
+    """Return the fit with lines of its budget for what the parameters are off by without terms that the data ask for.
+
+    Only what the intervals don't hold already is added, that of the strongest term first: terms that show in the same residual
+    are mostly one thing under several names.
+    """
+    for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
+        if len(one.off) != len(fit.model.theta) or not np.isfinite(one.off).all():
+            continue
+        known = np.isfinite(np.diag(fit.covariance))
+        off = np.where(known, one.off, 0.0)
+        already = np.where(np.outer(known, known), fit.covariance, 0.0)
+        added = beyond(np.outer(off, off), already)
+        if added.any():
+            reason = f"the data ask for {one.term.code.replace('-', ' ')}, which the model lacks"
+            fit = fit.widened(Contribution(source=one.term.code, covariance=added, reason=reason))
+    return fit
+
+
+def _strongest(shown: Sequence[Shown]) -> dict[str, Shown]:
+    """Of the terms that the data ask for, the strongest of each code."""
     strongest: dict[str, Shown] = {}
     for one in shown:
         before = strongest.get(one.term.code)
         if one.size > max(one.term.limit, before.size if before else 0.0):
             strongest[one.term.code] = one
-    return [_finding(code, one) for code, one in strongest.items()]
+    return strongest
 
 
 def _finding(code: str, shown: Shown) -> Finding:
@@ -175,9 +200,9 @@ def _finding(code: str, shown: Shown) -> Finding:
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
         told = f"{_sentence(shown)} That may all come from a filter of which nobody told: say first how the speed was measured."
         return info(code, told, parameters=concerned)
-    if shown.term.within and shown.moved <= 1 and shown.term.within(shown):
-        return info(code, f"{_sentence(shown)} The intervals hold that as well.", parameters=concerned)
-    return warning(code, _sentence(shown), parameters=concerned)
+    if not {"gain", "time_constant"} <= set(shown.fit.model.names):
+        return warning(code, _sentence(shown), parameters=concerned)
+    return info(code, f"{_sentence(shown)} The intervals hold that as well.", parameters=concerned)
 
 
 def superfluous_terms(fit: Fit) -> list[Finding]:
@@ -230,6 +255,15 @@ def _possible(shown: Shown) -> bool:
     return shown.whole[0] <= (shown.largest if shown.term.to_input else max(outputs))
 
 
+def with_fast_pole(fit: Fit) -> Fit:
+    """Return the fit with a line of its budget for what not knowing what the delay is made of adds; see `fast_pole_doubt`."""
+    added = fast_pole_doubt(fit)
+    if not added.any():
+        return fit
+    reason = "a part of the delay may be the lag of the winding, or of a shaft that gives"
+    return fit.widened(Contribution(source="second pole not modelled", covariance=added, reason=reason))
+
+
 def fast_pole_doubt(fit: Fit) -> Array:
     """Return the covariance (P, P) that not knowing what the delay is made of adds to that of the parameters.
 
@@ -252,7 +286,7 @@ def fast_pole_doubt(fit: Fit) -> Array:
     score = (rest * test.innovations)[:, None]
     spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
     share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
-    off = np.linalg.lstsq(test.jacobian / test.scale, column, rcond=1e-12)[0] / test.scale
+    off = test.moved(column)
     return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
 
 

@@ -6,7 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from servobench.errors import NotIdentifiable
+from servobench.estimators import delay_prior
 from servobench.estimators.base import ESTIMATORS, Fit
+from servobench.estimators.budget import Contribution
 from servobench.estimators.prediction_error import (
     THRESHOLD,
     PredictionError,
@@ -31,6 +34,8 @@ def allowing_for_disturbance(fit: Fit) -> Fit:
     Where a random torque leaves coloured innovations it isn't what acts on the motor; then output error is the safer of two wrong
     noise models, with a covariance that allows for what the other one makes of the same data.
     """
+    if any(finding.code == delay_prior.CODE for finding in fit.findings):
+        return _where_that_tells_the_delay(fit)
     counted = _where_rounding_repeats(fit)
     if counted is not None:
         return counted
@@ -47,6 +52,24 @@ def allowing_for_disturbance(fit: Fit) -> Fit:
         allowing = PredictionError().fit_after(fit)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else weighed_twice(fit)
+
+
+def _where_that_tells_the_delay(fit: Fit) -> Fit:
+    """The fit for a random torque where that explains the residuals and tells the delay, which output error had to expect.
+
+    Otherwise another search would slide along the valley in which the delay isn't told, and the fit stays.
+    """
+    test = None if rounding_explains(fit) else disturbance_test(fit)
+    if test is None or test.likelihood_ratio <= THRESHOLD:
+        return fit
+    try:
+        allowing = PredictionError().fit_after(fit)
+    except NotIdentifiable:  # too few blocks of samples that a random torque leaves apart
+        return fit
+    prior = delay_prior.expected_delay(fit.model.structure, [record.data for record in fit.records])
+    if prior is None or not allowing.sd("delay") < delay_prior.TOLD * prior.scale:
+        return fit
+    return allowing if explains_the_colour(allowing) else weighed_twice(fit)
 
 
 def _where_rounding_repeats(fit: Fit) -> Fit | None:
@@ -76,11 +99,13 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
         "average out. The estimator interval_likelihood takes each count for what it is."
     )
     apart = counted.model.theta - fit.model.theta
-    return replace(
-        counted,
-        covariance=counted.covariance + np.outer(apart, apart),
-        findings=(*counted.findings, info("rounding-repeats", sentence)),
+    line = Contribution(
+        source="another estimator",
+        covariance=np.outer(apart, apart),
+        reason="output_error takes the middle of each count and says something else; a few distinct roundings decide",
     )
+    said = (*counted.findings, info("rounding-repeats", sentence))
+    return replace(counted.widened(line), findings=said)
 
 
 def _by_counts(fit: Fit) -> Fit | None:

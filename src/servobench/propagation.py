@@ -9,6 +9,7 @@ bend within the interval, and for a parameter whose interval isn't symmetric.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
@@ -19,10 +20,11 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.interop import as_controller
-from servobench.margins import margins, series
+from servobench.margins import Margins, margins, series
 from servobench.models.base import Model, Output
 from servobench.responses import bandwidth, rise_time
 from servobench.rounding import TWO_SIDED
+from servobench.sampled_loop import sampled_margins, sampled_series
 from servobench.transfer_function import TransferFunction
 
 LEVEL = 0.95
@@ -75,8 +77,8 @@ def derived(
     """Return what is usually asked of a motor, by name, each with its interval.
 
     Of the linear part from input to speed: its poles [1/s] (`pole`, or `pole_1`, `pole_2`, … with `_real` and `_imaginary` for a
-    complex one), `bandwidth` [rad/s] and `rise_time` from 10 to 90 % [s]. Of the loop `around` position or speed: the margins and
-    crossovers that `Margins` describes. `controller` is as in `loop_margins`.
+    complex one), `bandwidth` [rad/s] and `rise_time` from 10 to 90 % [s]. Of the loop `around` position or speed, as it runs at
+    the sample time of the data: the margins and crossovers that `Margins` describes. `controller` is as in `loop_margins`.
     """
     return open_loop(fit) | loop_margins(fit, controller, around)
 
@@ -97,24 +99,58 @@ def open_loop(fit: Fit) -> dict[str, Derived]:
 
 
 def loop_margins(
+    fit: Fit,
+    controller: TransferFunction | Any = None,
+    around: Output = "position",
+    *,
+    sample_time: float | None = None,
+) -> dict[str, Derived]:
+    """Return the margins and crossovers of the loop as it runs, every `sample_time` [s], each with its interval.
+
+    The input holds between two ticks, the motor is exact with its delay (`sampled_loop`), and `Margins` says what each
+    is. Without a sample time it is that of the data, of several records the shortest.
+    `controller` is C(s), from the error of the output to the input: a `TransferFunction` or a python-control system, computed by
+    the trapezoid rule (`sampled_loop.trapezoid`). The default is unit feedback, one unit of input for each unit of error (1 V for
+    each rad). Raises `UsageError` for a sample time that isn't above zero.
+    """
+    h = sample_time_of(fit) if sample_time is None else sample_time
+    feedback = as_controller(controller)
+
+    def quantities(system: TransferFunction) -> Array:
+        return _numbers(sampled_margins(sampled_series(feedback, system, h)))
+
+    return _margins_with_intervals(fit, around, quantities)
+
+
+def continuous_loop_margins(
     fit: Fit, controller: TransferFunction | Any = None, around: Output = "position"
 ) -> dict[str, Derived]:
-    """Return the margins and crossovers of the loop C(s) G(s), as `Margins` describes them, each with its interval.
-
-    `controller` is C, from the error of the output to the input: a `TransferFunction` or a python-control system. The default is
-    unit feedback, one unit of input for each unit of error (1 V for each rad).
+    """Return the same of the continuous loop C(s) G(s), which no controller with ticks is: its gain margin is far larger.
 
     A first-order model has a delay in the place of the electrical pole L/R: at a phase crossover ω its gain margin is low by
     about (ωL/R)², 3 % where ωL/R is 0.18. What up to half a sample time of the delay would be as the lag of a pole is within the
-    intervals; a longer lag shows in the samples.
+    intervals, here and in `loop_margins`; a longer lag shows in the samples.
     """
     feedback = as_controller(controller)
 
-    def quantities(model: Model) -> Array:
-        return _of_the_loop(series(feedback, model.transfer_function(around)))
+    def quantities(system: TransferFunction) -> Array:
+        return _numbers(margins(series(feedback, system)))
 
-    found = propagate(fit, quantities)
-    lagging = _of_the_loop(series(feedback, _with_lag(fit, around)))
+    return _margins_with_intervals(fit, around, quantities)
+
+
+def sample_time_of(fit: Fit) -> float:
+    """Return the sample time of the data [s] that a fit was made from, of several records the shortest."""
+    steps = [record.data.sample_time for record in fit.records] or [fit.model.data.sample_time]
+    known = [step for step in steps if math.isfinite(step)]
+    return float(f"{min(known, default=math.nan):.9g}")  # without what rounding the times left
+
+
+def _margins_with_intervals(
+    fit: Fit, around: Output, quantities: Callable[[TransferFunction], Array]
+) -> dict[str, Derived]:
+    found = propagate(fit, lambda model: quantities(model.transfer_function(around)))
+    lagging = quantities(_with_lag(fit, around))
     known = np.isfinite(lagging) & np.isfinite(found.value)
     off = np.zeros_like(lagging)
     off[known] = lagging[known] - found.value[known]
@@ -122,8 +158,7 @@ def loop_margins(
     return _named(found, _OF_THE_LOOP)
 
 
-def _of_the_loop(loop: TransferFunction) -> Array:
-    found = margins(loop)
+def _numbers(found: Margins) -> Array:
     return np.array([getattr(found, name) for name in _OF_THE_LOOP])
 
 

@@ -16,7 +16,8 @@ import numpy as np
 from servobench.doubts.single_level import with_what_one_level_tells
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Estimate, Estimator, Fit
-from servobench.finding import Finding, warning
+from servobench.estimators.budget import Contribution
+from servobench.finding import Finding, info, parameter_in_words
 from servobench.models.search import turns_both_ways
 from servobench.rounding import rounded_interval
 from servobench.validation import explains_the_colour
@@ -55,18 +56,22 @@ def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     apart = [name for name in fit.model.names if name != _OF_THE_FILE and _apart(name, selections)]
     if not apart:
         return fit
-    scale = np.ones(len(fit.model.names))
-    intervals = dict(fit.intervals)
+    added = np.zeros_like(fit.covariance)
+    holding = {}
     for name in apart:
         told = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
-        scale[fit.model.names.index(name)] = _widening(fit[name], told, len(fit.records))
-        intervals[name] = _holding([fit[name], *told])
-    return replace(
-        fit,
-        covariance=fit.covariance * np.outer(scale, scale),
-        intervals=intervals,
-        findings=(*fit.findings, _finding(apart, selections)),
+        at = fit.model.names.index(name)
+        added[at, at] = _beyond_stated(fit[name], told, len(fit.records))
+        holding[name] = _holding([fit[name], *told])
+    line = Contribution(
+        source="disagreement between records",
+        covariance=added,
+        reason="without one record or another the parameters come out differently",
+        freedom=len(fit.records) - 1,
     )
+    wider = fit.widened(line)
+    said = (*fit.findings, _finding(apart, selections))
+    return replace(wider, intervals={**wider.intervals, **holding}, findings=said)
 
 
 def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> list[_Without]:
@@ -103,11 +108,11 @@ def _ends(name: str, selections: Sequence[_Without]) -> tuple[_Without, _Without
     return low, max(known, key=lambda each: each.fit[name].interval[0])
 
 
-def _widening(whole: Estimate, told: Sequence[Estimate], count: int) -> float:
-    """By how much the standard deviation has to grow to that of the jackknife; 1 where it is as large already."""
+def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> float:
+    """The variance that the jackknife has beyond that of the whole; 0 where there is none."""
     values = np.array([each.value for each in told])
     jackknife = float(np.sqrt((count - 1) * np.mean((values - values.mean()) ** 2)))
-    return max(1.0, jackknife / whole.sd) if 0 < whole.sd < np.inf else 1.0
+    return max(jackknife**2 - whole.sd**2, 0.0) if np.isfinite(whole.sd) else 0.0
 
 
 def _holding(estimates: Sequence[Estimate]) -> tuple[float, float]:
@@ -122,12 +127,12 @@ def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
         "their levels, speeds and directions, so that somebody who fits other records, or weighs them otherwise, finds other "
         "figures. Fit together those in which the motor does what you need it for."
     )
-    return warning("records-apart", sentence, parameters=tuple(apart))
+    return info("records-apart", sentence, parameters=tuple(apart))
 
 
 def _told(name: str, selections: Sequence[_Without]) -> str:
     low, high = _ends(name, selections)
-    words = name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
+    words = parameter_in_words(name)
     return f"the {words} is {_said(low.fit[name])} without {low.name}, and {_said(high.fit[name])} without {high.name}"
 
 

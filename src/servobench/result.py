@@ -8,20 +8,34 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
+from servobench import interop
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Estimate, Fit
 from servobench.finding import Finding, Verdict, verdict
 from servobench.json_numbers import finite
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Output
-from servobench.propagation import Derived, derived, loop_margins
+from servobench.propagation import (
+    Derived,
+    continuous_loop_margins,
+    derived,
+    loop_margins,
+)
+from servobench.rounding import as_known
 from servobench.transfer_function import TransferFunction
+from servobench.uncertainty.answers import Answer, Combination, State
+from servobench.uncertainty.composition import BudgetLine, composition
+from servobench.uncertainty.purpose import good_for
 
 if TYPE_CHECKING:
     import control
     import scipy.signal
 
-SCHEMA = "servobench.result/1"
+SCHEMA = "servobench.result/2"
+SCHEMAS = ("servobench.result/1", SCHEMA)
+"""Those that are read; the first said nothing of states, combinations and the budget."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -108,6 +122,10 @@ class Result:
     """The parameters held against a data sheet; empty where none was named."""
     provenance: Provenance
     motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    answers: Mapping[str, Answer] = field(default_factory=dict)
+    """What the data tell of each parameter of the model: its value, a combination, a bound, or nothing."""
+    combinations: tuple[Combination, ...] = ()
+    """What is known of several parameters together where not each of them is."""
 
     @property
     def verdict(self) -> Verdict:
@@ -121,56 +139,119 @@ class Result:
 
     @property
     def equation(self) -> str:
-        """The transfer function as a line, K in place of a gain that the data don't tell; empty where there is no fit."""
-        system = self.transfer_function
-        if self.fit is None or system is None:
+        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit."""
+        if self.fit is None:
             return ""
-        delay = self.fit.estimates.get("delay")
+        model, estimates = self.fit.model, self.fit.estimates
+        if {"gain", "time_constant"} <= set(
+            model.names
+        ):  # of polynomials no coefficient can be rounded by itself
+            theta = [as_known(each.value, each.half_width) for each in estimates.values()]
+            model = replace(model, theta=np.array(theta))
+        system = model.transfer_function("speed")
+        delay = estimates.get("delay")
         if system.delay < 0 and delay is not None and delay.interval[1] >= 0:
             system = replace(system, delay=0.0)  # below zero by chance
-        gain = self.fit.estimates.get("gain")
-        if gain is None or all(map(math.isfinite, gain.interval)) or len(system.numerator) > 1:
+        gain = estimates.get("gain")
+        answer = self.answers.get("gain")
+        untold = answer is not None and answer.state in (State.COMBINATION, State.UNKNOWN)
+        known = gain is None or (all(map(math.isfinite, gain.interval)) and not untold)
+        if known or len(system.numerator) > 1:
             return f"G(s) = {system}, in {system.unit}"
         _, _, rest = str(system).partition(" / ")
         return f"G(s) = K / {rest}, K isn't known, in {system.unit}"
 
     @cached_property
     def derived(self) -> dict[str, Derived]:
-        """Poles, bandwidth, rise time, and the margins under unit position feedback, each with its interval.
+        """Poles, bandwidth, rise time, and the margins under unit position feedback at the data's sample time, with intervals.
 
         See `propagation.derived`; empty where there is no fit.
         """
         return derived(self.fit) if self.fit else {}
 
+    @cached_property
+    def budget(self) -> tuple[BudgetLine, ...]:
+        """What the width of each interval is made of; empty where there is no fit."""
+        return composition(self.fit) if self.fit else ()
+
+    @property
+    def good_for(self) -> str:
+        """One sentence that says what the figures can be used for; empty where they are refused or good for nothing."""
+        if self.verdict is Verdict.REFUSED or not self.data:
+            return ""
+        predicts = self.validation.fit_percent if self.validation else math.nan
+        return good_for(
+            self.answers, self.combinations, predicts, min(each.sample_time for each in self.data)
+        )
+
+    def _state(self, name: str) -> dict[str, Any]:
+        answer = self.answers.get(name)
+        state = answer.state if answer else State.KNOWN
+        return {"state": str(state), "combination": (answer.combination or None) if answer else None}
+
     def margins(
+        self,
+        controller: TransferFunction | Any = None,
+        around: Output = "position",
+        *,
+        sample_time: float | None = None,
+    ) -> dict[str, Derived]:
+        """Return the margins of a loop around the motor as it runs, tick by tick, each with its interval.
+
+        See `propagation.loop_margins`. `controller` is a `TransferFunction` or a python-control system; without one it is unit
+        feedback. `sample_time` [s] is the time between two ticks; without one it is that of the data. Raises `NotIdentifiable`
+        where there is no fit, `UsageError` for a sample time that isn't above zero.
+        """
+        return loop_margins(self._known(), controller, around, sample_time=sample_time)
+
+    def continuous_margins(
         self, controller: TransferFunction | Any = None, around: Output = "position"
     ) -> dict[str, Derived]:
-        """Return the margins of a loop around the motor, each with its interval; see `propagation.loop_margins`.
+        """Return the margins of the continuous loop C(s) G(s), without ticks: what the theory says on paper.
 
-        `controller` is a `TransferFunction` or a python-control system; without one it is unit feedback. Raises
-        `NotIdentifiable` where there is no fit.
+        See `propagation.continuous_loop_margins`; `controller` is as in `margins`. A loop that runs at ticks bears less: for that
+        take `margins`. Raises `NotIdentifiable` where there is no fit.
         """
-        return loop_margins(self._known(), controller, around)
+        return continuous_loop_margins(self._known(), controller, around)
 
     def to_control(
-        self, output: Output = "speed", *, pade_order: int | None = None
+        self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER
     ) -> control.TransferFunction:
-        """Return the transfer function as a `control.TransferFunction`; see `interop.to_control` for the delay.
+        """Return the transfer function as a `control.TransferFunction`, its delay as a Padé approximation of order 3.
+
+        `pade_order` is another order; `to_control_and_delay` is exact. A delay whose 95 % interval holds zero, or that is below
+        zero, is left out. Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_control(self._handed_over(output), pade_order=pade_order)
+
+    def to_control_and_delay(self, output: Output = "speed") -> tuple[control.TransferFunction, float]:
+        """Return the rational part as a `control.TransferFunction`, and the delay [s], 0 where `to_control` leaves it out.
 
         Raises `NotIdentifiable` where there is no fit.
         """
-        from servobench.interop import to_control
+        return interop.to_control_and_delay(self._handed_over(output))
 
-        return to_control(self._known().model.transfer_function(output), pade_order=pade_order)
-
-    def to_scipy(self, output: Output = "speed", *, pade_order: int | None = None) -> scipy.signal.lti:
-        """Return the transfer function as a `scipy.signal.lti`; see `interop.to_scipy` for the delay.
+    def to_scipy(self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER) -> scipy.signal.lti:
+        """Return the transfer function as a `scipy.signal.lti`, with its delay as `to_control` has it.
 
         Raises `NotIdentifiable` where there is no fit.
         """
-        from servobench.interop import to_scipy
+        return interop.to_scipy(self._handed_over(output), pade_order=pade_order)
 
-        return to_scipy(self._known().model.transfer_function(output), pade_order=pade_order)
+    def to_scipy_and_delay(self, output: Output = "speed") -> tuple[scipy.signal.lti, float]:
+        """Return the rational part as a `scipy.signal.lti`, and the delay [s], 0 where `to_control` leaves it out.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_scipy_and_delay(self._handed_over(output))
+
+    def _handed_over(self, output: Output) -> TransferFunction:
+        fit = self._known()
+        delay = fit.estimates.get("delay")
+        system, _ = interop.handed_over(
+            fit.model.transfer_function(output), delay.interval if delay else None
+        )
+        return system
 
     def _known(self) -> Fit:
         if self.fit is None:
@@ -182,15 +263,21 @@ class Result:
     def __str__(self) -> str:
         """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
         from servobench.rounding import rounded_interval
+        from servobench.uncertainty.words import in_words
 
         lines = []
         for name, e in self.fit.estimates.items() if self.fit else ():
             told = rounded_interval(e.value, e.interval, e.unit)
-            lines.append(f"{name.replace('_', ' '):16} {told if told.low else 'not known'}")
+            instead = in_words(self.answers.get(name)) or ("" if told.low else "not known")
+            lines.append(f"{name.replace('_', ' '):16} {instead or told}")
+        for each in self.combinations:
+            told = rounded_interval(each.estimate.value, each.estimate.interval, each.estimate.unit)
+            lines.append(f"{each.meaning:16} {told}")
         for name, e in self.motor_parameters.items():
             lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
         if self.transfer_function is not None:
             lines.append(self.equation)
+        lines += [self.good_for] if self.good_for else []
         lines.append(str(self.verdict))
         lines += [f"- {finding.severity}: {finding.sentence}" for finding in self.findings]
         return "\n".join(lines)
@@ -198,7 +285,7 @@ class Result:
     __repr__ = __str__
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the result as plain data of the schema `servobench.result/1`; numbers are finite or None."""
+        """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None."""
         fit, system = self.fit, self.transfer_function
         data: dict[str, Any] = {
             "schema": SCHEMA,
@@ -206,7 +293,26 @@ class Result:
             "findings": [_finding(finding) for finding in self.findings],
             "structure": fit.structure if fit else None,
             "estimator": fit.estimator if fit else None,
-            "parameters": {} if fit is None else {name: _estimate(e) for name, e in fit.estimates.items()},
+            "parameters": {} if fit is None else {
+                name: _estimate(e) | self._state(name) for name, e in fit.estimates.items()
+            },
+            "combinations": {
+                each.name: _estimate(each.estimate)
+                | {"meaning": each.meaning, "parameters": list(each.parameters)}
+                for each in self.combinations
+            },
+            "budget": [
+                {
+                    "source": line.source,
+                    "parameters": list(line.shares),
+                    "share": dict(line.shares),
+                    "half_width": dict(line.half_widths),
+                    "dof": line.freedom,
+                    "reason": line.reason,
+                }
+                for line in self.budget
+            ],
+            "good_for": self.good_for,
             "covariance": None if fit is None else {
                 "parameters": list(fit.model.names), "matrix": fit.covariance.tolist()
             },

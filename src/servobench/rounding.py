@@ -52,9 +52,21 @@ def plain(value: float, digits: int = 4) -> str:
     if -5 <= exponent < max(_LARGEST, digits):
         text = f"{value:.{max(digits - 1 - exponent, 0)}f}"
         return _minus(text.rstrip("0").rstrip(".") if "." in text else text)
-    mantissa = f"{value / 10.0**exponent:.{digits - 1}f}"
+    mantissa = f"{value:.{digits - 1}e}".partition("e")[
+        0
+    ]  # a division would overflow, or underflow, at a float's ends
     mantissa = mantissa.rstrip("0").rstrip(".") if "." in mantissa else mantissa
     return f"{_minus(mantissa)}×{power_of_ten(exponent)}"
+
+
+def microseconds(time: float) -> str:
+    """Return a time [s] in µs, with three digits at most and none below a nanosecond: no clock of a computer shows less."""
+    return plain(round(1e6 * time, 3), 3)
+
+
+def milliseconds(time: float) -> str:
+    """Return a time [s] in ms, with three digits at most and none below a nanosecond."""
+    return plain(round(1e3 * time, 6), 3)
 
 
 def with_unit(value: float, unit: str, digits: int = 4) -> str:
@@ -103,13 +115,24 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
     return replace(told, value=_fixed(value / factor, enough), half="")
 
 
+def as_known(value: float, half: float) -> float:
+    """Return a value to two digits of the half of its interval, and to two of its own at least; as it is without an interval."""
+    if not (math.isfinite(half) and half > _TINIEST and abs(value) > _TINIEST):
+        return value
+    return round(value, 1 - min(_exponent(half, 2), _exponent(value, 2)))
+
+
+_TINIEST = 1e-300  # below this a power of ten is no float any more
+
+
 def handy_unit(unit: str, largest: float) -> tuple[float, str]:
     """Return a factor and a unit, so that a value divided by the factor is in that unit and neither tiny nor huge.
 
-    Values from 0.1 to a million stay as they are, and from 0.01 where the unit takes no prefix.
+    Values from 0.1 to a million stay as they are, and from 0.01 where the unit takes no prefix. A mere number has no unit.
     """
+    unit = "" if unit == "1" else unit
     smallest = 0.1 if unit in _PREFIXED else 0.01
-    if not (math.isfinite(largest) and largest > 0) or smallest <= largest < 1e6:
+    if not (math.isfinite(largest) and largest > _TINIEST) or smallest <= largest < 1e6:
         return 1.0, unit
     power = 3 * math.floor(math.log10(largest) / 3)
     if largest < 1 and largest / 10.0**power >= 100:

@@ -15,14 +15,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.estimators.disturbance import whitened
 from servobench.estimators.encoder_rounding import is_rounded, rounding_sines
+from servobench.measurement.dataset import Dataset
+from servobench.models.base import simulated
 from servobench.rounding import TWO_SIDED
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
@@ -42,6 +46,17 @@ class Motion:
     position: Array
     gone: Array
     load: Array
+
+    @cached_property
+    def _waves(self) -> list[NDArray[np.complex128]]:
+        """e^(i n θ) of the position θ for n = 1, 2, ..., as far as somebody asked."""
+        return [np.exp(1j * self.position)]
+
+    def wave(self, cycles: int) -> tuple[Array, Array]:
+        """Return the sine and the cosine (N,) of so many times the position, the one from that of one time less."""
+        while len(self._waves) < cycles:
+            self._waves.append(self._waves[-1] * self._waves[0])
+        return self._waves[cycles - 1].imag, self._waves[cycles - 1].real
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -69,8 +84,8 @@ class Shown:
     """How strongly the data ask for a term (`size`, in standard deviations), and how much of it they ask for.
 
     `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
-    how many of their own standard deviations gain or time constant, whichever is worse, are off without it. `fit` is the one
-    tested, `largest` its largest input.
+    how many of their own standard deviations gain or time constant, whichever is worse, are off without it, `off` (P,) is by how
+    much each parameter is. `fit` is the one tested, `largest` its largest input.
     """
 
     term: Term
@@ -80,6 +95,7 @@ class Shown:
     amount: Array = field(default_factory=lambda: np.zeros(0))
     covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
     moved: float = 0.0
+    off: Array = field(default_factory=lambda: np.zeros(0))
 
     @property
     def whole(self) -> tuple[float, float]:
@@ -96,15 +112,11 @@ class ScoreTest:
     def __init__(self, fit: Fit, largest: float) -> None:
         self.fit = fit
         self.runs = [_Run(fit, record, largest) for record in fit.records]
-        jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
-        scale = np.linalg.norm(jacobian, axis=0)
-        self.jacobian, self.scale = jacobian, np.where(scale > 0, scale, 1.0)
-        self.basis = np.linalg.qr(jacobian[:, scale > 0] / scale[scale > 0])[0]
-        self.innovations = np.concatenate([record.innovations[record.valid] for record in fit.records])
+        jacobian, self.innovations = innovations_and_jacobian(fit)
+        self.scale = _lengths(jacobian)
+        self.matters = self.scale > 0
+        self.basis, self.triangle = np.linalg.qr(jacobian[:, self.matters] / self.scale[self.matters])
         self.hidden = _hidden(fit)
-        self.rounded = fit.disturbance is None and all(
-            is_rounded(r.data) and r.valid.all() for r in fit.records
-        )
 
     def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
@@ -120,10 +132,10 @@ class ScoreTest:
         The colour is looked at only where white innovations would call for the term.
         """
         plain = Shown(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
-        norms = np.linalg.norm(columns, axis=0)
+        norms = _lengths(columns)
         rest = columns - self.basis @ (self.basis.T @ columns)
         # What is left of a column that the Jacobian explains is rounding error.
-        told = np.isfinite(norms) & (np.linalg.norm(rest, axis=0) > 1e-6 * norms)
+        told = np.isfinite(norms) & (_lengths(rest) > 1e-6 * norms)
         if not told.any():
             return plain
         rest = rest[:, told] / norms[told]
@@ -134,8 +146,9 @@ class ScoreTest:
         score = rest * self.innovations[:, None]
         coloured = long_run(score, andrews_lag(score))
         size = min(size, _normal_equivalent(total, coloured))
-        if size > ASKED and self.rounded:
-            size = min(size, _normal_equivalent(total, self._rounding(rest)))
+        rounded = by_rounding(self.fit, rest) if size > ASKED else None
+        if rounded is not None:
+            size = min(size, _normal_equivalent(total, rounded))
         bread = np.linalg.pinv(power) / norms[told]
         amount = total @ bread
         if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
@@ -147,6 +160,7 @@ class ScoreTest:
             amount=unit * amount,
             covariance=unit**2 * bread.T @ coloured @ bread,
             moved=self._moved(columns[:, told] @ amount),
+            off=self.moved(columns[:, told] @ amount)[: len(self.fit.model.theta)],
         )
 
     def shift(self, lacking: Sequence[Array]) -> Array:
@@ -155,32 +169,18 @@ class ScoreTest:
             _in_innovations(self.fit, record, extra[:, None])
             for record, extra in zip(self.fit.records, lacking, strict=True)
         ]
-        return self._shift(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
+        return self.moved(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
 
-    def _shift(self, lacking: Array) -> Array:
-        """The same of the innovations (of all records), and of the nuisance parameters, too."""
-        return np.asarray(np.linalg.lstsq(self.jacobian / self.scale, lacking, rcond=1e-12)[0] / self.scale)
-
-    def _rounding(self, rest: Array) -> Array:
-        """The covariance of a score by what the encoder rounds; the stretches of one recording share their counts."""
-        power = np.zeros((rest.shape[1], rest.shape[1]))
-        sines: dict[int, Array] = {}
-        row = 0
-        for record in self.fit.records:
-            quantum = record.data.quantum or np.nan
-            own = rest[row : row + len(record.data.y)]
-            row += len(own)
-            noise = max((self.fit.residual_sd / quantum) ** 2 - 1 / 12, 0.0)
-            shared, white = rounding_sines(own, record.prediction, quantum, noise)
-            power += white
-            at = id(record.data.source)
-            sines[at] = sines.get(at, 0.0) + shared
-        power += sum(s.T @ s for s in sines.values())
-        return np.asarray(power / self.fit.residual_sd**2, dtype=np.float64)
+    def moved(self, lacking: Array) -> Array:
+        """By how much the joint vector (P + ΣQ,) is off where the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
+        off = np.zeros(len(self.scale))
+        matters, seen = self.matters, self.basis.T @ lacking
+        off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
+        return off
 
     def _moved(self, lacking: Array) -> float:
         """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
-        off = self._shift(lacking)
+        off = self.moved(lacking)
         sd = np.sqrt(np.diag(self.fit.covariance))
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
@@ -202,38 +202,53 @@ def _normal_equivalent(total: Array, spread: Array) -> float:
     """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
     from scipy.special import chdtrc, ndtri
 
-    chi2 = float(total @ np.linalg.lstsq(spread, total, rcond=1e-9)[0])
+    values, vectors = np.linalg.eigh(spread)
+    told = values > 1e-9 * values[-1]
+    chi2 = float(np.sum((total @ vectors[:, told]) ** 2 / values[told]))
     return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
+
+
+def _lengths(columns: Array) -> Array:
+    """The length of each column (K,)."""
+    return np.asarray(np.sqrt(np.einsum("mk,mk->k", columns, columns)), dtype=np.float64)
 
 
 class _Run:
     """One record, simulated once without any term."""
 
     def __init__(self, fit: Fit, record: FittedRecord, largest: float) -> None:
-        data = record.data
         self.fit, self.record, self.largest = fit, record, largest
         self.theta = np.concatenate([fit.model.theta, record.nuisance])
-        self.times = np.union1d(data.t_input, data.t_output)
-        held = np.searchsorted(data.t_input, self.times, side="right") - 1
-        self.u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
-        self.plain = replace(data, t_input=self.times, u=self.u, reference=None)
-        self.without = fit.model.structure.predict(self.theta, self.plain).y
-        self.motion = self._motion()
+
+    @cached_property
+    def plain(self) -> Dataset:
+        """The record with its input at all times of input and output, so that a term may act at each of them."""
+        data = self.record.data
+        times = np.union1d(data.t_input, data.t_output)
+        held = np.searchsorted(data.t_input, times, side="right") - 1
+        u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
+        return replace(data, t_input=times, u=u, reference=None)
+
+    @cached_property
+    def without(self) -> Array:
+        """The output without any term, (M,)."""
+        return simulated(self.fit.model.structure, self.theta, self.plain)
 
     def columns(self, term: Term) -> Array:
         """What the term adds to the innovations, as columns (valid, K)."""
         added = []
         if term.to_input is not None:
             for extra in term.to_input(self.motion):
-                driven = replace(self.plain, u=self.u + _SMALL * self.largest * extra)
-                added.append(self.fit.model.structure.predict(self.theta, driven).y - self.without)
+                driving = self.plain.u + _SMALL * self.largest * extra
+                output = simulated(self.fit.model.structure, self.theta, self.plain, driving)
+                added.append(output - self.without)
         if term.to_output is not None and self.record.data.kind == "position":
             data = self.record.data
-            now = np.searchsorted(self.times, data.t_output)
+            now = np.searchsorted(self.plain.t_input, data.t_output)
             added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
         if term.curved in self.fit.model.names:
             added.append(self._curvature(self.fit.model.names.index(term.curved)))
-        columns = np.column_stack(added) if added else np.zeros((len(self.without), 1))
+        columns = np.column_stack(added) if added else np.zeros((len(self.record.data.y), 1))
         return _in_innovations(self.fit, self.record, columns)
 
     def _curvature(self, at: int) -> Array:
@@ -248,13 +263,14 @@ class _Run:
         if data.closed_loop:
             middle[at] = max(middle[at], step[at] - data.delay)
         after, now, before = (
-            self.fit.model.structure.predict(middle + times * step, data).y for times in (1, 0, -1)
+            simulated(self.fit.model.structure, middle + times * step, data) for times in (1, 0, -1)
         )
         return np.asarray((after - 2 * now + before) / step[at] ** 2)
 
-    def _motion(self) -> Motion:
+    @cached_property
+    def motion(self) -> Motion:
         """The motion as the model simulates it, at the times of the input and the output."""
-        data, t = self.record.data, self.times
+        data, t = self.record.data, self.plain.t_input
         if data.kind == "speed":
             speed = np.interp(t, data.t_output, self.record.prediction)
             steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
@@ -267,12 +283,42 @@ class _Run:
         sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
         load = np.abs(sine * np.sin(position) + cosine * np.cos(position))
         return Motion(
-            input=self.u / self.largest,
+            input=self.plain.u / self.largest,
             speed=speed / top,
             position=position,
             load=load / (float(load.max(initial=0.0)) or 1.0),
             gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
         )
+
+
+def by_rounding(fit: Fit, columns: Array) -> Array | None:
+    """Return the covariance (C, C) of columns (N, C) times the innovations by what the encoder rounds; the model says when.
+
+    None where not all of the records are an encoder's counts, or a random torque moves the shaft besides. The stretches of one
+    recording share their counts.
+    """
+    if fit.disturbance is not None or not all(is_rounded(r.data) and r.valid.all() for r in fit.records):
+        return None
+    power = np.zeros((columns.shape[1], columns.shape[1]))
+    sines: dict[int, Array] = {}
+    row = 0
+    for record in fit.records:
+        quantum = record.data.quantum or np.nan
+        own = columns[row : row + len(record.data.y)]
+        row += len(own)
+        noise = max((fit.residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+        shared, white = rounding_sines(own, record.prediction, quantum, noise)
+        power += white * (own.T @ own)
+        at = id(record.data.source)
+        sines[at] = sines.get(at, 0.0) + shared
+    power += sum(s.T @ s for s in sines.values())
+    return np.asarray(power / fit.residual_sd**2, dtype=np.float64)
+
+
+def innovations_and_jacobian(fit: Fit) -> tuple[Array, Array]:
+    """Return the Jacobian (N, P + ΣQ) of all valid innovations by the joint vector, and these (N,), of unit variance."""
+    jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
+    return jacobian, np.concatenate([record.innovations[record.valid] for record in fit.records])
 
 
 def _jacobian(fit: Fit, record: FittedRecord) -> Array:
@@ -283,7 +329,8 @@ def _jacobian(fit: Fit, record: FittedRecord) -> Array:
 def _in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
     """Columns of the output as columns of the innovations, the valid samples of them."""
     if fit.disturbance is None:
-        return np.asarray(x[record.valid] / fit.residual_sd, dtype=np.float64)
+        counted = x if record.valid.all() else x[record.valid]
+        return np.asarray(counted / fit.residual_sd, dtype=np.float64)
     theta = np.concatenate([fit.model.theta, record.nuisance])
     sliding = fit.model.structure.sliding(theta, record.data)
     return whitened(x, record.data, sliding, fit.disturbance)[record.valid]

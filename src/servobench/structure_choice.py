@@ -20,13 +20,15 @@ import numpy as np
 from servobench.doubts.base import about_data
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import Estimator, Fit
+from servobench.estimators.delay_prior import is_usual
 from servobench.explanations.base import is_damaged, names_a_cause
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
 from servobench.models.base import STRUCTURES, Structure
+from servobench.models.first_motion import rests_at_first, stands_at_first
 from servobench.models.search import smoothed_speed, turns_both_ways
-from servobench.rungs.comparison import better, fitted, moved
+from servobench.rungs.comparison import better, clearly_better, fitted, moved
 from servobench.rungs.trial import Rung, tried, with_term_more
 from servobench.rungs.words import found, stopped
 from servobench.score_test import ASKED, Shown
@@ -36,6 +38,10 @@ _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the windin
 # What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
 _BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
 _REST = "rest-found"
+# Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
+_AS_GOOD = 1.1
+_LARGE = 10_000  # samples, of all records
+_NEARLY_ALL = 90.0  # % of the output
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -87,14 +93,14 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Findin
     if better(with_friction, frictionless):
         sentence = (
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
-            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless['gain'].value:.4g} instead of "
-            f"{with_friction['gain'].value:.4g}."
+            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless.model['gain']:.4g} instead of "
+            f"{with_friction.model['gain']:.4g}."
         )
         return with_friction, (info("friction-found", sentence, parameters=("coulomb_voltage",)),)
     if moved(with_friction, frictionless):
         sentence = (
             "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
-            f"would be {frictionless['gain'].value:.5g} instead of {with_friction['gain'].value:.5g}, and seem better "
+            f"would be {frictionless.model['gain']:.5g} instead of {with_friction.model['gain']:.5g}, and seem better "
             "known than it is."
         )
         return with_friction, (info("friction-possible", sentence, parameters=("coulomb_voltage",)),)
@@ -104,13 +110,19 @@ def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Findin
 
 def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> tuple[Fit, tuple[Finding, ...]]:
     """The fit for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
-    if explains_the_colour(one_way) or not _stands(data):
+    begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
+    stands = any(stands_at_first(record) for record in data)
+    late = not is_usual(one_way)  # a delay may stand for friction that the input has to overcome
+    if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
         return one_way, ()
     try:
         with_rest = fitted(method, STRUCTURES["first_order_one_way_rest"], data)
     except NotIdentifiable:
         return one_way, ()
-    if not with_rest.converged or not better(with_rest, one_way):
+    # A shaft that rests when the record begins is held by something; without that, a delay or an offset stands for it.
+    drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
+    worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
+    if not with_rest.converged or not worth:
         return one_way, ()
     sentence = (
         "The motor stands still in a part of the record, so the model has friction that holds the shaft: without it the "
@@ -172,12 +184,15 @@ def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
     """The rungs to try: those that the data ask for, and all where the fit leaves a colour that nothing explains.
 
     A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
+    Where a long record is nearly explained, what is missing is small, and the intervals hold it: each trial would take seconds.
     """
     asked = _asked(shown)
+    first = [
+        term for term in asked if term == "winding"
+    ]  # two poles bend all else, and are fitted in no time
+    if sum(len(record.data.y) for record in fit.records) >= _LARGE and fit.fit_percent >= _NEARLY_ALL:
+        return first
     if not explains_the_colour(fit):
-        first = [
-            term for term in asked if term == "winding"
-        ]  # two poles bend all else, and are fitted in no time
         return list(dict.fromkeys([*first, *_BY_TRIAL, *asked]))
     # Friction was looked for before gravity was known, and so in vain.
     return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked

@@ -9,7 +9,6 @@ from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.disturbance import innovations_of_blocks
 from servobench.estimators.prediction_error import rounding_explains
 from servobench.finding import Finding, info, warning
-from servobench.measurement.dataset import Dataset
 
 _LAGS = 20
 # In standard deviations, over 21 lags. An ideal encoder's rounding, which isn't white, reached 4.3 in 24 records of a right
@@ -27,12 +26,20 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
     rounding = is_rounding(fit)
     found = [_size(fit, rounding)] if rounding is not None else []
+    # Of a first-order model the intervals hold what the residual says, and experience with such models.
+    first_order = {"gain", "time_constant"} <= set(fit.model.names)
+    say = info if first_order else warning
     if not explains_the_colour(fit):
+        allowance = (
+            "The intervals allow for it, by the residual and by experience with other motors."
+            if first_order
+            else "The intervals allow for the colour, but not for a bias."
+        )
         found.append(
-            warning(
+            say(
                 "residual-coloured",
                 "What the model leaves over isn't white noise: something acts on the motor, or lies in the measurement, that the "
-                "model doesn't know. The intervals allow for the colour, but not for a bias.",
+                f"model doesn't know. {allowance}",
             )
         )
     tied = max(_tied_to_input(record) for record in fit.records)
@@ -40,7 +47,7 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if tied > _TIED and not counted:
         found.append(
-            warning(
+            say(
                 "residual-follows-input",
                 f"What the model leaves over follows the input ({tied:.0f} standard deviations at the worst lag): part of the "
                 "motor's response to the input is missing in this model.",
@@ -78,12 +85,6 @@ def is_rounding(fit: Fit) -> bool | None:
     if not quantum or any(record.data.chain.linear for record in fit.records):
         return None
     return bool(fit.residual_sd <= _ROUNDING * quantum / np.sqrt(12))
-
-
-def input_at_output(data: Dataset) -> Array:
-    """Return the input that held just before each sample of the output, shape (M,)."""
-    index = np.searchsorted(data.t_input, data.t_output, side="left") - 1
-    return np.where(index >= 0, data.u[np.maximum(index, 0)], data.input_before)
 
 
 def _size(fit: Fit, rounding: bool) -> Finding:
@@ -126,7 +127,7 @@ def _tied_to_input(record: FittedRecord) -> float:
     """The largest correlation of the residual with the changes of the past input, in standard deviations (Ljung 1999, 16.6)."""
     keep = record.valid
     e = record.innovations[keep] - record.innovations[keep].mean()
-    u = np.diff(input_at_output(record.data), prepend=record.data.input_before)[keep]
+    u = np.diff(record.data.input_at_output, prepend=record.data.input_before)[keep]
     u = u - u.mean()
     n = len(e)
     norm = float(np.sqrt(np.sum(e**2) * np.sum(u**2)))

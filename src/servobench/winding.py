@@ -22,10 +22,10 @@ def about_winding(fit: Fit) -> list[Finding]:
     """
     if "electrical_time_constant" not in fit.model.names:
         return []
-    lag, tau = fit["electrical_time_constant"], fit["time_constant"].value
-    if not lag.value > _AWAY * lag.sd:
+    lag, tau = fit.model["electrical_time_constant"], fit.model["time_constant"]
+    if not lag > _AWAY * fit.sd("electrical_time_constant"):
         step = max(record.data.sample_time for record in fit.records)
-        whole = lag.value + (fit["delay"].value if "delay" in fit.model.names else 0.0)
+        whole = lag + (fit.model["delay"] if "delay" in fit.model.names else 0.0)
         sentence = (
             f"These data don't tell the winding's lag from a delay: together they are {whole:.3g} s, at a sample time of "
             f"{step:.3g} s and this resolution. Use the first-order structure, whose delay holds both, or sample faster, with a "
@@ -34,10 +34,10 @@ def about_winding(fit: Fit) -> list[Finding]:
         return [
             refusal("electrical-pole-not-told", sentence, parameters=("electrical_time_constant", "delay"))
         ]
-    if lag.value > _NEARLY_HALF * tau:
+    if lag > _NEARLY_HALF * tau:
         sentence = (
-            f"The electrical time constant, {lag.value:.3g} s, is nearly half of the time constant, {tau:.3g} s, where a motor "
-            "begins to swing and these two no longer describe it: compare `--structure rational_2_0_integrator_delay`."
+            f"The electrical time constant, {lag:.3g} s, is nearly half of the time constant, {tau:.3g} s, where a motor "
+            "begins to swing and these two no longer describe it: compare `structure=rational_2_0_integrator_delay`."
         )
         return [
             warning("poles-not-apart", sentence, parameters=("electrical_time_constant", "time_constant"))

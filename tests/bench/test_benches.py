@@ -1,6 +1,8 @@
 """The benches are found by themselves, and a limit that isn't kept shows in the exit status."""
 
 import math
+import shutil
+import subprocess
 import sys
 from collections.abc import Iterator
 from pathlib import Path
@@ -29,7 +31,7 @@ def bench(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 
 def test_every_file_but_the_runner_and_the_figures_is_a_bench(bench: ModuleType) -> None:
     assert "start_up" in bench.benches()
-    assert not {"run", "figures"} & set(bench.benches())
+    assert not {"accusations", "figures", "run"} & set(bench.benches())
     for name in bench.benches():
         assert "def main(" in (BENCH / f"{name}.py").read_text(encoding="utf-8"), name
 
@@ -73,3 +75,44 @@ def test_a_bench_that_there_isn_t_is_wrong_usage(
 ) -> None:
     assert bench.main(["strat_up"]) == 2
     assert "start_up" in capsys.readouterr().err
+
+
+sys.path.append(str(BENCH))  # as conftest.py does, for the names of the programs below
+import run as runner  # noqa: E402
+
+sys.path.remove(str(BENCH))
+del sys.modules["run"], sys.modules["figures"]
+
+
+@pytest.mark.parametrize("program", runner.programs())
+def test_every_program_below_the_benches_runs_at_its_smallest_size(program: str) -> None:
+    """What a change of the package breaks shows here, not months later: a bench that nobody runs is no bench."""
+    words = [sys.executable, str(BENCH / "run.py"), "--smallest", program]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=1800)
+    if "nothing was measured" in done.stderr:
+        pytest.skip(done.stderr.strip().splitlines()[-1])
+
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.strip()
+
+
+def test_the_programs_are_all_that_can_be_run_by_themselves(bench: ModuleType) -> None:
+    assert {f"{name}.py" for name in bench.benches()} <= set(bench.programs())
+    assert {"peers/run.py", "peers/worker.py", "peers/make_data.py"} <= set(bench.programs())
+
+
+def test_a_program_without_a_smallest_size_fails(tmp_path: Path) -> None:
+    copied = tmp_path / "bench"
+    copied.mkdir()
+    for name in ("run.py", "figures.py"):
+        shutil.copy(BENCH / name, copied / name)
+    (copied / "nothing.py").write_text(
+        'def main(): ...\nif __name__ == "__main__": main()\n', encoding="utf-8"
+    )
+
+    done = subprocess.run(
+        [sys.executable, str(copied / "run.py"), "--smallest", "nothing.py"], capture_output=True, text=True
+    )
+
+    assert done.returncode == 1
+    assert "has no attribute 'smallest'" in done.stderr

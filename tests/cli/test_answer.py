@@ -7,10 +7,10 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from servobench.cli.answer import in_words, show_findings
+from servobench.cli.answer import show_findings
 from servobench.cli.layout import show_table
 from servobench.cli.terminal import printable
-from servobench.finding import Finding, info, refusal, warning
+from servobench.finding import Finding, info, parameter_in_words, refusal, warning
 from tests.cli.conftest import Command
 
 
@@ -106,7 +106,7 @@ def test_no_line_of_words_ends_with_blanks(servobench: Command, finished_run: Pa
 
 
 def test_parameters_are_named_as_people_do() -> None:
-    assert [in_words(name) for name in ("gain", "time_constant", "coulomb_voltage")] == [
+    assert [parameter_in_words(name) for name in ("gain", "time_constant", "coulomb_voltage")] == [
         "gain",
         "time constant",
         "Coulomb voltage",

@@ -74,7 +74,7 @@ def test_a_mistake_is_told_before_anything_is_opened(
 def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alone() -> None:
     with listening("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
-        with pytest.raises(UsageError, match=f"port {port}.*--port 0"):
+        with pytest.raises(UsageError, match=f"port {port}.*port=0"):
             listening("127.0.0.1", port)
     with listening("127.0.0.1", None) as first, listening("127.0.0.1", None) as second:
         assert first.getsockname()[1] != second.getsockname()[1]

@@ -50,6 +50,29 @@ def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
     assert progress.line() == "running, 20 %, 0 s left"
 
 
+def test_a_run_in_real_time_has_its_own_time_left_whatever_its_start_took(clock: Clock) -> None:
+    progress = Progress(stream=io.StringIO(), now=clock)
+    progress.begin("running")
+    progress.reached(0.0, 3.0)
+    clock.time += 5.0  # a start, or a wait, that is no part of the run
+    progress.reached(0.17, 2.5)
+
+    assert progress.line() == "running, 17 %, 2 s left"
+
+
+def test_after_an_alarm_nothing_is_told_as_going_on(clock: Clock) -> None:
+    stream = io.StringIO()
+    progress = Progress(stream=stream, now=clock)
+    progress.begin("running")
+    progress.reached(0.5, 10.0)
+    clock.time += 2.0
+    assert progress.line() == "running, 50 %, 10 s left"
+
+    progress.alarm("SWITCH OFF THE SUPPLY")
+
+    assert progress.line() == ""
+
+
 def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("identifying")

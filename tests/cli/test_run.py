@@ -3,6 +3,8 @@
 import json
 import os
 import signal
+import subprocess
+import sys
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -13,11 +15,12 @@ from pydantic import BaseModel
 
 import servobench as sb
 from servobench.channels import Sample
-from servobench.cli.run_folder import RunFolder, run_folder
+from servobench.cli.run_folder import run_folder
 from servobench.devices.base import DEVICES
 from servobench.devices.twin import Twin
 from servobench.errors import DeviceError, StorageError, UsageError
-from tests.cli.conftest import Command, checked, started
+from servobench.experiment import load_experiment
+from tests.cli.conftest import Command, checked, environment, started
 
 FILES = {"experiment.toml", "recording.mcap", "data.csv", "result.json", "report.html"}
 SHORT = """
@@ -195,17 +198,114 @@ def test_without_out_the_folder_is_new_and_called_after_the_time(
 ) -> None:
     monkeypatch.chdir(tmp_path)
     noon = datetime(2024, 2, 29, 12, 0, 0)
-
-    assert run_folder(None, noon).path == Path("run-20240229-120000")
     Path("run-20240229-120000").mkdir()
-    assert run_folder(None, noon).path == Path("run-20240229-120000-2")
+
+    with run_folder(None, noon) as first, run_folder(None, noon) as second:
+        assert first.path == Path("run-20240229-120000-2")
+        # Neither has written anything yet: the folder itself is what the other one sees.
+        assert second.path == Path("run-20240229-120000-3")
+        first.begin("")
+        first.recording.write_bytes(b"")
+
+    assert names(tmp_path) == {"run-20240229-120000", "run-20240229-120000-2", "run-20240229-120000-3"}
+
+
+@pytest.mark.promise("S54")
+def test_runs_that_begin_at_once_without_out_have_a_folder_each(short: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "servobench", "run", str(short), "--json", "--seed"]
+    runs = [
+        subprocess.Popen(
+            [*command, seed],
+            cwd=tmp_path,
+            env=environment(),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+        )
+        for seed in ("1", "2")
+    ]
+    printed = [json.loads(run.communicate(timeout=300)[0]) for run in runs]
+
+    folders = sorted(tmp_path.glob("run-*"))
+    assert [names(folder) for folder in folders] == [FILES, FILES]
+    kept = {
+        load_experiment(folder / "experiment.toml").seed: json.loads(
+            (folder / "result.json").read_text(encoding="utf-8")
+        )
+        for folder in folders
+    }
+    assert kept == {1: printed[0], 2: printed[1]}
+
+
+@pytest.mark.promise("S54")
+def test_a_folder_is_one_run_s_from_its_beginning_to_its_last_file(tmp_path: Path) -> None:
+    out = tmp_path / "run"
+    with run_folder(out, datetime.now()) as folder:
+        for recorded in (False, True):
+            if recorded:
+                folder.begin("")
+                folder.recording.write_bytes(b"\x89MCAP0\r\n")
+            with (
+                pytest.raises(UsageError, match="is being written by a run that goes on"),
+                run_folder(out, datetime.now()),
+            ):
+                pass
+        assert folder.recording.exists()
+
+    with run_folder(out, datetime.now()) as again:
+        again.begin("")
+        assert not folder.recording.exists()
+
+
+LIMITED = """
+import resource, sys
+from servobench.cli import main
+resource.setrlimit(resource.RLIMIT_FSIZE, (30_000, 30_000))  # bytes: about 400 rows
+sys.exit(main(sys.argv[1:]))
+"""
+
+
+@pytest.mark.promise("S57")
+@pytest.mark.skipif(os.name == "nt", reason="ulimit is POSIX's")
+def test_a_run_under_a_limit_on_the_size_of_files_keeps_what_it_wrote(tmp_path: Path) -> None:
+    file, folder = tmp_path / "run.toml", tmp_path / "run"
+    for text, said in (
+        (HOST, "bytes of shared memory can't be had: File too large; allow larger files (ulimit -f)"),
+        (SHORT, "recording.mcap can't be written any further: File too large"),
+    ):
+        file.write_text(text)
+        ended = subprocess.run(
+            [sys.executable, "-c", LIMITED, "run", str(file), "--out", str(folder)],
+            env=environment(),
+            capture_output=True,
+            encoding="utf-8",
+            timeout=300,
+        )
+        assert ended.returncode == 5, ended.stderr
+        assert said in ended.stderr
+        assert folder.exists() == (text is SHORT)
+
+    (recording,) = sb.load(folder / "recording.mcap.part")
+    assert 100 < len(recording["counts"].values) < 1500
+
+
+def test_a_run_that_was_killed_before_it_began_leaves_a_folder_that_the_next_one_may_have(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "experiment.toml").touch()
+
+    with run_folder(tmp_path / "run", datetime.now()) as folder:
+        folder.begin("")
 
 
 def test_a_folder_that_can_t_be_made_is_a_storage_error(tmp_path: Path) -> None:
     (tmp_path / "file").write_text("")
 
-    with pytest.raises(StorageError, match="can't be written"):
-        RunFolder(tmp_path / "file" / "run").begin("")
+    with (
+        pytest.raises(StorageError, match="can't be written"),
+        run_folder(tmp_path / "file" / "run", datetime.now()),
+    ):
+        pass
 
 
 @pytest.mark.parametrize(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -11,10 +12,12 @@ import time
 from contextlib import suppress
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 import servobench as sb
 from servobench.finding import Severity
+from servobench.loop.child import RECORDER_PATIENCE
 from tests.cli.conftest import checked, process, started
 from tests.cli.test_run import FILES, HOST, names
 
@@ -102,6 +105,53 @@ def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path
     assert "recorder-died" in {each.code for each in recording.findings}
 
 
+@pytest.mark.promise("S56")
+def test_a_recorder_that_dies_before_the_run_begins_is_told_at_once_and_nothing_moves(
+    host: Path, tmp_path: Path
+) -> None:
+    with started("run", host, "--out", tmp_path / "run") as child:
+        while not (found := children(child.pid, "recording_process")) and child.poll() is None:
+            pass
+        os.kill(found[0], signal.SIGKILL)
+        killed = time.monotonic()
+        _, err = child.communicate(timeout=120)
+        passed = time.monotonic() - killed
+
+    assert child.returncode == 5, err
+    assert "the recorder's process died (it was ended by signal 9); nothing was moved" in err
+    assert "running" not in err
+    assert not (tmp_path / "run").exists()
+    # The loop, which is being loaded meanwhile, ends first: that takes as long as the machine takes. Without being told of it the
+    # loop waits for as long as this once it's there.
+    assert passed < RECORDER_PATIENCE
+
+
+@pytest.mark.promise("S55")
+@pytest.mark.parametrize("how", ["removed", "renamed"])
+def test_a_folder_that_is_taken_away_in_a_run_costs_nothing_and_is_told(
+    host: Path, tmp_path: Path, how: str
+) -> None:
+    folder = tmp_path / "run"
+    host.write_text(HOST.replace("300 s", "4 s"))
+    with started("run", host, "--out", folder) as child:
+        await_motion(child)
+        if how == "removed":
+            shutil.rmtree(folder)
+        else:
+            folder.rename(tmp_path / "other")
+        _, err = child.communicate(timeout=120)
+
+    saved = tmp_path / "run-recording.mcap"
+    assert child.returncode == 5, err
+    assert f"{folder / 'recording.mcap'} was removed or renamed while it was written" in err
+    assert f"what was recorded is in {saved} (servobench identify {saved})" in err
+    assert not folder.exists()
+    (recording,) = sb.load(saved)
+    assert recording.stopped.sentence == "ran for 4 s, as asked"
+    ticks = np.rint(recording["scheduled"].values / 0.002)
+    assert ticks.tolist() == list(range(2000))
+
+
 @pytest.mark.promise("S25")
 @pytest.mark.skipif(not Path("/dev/shm").is_dir(), reason="shared memory of Linux")
 @pytest.mark.parametrize("killed", ["the command", "the command and the loop"])
@@ -140,7 +190,7 @@ def test_a_loop_that_is_killed_is_a_failure_with_a_warning_that_says_what_to_do(
     assert "Error: the loop's process ended without a word" in err
     (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
     (found,) = (each for each in recording.findings if each.code == "loop-died")
-    assert found.severity is Severity.WARNING
+    assert found.severity is Severity.DANGER
     assert "Switch off the supply, then look at the device's own watchdog" in found.sentence
     if out:  # as much as was recorded until then may be too little for a result
         assert checked(json.loads(out))["verdict"] != "trusted"

@@ -13,7 +13,7 @@ from servobench.finding import Severity, Verdict
 from servobench.result import SCHEMA
 from tests.cli.conftest import checked
 
-SCHEMA_TEXT = files("servobench").joinpath("schemas/result-1.json").read_text(encoding="utf-8")
+SCHEMA_TEXT = files("servobench").joinpath("schemas/result-2.json").read_text(encoding="utf-8")
 
 
 def objects(schema: Any) -> list[dict[str, Any]]:
@@ -60,7 +60,7 @@ def test_a_result_is_allowed(result: dict[str, Any]) -> None:
     ("path", "value"),
     [
         (("verdict",), "certain"),
-        (("schema",), "servobench.result/2"),
+        (("schema",), "servobench.result/1"),
         (("extra",), 1),
         (("findings", 0, "severity"), "error"),
         (("findings", 0, "rows"), [1]),

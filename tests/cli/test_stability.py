@@ -25,7 +25,7 @@ def test_a_run_and_its_result_say_the_same(servobench: Command, finished_run: Pa
     assert "To the speed: stable, BIBO stable" in said[0].out
     assert "To the position: marginally stable, not BIBO stable" in said[0].out
     assert "A constant as input" in said[0].out
-    assert "The position loop with 1 V/rad: stable" in said[0].out
+    assert "The position loop with 1 V/rad, computed every 2 ms: stable" in said[0].out
 
 
 def test_a_recording_says_what_it_leaves_open_too(servobench: Command, finished_run: Path) -> None:
@@ -34,17 +34,17 @@ def test_a_recording_says_what_it_leaves_open_too(servobench: Command, finished_
     assert said.status == 0, said.err
     words = " ".join(said.out.split())
     assert "No finite record proves" in words
-    assert "The position loop with 2 V/rad: stable" in words
+    assert "The position loop with 2 V/rad, computed every 2 ms: stable" in words
     assert "Over the 95 % intervals the closed loop is stable everywhere" in words
 
 
-def test_too_much_gain_is_unstable_by_its_delay(servobench: Command, finished_run: Path) -> None:
-    """With τ = 0.1 s, K = 24 and a delay of 0.14 ms the limit is near ω = √(1/(τ d)) = 267 rad/s, kp = τω²/K = 300 V/rad."""
-    for kp, verdict in (("200", "stable"), ("400", "unstable")):
+def test_too_much_gain_is_unstable_as_it_runs(servobench: Command, finished_run: Path) -> None:
+    """z² - (1 + a - k c₁) z + a + k c₂ has |z| = 1 at k = (1 - a)/c₂ = 37 V/rad, h 2 ms, τ 0.1 s, K 24, without the delay."""
+    for kp, verdict in (("30", "stable"), ("45", "unstable")):
         said = servobench("stability", finished_run, "--kp", kp)
 
         assert said.status == 0
-        assert f"The position loop with {kp} V/rad: {verdict}" in said.out
+        assert f"The position loop with {kp} V/rad, computed every 2 ms: {verdict}" in said.out
         words = " ".join(said.out.split())
         assert ("goes round −1 twice, clockwise" in words) == (verdict == "unstable")
 
@@ -80,16 +80,20 @@ def test_json_says_what_the_words_do(servobench: Command, finished_run: Path, kp
     found = told(ended.out)
     words = " ".join(plain.out.split())
     assert " ".join(ended.err.split()) == words
-    assert f"The position loop with {kp.replace('-', '−')} V/rad: {found['loop']['verdict']}" in words
+    assert (
+        f"The position loop with {kp.replace('-', '−')} V/rad, computed every 2 ms: {found['loop']['verdict']}"
+        in words
+    )
     assert all(" ".join(sentence.split()) in words for sentence in in_words(found))
     assert (found["loop"]["margins"] is None) == (found["loop"]["verdict"] != "stable")
     assert found["records"] == found["over_intervals"] == []
 
 
-def test_the_margins_in_json_are_those_of_python_control(servobench: Command, finished_run: Path) -> None:
+def test_the_continuous_margins_are_those_of_python_control(servobench: Command, finished_run: Path) -> None:
     result = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))["transfer_function"]
 
-    found = told(servobench("stability", finished_run, "--kp", "5 V/rad", "--json").out)
+    found = told(servobench("stability", finished_run, "--kp", "5 V/rad", "--continuous", "--json").out)
+    assert found["loop"]["sample_time"] is None
 
     # K e^(-ds)/(s (τs + 1)), the delay by Padé's approximation of order 6: at ωd < 0.1 its phase is right to 1e-13.
     loop = control.tf([5 * c for c in result["numerator"]], [*result["denominator"], 0])
@@ -103,6 +107,47 @@ def test_the_margins_in_json_are_those_of_python_control(servobench: Command, fi
     )
     pole = -result["denominator"][1] / result["denominator"][0]
     assert [each["real"] for each in found["systems"][1]["poles"]] == pytest.approx([0, pole])
+
+
+def swings(result: dict[str, Any], kp: float, extra: float, h: float) -> tuple[float, float]:
+    """The largest angle in the fourth and in the last sixth of a run of u = -kp θ from 1 rad, tick by tick, by algebra."""
+    (gain,), (tau, _), delay = result["numerator"], result["denominator"], result["delay"] + extra
+    whole, part = divmod(delay, h)
+    inputs, angle, speed, course = [0.0] * (int(whole) + 2), 1.0, 0.0, []
+    for _ in range(6000):
+        course.append(abs(angle))
+        inputs = [-kp * angle, *inputs[:-1]]
+        for volts, length in ((inputs[-1], part), (inputs[-2], h - part)):
+            fall = 1 - math.exp(-length / tau)
+            angle += gain * volts * length + tau * fall * (speed - gain * volts)
+            speed += fall * (gain * volts - speed)
+    return max(course[3000:4000]), max(course[5000:])
+
+
+@pytest.mark.parametrize("ticks", [(), ("--sample-time", "5 ms")], ids=str)
+def test_the_loop_as_it_runs_bears_its_margins_and_no_more(
+    servobench: Command, finished_run: Path, ticks: tuple[str, ...]
+) -> None:
+    """It said 62.5 of a loop that bears 7.46."""
+    result = json.loads((finished_run / "result.json").read_text(encoding="utf-8"))["transfer_function"]
+    found = told(servobench("stability", finished_run, "--kp", "5", *ticks, "--json").out)["loop"]
+    h = 0.005 if ticks else 0.002
+
+    assert found["sample_time"] == h
+    factor, delay = (found["margins"][name]["value"] for name in ("gain_margin", "delay_margin"))
+    for side, grows in ((0.99, False), (1.01, True)):
+        early, late = swings(result, 5 * side * factor, 0.0, h)
+        assert (late > early) == grows
+        # Behind a part of a tick the delay margin leaves out (ωh/2π)² of the loop: 1e-4 at 10 rad/s.
+        early, late = swings(result, 5.0, side * delay, h)
+        assert (late > early) == grows
+
+
+def test_a_continuous_loop_has_no_ticks(servobench: Command, finished_run: Path) -> None:
+    ended = servobench("stability", finished_run, "--continuous", "--sample-time", "2 ms")
+
+    assert ended.status == 2
+    assert "a continuous loop has no ticks" in " ".join(ended.err.split())
 
 
 def test_json_of_a_recording_holds_what_the_record_says_and_what_it_leaves_open(
@@ -159,8 +204,9 @@ def in_counts(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
-# The loop of 20/(s (0.05 s + 1)): |L| = 1 at ω² = (√(1 + 4·(20·0.05)²) - 1)/(2·0.05²), φ = 90° - atan(0.05 ω) = 51.8°.
-_MARGIN = "phase margin 51.8°"
+# The loop of 20/(s (0.05 s + 1)): |L| = 1 at ω² = (√(1 + 4·(20·0.05)²) - 1)/(2·0.05²), φ = 90° - atan(0.05 ω) = 51.83°, and the
+# hold of 5 ms takes half a tick, ωh/2 = 2.25°.
+_MARGIN = "phase margin 49.6°"
 
 
 def test_a_file_is_identified_with_the_options_that_identify_has(
@@ -170,7 +216,7 @@ def test_a_file_is_identified_with_the_options_that_identify_has(
 
     assert said.status == 0, said.err
     assert _MARGIN in said.out
-    assert "with 1 V/rad: stable" in said.out
+    assert "with 1 V/rad, computed every 5 ms: stable" in said.out
 
 
 def test_a_result_in_counts_has_a_loop_in_counts(
@@ -184,7 +230,7 @@ def test_a_result_in_counts_has_a_loop_in_counts(
     said = servobench("stability", path, "--kp", "0.0030679616 V/counts")
     assert said.status == 0, said.err
     assert _MARGIN in said.out
-    assert "V/counts: stable" in said.out
+    assert "V/counts, computed every 5 ms: stable" in said.out
     assert "--counts-per-rev" in said.out
     refused = servobench("stability", path, "--kp", "1 V/rad")
     assert refused.status == 2
@@ -259,7 +305,8 @@ def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path)
     much = " ".join(servobench("stability", finished_run, "--kp", "400").out.split())
     assert "of this gain it would be stable" in much
     assert "Gain margin" not in much
-    assert "continuous loop's" in " ".join(servobench("stability", finished_run).out.split())
+    on_paper = servobench("stability", finished_run, "--continuous").out
+    assert "continuous loop's" in " ".join(on_paper.split())
     assert "no gain of this sign makes this one stable" in " ".join(backwards.out.split())
 
 
@@ -278,3 +325,16 @@ def test_the_gain_that_would_do_is_told_of_any_that_is_too_much(
         limit = float(part[1]) * 10 ** int((part[2] or "0").replace("⁻", "-")) * float(kp)
         # Both have four digits, each off by half of the last at most: 5e-4 of the smallest, 1.000.
         assert limit == pytest.approx(float(margin[1]), rel=1.1e-3)
+
+
+@pytest.mark.parametrize("given", ["0", "-1", "1e-300", "nan", "1e-8"])
+def test_a_sample_time_that_cannot_be_is_refused_before_anything_is_said(
+    servobench: Command, finished_run: Path, given: str
+) -> None:
+    """0 was taken as the data's own, -1 was told half-way through the answer, 1e-8 ended in no answer at all."""
+    ended = servobench("stability", finished_run, f"--sample-time={given}")
+
+    assert ended.status == 2
+    assert ended.out == ""
+    assert "--sample-time" in ended.err
+    assert "expected" in ended.err

@@ -1,6 +1,7 @@
 """`servobench tune`: gains from a run, a result or a recording; its figures as JSON; and what it refuses."""
 
 import json
+import re
 from importlib.resources import files
 from pathlib import Path
 
@@ -42,13 +43,14 @@ def test_a_run_its_result_and_its_recording_give_the_same_gains(
     assert len({each.out for each in said}) == 1
     assert "pid for the speed, every 2 ms, by lambda_tuning" in said[0].out
     assert "phase margin" in said[0].out
+    assert re.search(r"time constant +0\.05 +0\.05 +s", said[0].out)  # wished, and obtained
 
 
 @pytest.mark.parametrize(
     ("words", "because"),
     [
         (("--damping", "0.8", "--bandwidth", "300"), "is the fastest that can be had"),
-        (("--lambda", "1 ms"), "a loop can't be faster than"),
+        (("--lambda", "2.1 ms"), "a loop can't be faster than"),
         (("--lambda", "1 m"), "--lambda"),
         (("--poles", "a,b"), "expected numbers with commas between them"),
         (("--output", "torque", *WISH), "no output called 'torque'"),
@@ -73,3 +75,31 @@ def test_a_result_that_is_not_there_is_told(servobench: Command, tmp_path: Path)
 
     assert ended.status == 2
     assert "there is no result" in ended.err
+
+
+def test_the_direction_of_a_gain_margin_is_printed(servobench: Command, finished_run: Path) -> None:
+    both = servobench("tune", finished_run, "--poles=-40,-35+26j").out
+    one = servobench("tune", finished_run, *WISH).out
+
+    assert re.search(r"gain margin downwards \(factor\) +[\d.]+ ", both)
+    assert "gain margin (factor)" in both
+    assert "downwards" not in one
+
+
+@pytest.mark.parametrize("command", [("tune",), ("design", "--voltage", "5", "--from")], ids=" ".join)
+def test_a_table_is_asked_for_what_identify_asks_for(
+    servobench: Command, tmp_path: Path, command: tuple[str, ...]
+) -> None:
+    """The columns go by their names as in `identify`; the input was asked for."""
+    table = tmp_path / "logger.csv"
+    rows = "".join(f"{0.01 * k:.2f},{k // 50 % 2},{k}\n" for k in range(200))
+    table.write_text(f"time,voltage,angle\n{rows}", encoding="utf-8")
+
+    asked, identified = (
+        servobench(*command, table, *(WISH if command == ("tune",) else ())),
+        servobench("identify", table),
+    )
+
+    assert "the unit of the output `angle`" in identified.err
+    assert "the unit of the output `angle`" in asked.err
+    assert "which channel is the input" not in asked.err

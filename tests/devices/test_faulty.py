@@ -31,6 +31,7 @@ EXAMPLES = {
     "counter_wrap": "counter_wrap bits=16 start=32767",
     "device_unplugged": "device_unplugged from=1s",
     "dropouts": f"dropouts {TIME} share=0.5",
+    "encoder_flipped": f"encoder_flipped {TIME}",
     "encoder_unplugged": f"encoder_unplugged {TIME}",
     "jitter": f"jitter {TIME} largest=1ms",
     "lost": f"lost {TIME} every=10",
@@ -385,6 +386,17 @@ def test_encoder_unplugged_keeps_its_counts_and_goes_on_from_there() -> None:
     assert set(counts(found[FIRST : LAST + 2])) == {held}
     missing = plain[LAST + 1].counts - held
     assert counts(found[LAST + 1 :]) == [sample.counts - missing for sample in plain[LAST + 1 :]]
+
+
+def test_encoder_flipped_counts_backwards_from_where_it_was_and_forwards_again_afterwards() -> None:
+    plain, found = counts(undisturbed(700)), counts(driven(faulty(f"encoder_flipped {TIME}"), 700))
+
+    assert found[: FIRST + 1] == plain[: FIRST + 1]
+    went = [after - before for before, after in pairwise(plain)]
+    shown = [after - before for before, after in pairwise(found)]
+    assert shown[FIRST : LAST + 1] == [-step for step in went[FIRST : LAST + 1]]
+    assert shown[LAST + 1 :] == went[LAST + 1 :]
+    assert min(went[FIRST:]) > 0  # the motor itself turned on
 
 
 def test_device_unplugged_fails_each_read_and_write_from_then_on() -> None:

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.estimators.least_squares import Layout, at, lowest, minimise, normal_equations
+from servobench.estimators.least_squares import Layout, at, information, lowest, minimise, squared
 from servobench.measurement.base import Chain
 from servobench.models.base import STRUCTURES
 from tests.datasets import dataset
@@ -22,7 +22,9 @@ def test_the_normal_equations_of_several_records_are_the_sums_of_each(name: str)
     layout = Layout(structure, data)
     theta = structure.guesses(data)[0]
     predictions = [structure.predict(theta[p], r) for r, p in zip(data, layout.columns(), strict=True)]
-    h, g = normal_equations(layout, predictions)
+    h, g = information(layout, squared(layout, predictions)), np.zeros(len(theta))
+    for record, prediction, place in zip(data, predictions, layout.columns(), strict=True):
+        g[place] += prediction.jacobian.T @ (record.y - prediction.y)
 
     point = at(layout, theta)
 
@@ -42,7 +44,8 @@ def test_a_chain_that_does_nothing_changes_no_minimum(name: str) -> None:
     fast = minimise(structure, [data], start)
     slow = minimise(structure, [replace(data, applied=Chain.parse("scale 1"))], start)
     # Both stop where a step is below a thousandth of a standard deviation.
-    h, _ = normal_equations(Layout(structure, (data,)), fast.predictions)
+    layout = Layout(structure, (data,))
+    h = information(layout, squared(layout, fast.predictions))
     change = fast.theta - slow.theta
     assert change @ h @ change <= 4e-6 * fast.cost / len(data.y)
     assert fast.status == slow.status

@@ -5,10 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from servobench.estimators import output_error
 from servobench.estimators.least_squares import minimise
 from servobench.estimators.near_bounds import intervals_near_bounds
 from servobench.estimators.output_error import best_minimum, uncertainty
-from servobench.models.base import STRUCTURES
+from servobench.identification import identify
+from servobench.models.base import STRUCTURES, Structure
 from tests.datasets import dataset
 from tests.motor.reference import Truth
 
@@ -59,3 +61,37 @@ def test_coulomb_voltage_near_zero_is_covered(coulomb_torque: float) -> None:
         assert low >= 0.0
         covered += low <= truth <= high
     assert covered >= 34
+
+
+def test_a_valley_is_followed_to_its_end() -> None:
+    """Turning one way, friction and offset are one: any friction from none to all of the input explains the data as well."""
+    data = [dataset(seed=1, kind="square", samples=2000, truth=Truth(coulomb_torque=2e-3))]
+    minimum = best_minimum(COULOMB, data, COULOMB.guesses(data))
+    covariance = uncertainty(COULOMB, data, minimum)[1]
+    at = [p.name for p in COULOMB.parameters].index("coulomb_voltage")
+    value = minimum.theta[at]
+    # A standard deviation of the size of the friction: a fifth of its interval was too long a way for a search along one axis.
+    wide = covariance * value**2 / covariance[at, at]
+
+    low, high = intervals_near_bounds(COULOMB, data, minimum, wide)["coulomb_voltage"]
+
+    assert low >= 0.0
+    assert high > value + 1.9 * value
+
+
+def test_intervals_are_searched_for_the_fit_that_is_kept_only(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A choice between structures and a cross-validation make half a dozen fits here, of which the result has one."""
+    searched: list[str] = []
+
+    def counted(structure: Structure, *arguments: object) -> dict[str, tuple[float, float]]:
+        searched.append(STRUCTURES.name_of(structure))
+        return intervals_near_bounds(structure, *arguments)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(output_error, "intervals_near_bounds", counted)
+
+    result = identify(dataset(seed=1, kind="prbs", samples=1500, truth=Truth(coulomb_torque=0.0)))
+
+    assert result.validation is not None
+    assert result.fit is not None
+    assert "coulomb_voltage" in result.fit.intervals
+    assert searched == ["first_order_coulomb"]

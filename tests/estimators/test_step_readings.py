@@ -275,8 +275,10 @@ def test_identify_takes_the_reading_through_to_a_report(name: str) -> None:
     data = dataset(seed=3)
     result = identify(data, estimator=name)
 
-    assert result.verdict == "doubtful"
     told = result.to_dict()
+    # What it reads is off by what a textbook's method is off by; the interval of the time constant holds the true one.
+    low, high = told["parameters"]["time_constant"]["interval"]
+    assert low < 0.0992 < high
     assert told["estimator"] == name
     assert told["structure"] == "first_order_one_way"
     assert told["parameters"]["delay"]["sd"] is None

@@ -147,7 +147,6 @@ start = "0 s"
 
 [controller]
 type = "open_loop"
-fade_time = "0.5 s"
 
 [device]
 name = "twin"

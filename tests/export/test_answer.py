@@ -34,7 +34,7 @@ def test_a_refused_result_has_no_answer() -> None:
 
 
 @pytest.mark.parametrize(
-    "content", ["", "{", "[]", "{}", "[" * 100_000, '{"schema": "servobench.result/2"}', "\x00\x01"]
+    "content", ["", "{", "[]", "{}", "[" * 100_000, '{"schema": "servobench.result/3"}', "\x00\x01"]
 )
 def test_what_is_no_result_is_named(tmp_path: Path, content: str) -> None:
     file = tmp_path / "odd.json"

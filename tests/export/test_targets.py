@@ -10,12 +10,15 @@ import subprocess
 from pathlib import Path
 from typing import Any
 
+import control
 import numpy as np
 import pytest
 
 from servobench.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes, export
+from servobench.export.first_order import FirstOrderMotor
+from servobench.export.tuning import tuned
 from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document
 
 EVERYTHING = Wishes(
@@ -50,21 +53,21 @@ def test_a_wish_that_a_target_can_t_follow_is_refused(answer: Answer, target: st
         pytest.fail("no target follows both; choose another pair")
     wish = "inertia" if "inertia" not in TARGETS[target].wishes else "unit"
 
-    with pytest.raises(UsageError, match=f"--{wish}"):
+    with pytest.raises(UsageError, match=f"`{wish}="):
         export(answer, target, tmp_path / "m", Wishes(**{wish: getattr(EVERYTHING, wish)}))
     assert not list(tmp_path.iterdir())
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
 def test_a_number_that_can_t_be_is_refused(answer: Answer, value: float, tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"--sample-time is .*expected a positive number"):
+    with pytest.raises(UsageError, match=r"`sample_time=\.\.\.` is .*expected a positive number"):
         export(answer, "wpilib", tmp_path / "m", Wishes(sample_time=value))
 
 
 def test_a_sample_time_longer_than_the_time_constant_is_refused(answer: Answer, tmp_path: Path) -> None:
     wishes = Wishes(sample_time=1.0, voltage_limit=10.0)
 
-    with pytest.raises(UsageError, match=r"--sample-time 1: .* its time constant is 0\.0"):
+    with pytest.raises(UsageError, match=r"`sample_time=1`: .* its time constant is 0\.0"):
         export(answer, "c", tmp_path / "m", wishes)
 
 
@@ -156,16 +159,74 @@ def test_wpilib_s_intervals_are_those_of_draws(answer: Answer) -> None:
         assert told[name]["interval"] == pytest.approx([low, high], abs=0.03 * told[name]["sd"])
 
 
-def test_the_margin_left_is_the_rule_s(answer: Answer) -> None:
+def test_the_margin_left_is_that_of_the_loop_as_it_runs(answer: Answer) -> None:
     told = json.loads(rendered(answer, "wpilib", Wishes(unit="rad")))["feedback"]
 
-    # With T_i = τ the loop is e^(-θ s) / ((λ + θ) s): it crosses 1 at 1/(λ + θ), and has π/2 - θ/(λ + θ) left there.
-    wished, dead = told["closed_loop"]["value"], told["dead_time"]["value"]
-    assert dead == pytest.approx(DELAY + 0.02)
-    left = 90 - math.degrees(dead / (wished + dead))
-    assert told["phase_margin"]["value"] == pytest.approx(left)
+    # By python-control: the motor behind a hold of 20 ms and its delay as a part of a tick, the speed as a difference, a PI whose
+    # integral has the error of its own tick.
+    h, kp, ki = 0.02, told["velocity"]["kP"]["value"], told["velocity"]["kI"]["value"]
+    a, late, both = math.exp(-h / TAU), math.exp(-(h - DELAY) / TAU), math.exp(-h / TAU)
+    # Angle and speed after a tick: of u[k] for h - d, of u[k-1] for d before it.
+    z = control.tf([1, 0], [1], h)
+    speed = GAIN * ((1 - late) + (late - both) / z) / (z - a)
+    drift = GAIN * ((h - DELAY - TAU * (1 - late)) + (DELAY - TAU * (late - both)) / z)
+    angle = (drift + TAU * (1 - a) * speed) / (z - 1)
+    loop = (kp + ki * h * z / (z - 1)) * (z - 1) / (h * z) * angle
+    _, degrees, _, crossover = control.margin(control.minreal(loop, 1e-6, verbose=False))
+    assert told["phase_margin"]["value"] == pytest.approx(degrees, rel=1e-5)
+    assert told["delay_margin"]["value"] == pytest.approx(math.radians(degrees) / crossover, rel=1e-5)
     low, high = told["phase_margin"]["interval"]
-    assert low < left < high
+    assert low < told["phase_margin"]["value"] < high
+
+
+def test_the_loop_of_the_c_controller_bears_the_delay_that_it_says(answer: Answer) -> None:
+    """Tick by tick with the law as the C text has it: filtered differences of counts, an integral that is added afterwards."""
+    h, counts = 0.002, 4096 * 1e6
+    motor = FirstOrderMotor.of(answer, "c")
+    gains = tuned(motor, h, filtered=True, integral_lag=1)
+    share = 1 - math.exp(-h / gains.filter)
+
+    def swings(delay: float) -> tuple[float, float]:
+        whole, part = divmod(delay, h)
+        inputs, integral, filtered, speed, angle, before = [0.0] * (int(whole) + 2), 0.0, 0.0, 5.0, 0.0, 0.0
+        course = []
+        for _ in range(6000):
+            seen = math.floor(angle * counts) / counts
+            filtered += share * ((seen - before) / h - filtered)
+            before = seen
+            inputs = [-gains.speed_gain * filtered + integral, *inputs[:-1]]
+            integral -= gains.speed_integral * h * filtered
+            for volts, length in ((inputs[-1], part), (inputs[-2], h - part)):
+                fall = 1 - math.exp(-length / TAU)
+                angle += GAIN * volts * length + TAU * fall * (speed - GAIN * volts)
+                speed += fall * (GAIN * volts - speed)
+            course.append(abs(speed))
+        return max(course[3000:4000]), max(course[5000:])
+
+    early, late = swings(DELAY + 0.98 * gains.delay_margin[0])
+    assert late < early
+    early, late = swings(DELAY + 1.02 * gains.delay_margin[0])
+    assert late > early
+
+
+@pytest.mark.parametrize("target", ["control", "matlab", "mujoco", "c", "wpilib"])
+def test_a_delay_below_zero_or_that_may_be_none_is_left_out_in_a_sentence(target: str) -> None:
+    wishes = {
+        "mujoco": Wishes(inertia=2e-5),
+        "c": Wishes(sample_time=0.002),
+    }.get(target, Wishes())
+    for delay, interval in ((-0.0002, [-0.0004, 0.0001]), (0.0002, [-0.0001, 0.0005])):
+        made = document()
+        made["parameters"]["delay"] |= {"value": delay, "interval": interval}
+        made["transfer_function"]["delay"] = delay
+        text = rendered(Answer.from_document(made, "the result"), target, wishes).decode()
+        if delay < 0 or target in {"control", "matlab", "mujoco"}:
+            low, high = (f"{1000 * end:.3g}" for end in interval)
+            assert f"is left out: its 95 % interval, {low} to {high} ms, holds zero." in text
+        else:  # gains allow for the delay as it is estimated
+            assert "is left out" not in text
+    plain = rendered(Answer.from_document(document(), "the result"), target, wishes).decode()
+    assert "is left out" not in plain
 
 
 def test_a_loop_faster_than_the_dead_time_is_refused(answer: Answer) -> None:
@@ -231,7 +292,7 @@ def test_mujoco_s_joint_moves_as_the_motor(answer: Answer) -> None:
 
 
 def test_mujoco_asks_for_the_inertia(answer: Answer) -> None:
-    with pytest.raises(UsageError, match="--inertia"):
+    with pytest.raises(UsageError, match="`inertia="):
         rendered(answer, "mujoco", Wishes())
 
 

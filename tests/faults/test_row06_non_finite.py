@@ -5,6 +5,7 @@ import math
 import random
 import struct
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from decimal import Decimal
 from fractions import Fraction
 from typing import Any
@@ -12,10 +13,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.channels import Sample
+from servobench.channels import Channel, DeviceInfo, Sample
 from servobench.devices.base import RunEnded
 from servobench.devices.guarded import Guarded
-from servobench.errors import UsageError
+from servobench.devices.observed import Call, Observed
+from servobench.errors import DeviceError, DeviceLost, UsageError
 from servobench.experiment import Limits, read_experiment
 from servobench.loop.run import run
 from tests.loop.shaft import Controller, Shaft, odd
@@ -34,6 +36,39 @@ class BackEnd(Shaft):
     def write(self, voltage: float) -> float:
         self.reached.append(voltage)
         return super().write(voltage)
+
+
+class Answering(BackEnd):
+    """A device of ±10 V, or of no stated range, whose every write answers the same."""
+
+    def __init__(self, answer: Any, *, ranged: bool = True) -> None:
+        super().__init__()
+        self.answer = answer
+        self._bound = 10.0 if ranged else None
+
+    @property
+    def info(self) -> DeviceInfo:
+        below = None if self._bound is None else -self._bound
+        voltage = Channel(name="voltage", unit="V", minimum=below, maximum=self._bound)
+        rest = tuple(each for each in super().info.channels if each.name != "voltage")
+        return replace(super().info, channels=(voltage, *rest))
+
+    def write(self, voltage: float) -> Any:
+        super().write(voltage)
+        return self.answer
+
+
+class Nobody:
+    """An observer whom nothing interests."""
+
+    def began(self, call: Call) -> None:
+        pass
+
+    def returned(self, call: Call) -> None:
+        pass
+
+    def output(self, is_zero: bool) -> None:
+        pass
 
 
 def payload(source: random.Random) -> float:
@@ -212,6 +247,235 @@ def test_a_device_that_answers_with_no_number_is_stopped() -> None:
     guarded = Guarded(back_end)
     guarded.start(0.01, 0)
     guarded.read()
-    with pytest.raises(RunEnded, match="says that it puts out nan V"):
+    with pytest.raises(
+        RunEnded, match=r"write\(\) of the device .* returned nan, where a finite number in V was expected"
+    ):
         guarded.write(2.0)
     assert back_end.reached == [2.0, 0.0]
+
+
+@pytest.mark.promise("S1")
+@pytest.mark.parametrize(
+    ("answer", "shown"),
+    [
+        (None, "returned None, where a finite number in V"),
+        ("3.0", "returned '3.0' (of type str), where"),
+        (True, "returned True (of type bool), where"),
+        (1 + 2j, "returned (1+2j) (of type complex), where"),
+        ([3.0], "returned [3.0] (of type list), where"),
+        (np.array([3.0]), "returned array([3.]) (of type numpy.ndarray), where"),
+        pytest.param(10**400, f"returned 1{36 * '0'}... (of type int), where", id="huge"),
+        (-math.inf, "returned -inf, where"),
+        (2**70, f"returned {2**70} (of type int), beyond its range of -10 to 10 V"),
+        (1e300, "returned 1e+300, beyond its range of -10 to 10 V"),
+        (-25.0, "returned -25.0, beyond its range of -10 to 10 V"),
+        (np.float32(10.25), "returned 10.25, beyond its range of -10 to 10 V"),
+    ],
+)
+@pytest.mark.parametrize("observed", [False, True])
+def test_an_answer_to_a_write_that_can_not_be_the_voltage_stops_the_motor(
+    answer: Any, shown: str, observed: bool
+) -> None:
+    back_end = Answering(answer)
+    guarded = Guarded(Observed(back_end, Nobody()) if observed else back_end)
+    guarded.start(0.01, 0)
+    guarded.read()
+    with pytest.raises(RunEnded) as ended:
+        guarded.write(2.0)
+    assert ended.value.stopped.reason == "fault"
+    assert f"write() of the device '{back_end.info.name}' {shown}" in ended.value.stopped.sentence
+    assert back_end.reached == [2.0, 0.0]
+    guarded.stop()  # zero volts were answered as oddly, which must not keep the device from being stopped
+    assert back_end.events[-1] == "stop"
+
+
+@pytest.mark.parametrize("answer", [2, np.float32(2.0), np.float64(2.0), 10.0, -10.019])
+def test_an_answer_that_is_a_number_within_the_range_or_its_rounding_is_none(answer: Any) -> None:
+    # 0.1 % of the range of 20 V is 0.02 V.
+    guarded = Guarded(Answering(answer))
+    guarded.start(0.01, 0)
+    guarded.read()
+    applied = guarded.write(2.0)
+    assert type(applied) is float
+    assert applied == float(answer)
+    assert guarded.fault is None
+
+
+@pytest.mark.parametrize(("answer", "fault"), [(25.0, False), (999_999.0, False), (1.1e6, True)])
+def test_without_a_range_of_its_own_a_device_may_answer_up_to_a_million_volts(
+    answer: float, fault: bool
+) -> None:
+    device = Answering(answer, ranged=False)
+    guarded = Guarded(device, when_faulted="hold")
+    guarded.start(0.01, 0)
+    guarded.read()
+    if fault:
+        with pytest.raises(DeviceError, match="-1e\\+06 to 1e\\+06 V"):  # zero volts are answered so, too
+            guarded.write(2.0)
+    else:
+        assert guarded.write(2.0) == answer
+    assert (guarded.fault is not None) == fault
+
+
+NOT_COUNTED = (
+    (math.nan, "nan", math.nan),
+    (math.inf, "inf", math.inf),
+    (-math.inf, "-inf", -math.inf),
+    (np.float64(math.nan), "nan", math.nan),
+    (None, "None", math.nan),
+    ("12", "'12' (of type str)", math.nan),
+    ([1, 2], "[1, 2] (of type list)", math.nan),
+    (np.array([3]), "array([3]) (of type numpy.ndarray)", math.nan),
+    (True, "True (of type bool)", math.nan),
+    (10**400, "(of type int)", math.nan),
+    (2**63, f"{2**63} (of type int)", float(2**63)),
+)
+
+
+class Measured(BackEnd):
+    """A shaft of which one sample has another value in a field."""
+
+    def __init__(self, field: str, value: Any, at: int = 5) -> None:
+        super().__init__()
+        self.tachometer = field == "tachometer"
+        self.field, self.value, self.at = field, value, at
+
+    def read(self) -> Sample:
+        sample = super().read()
+        return replace(sample, **{self.field: self.value}) if sample.index == self.at else sample
+
+
+@pytest.mark.promise("S50")
+@pytest.mark.parametrize(("counts", "shown", "recorded"), NOT_COUNTED, ids=range(len(NOT_COUNTED)))
+def test_counts_that_are_no_number_stop_the_motor_in_the_same_sample_and_are_recorded(
+    counts: Any, shown: str, recorded: float
+) -> None:
+    back_end = Measured("counts", counts)
+    seen: list[Any] = []
+
+    class Watching(Controller):
+        def step(self, state: int, reference: float, sample: Sample) -> tuple[int, Any]:
+            seen.append(sample.counts)
+            return super().step(state, reference, sample)
+
+    recording = run(odd(controller=Watching(lambda k: 2.0)), back_end)
+
+    assert recording.stopped.reason == "fault"
+    assert recording.stopped.sentence.startswith("the motor was stopped at 0.05 s: the device gave ")
+    assert f"{shown} as its counts" in recording.stopped.sentence
+    assert "look at its encoder, the cable, and the driver that reads it" in recording.stopped.sentence
+    assert recording["applied"].values.tolist() == [2.0] * 5 + [0.0]
+    assert np.array_equal(recording["counts"].values, [0, 2, 4, 6, 8, recorded], equal_nan=True)
+    assert back_end.reached[:5] == [2.0] * 5
+    assert set(back_end.reached[5:]) == {0.0}
+    assert back_end.voltage == 0.0
+    assert len(seen) == 5  # no controller ever sees it
+
+
+@pytest.mark.promise("S50")
+@pytest.mark.parametrize("field", ["counts", "tachometer", "current", "time"])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf, "1", np.array([1.0])])
+def test_no_value_of_a_sample_may_be_anything_but_a_finite_number_with_or_without_limits(
+    field: str, value: Any
+) -> None:
+    for limits in (Limits(), Limits(stall=None, plausibility=None)):
+        back_end = Measured(field, value)
+        guarded = Guarded(back_end, limits)
+        guarded.start(0.01, 0)
+        for _ in range(5):
+            guarded.read()
+            guarded.write(2.0)
+        with pytest.raises(RunEnded, match=f"as its {field}, where a finite number was expected"):
+            guarded.read()
+        assert guarded.fault is not None
+        assert guarded.fault.code == "sample-not-finite"
+        assert back_end.reached == [2.0] * 5 + [0.0]
+
+
+@pytest.mark.promise("S50")
+def test_a_sample_without_a_tachometer_or_a_current_is_no_fault() -> None:
+    recording = run(odd(controller=Controller(lambda k: 2.0)), Measured("current", None))
+
+    assert recording.stopped.reason == "finished"
+
+
+@pytest.mark.promise("S50")
+def test_on_hold_the_run_goes_on_at_zero_volts_and_the_controller_after_the_acknowledgement() -> None:
+    back_end = Measured("counts", math.nan)
+    guarded = Guarded(back_end, when_faulted="hold")
+    guarded.start(0.01, 0)
+    counts = []
+    for _ in range(8):
+        counts.append(guarded.read().counts)
+        guarded.write(2.0)
+    assert math.isnan(counts[5])
+    assert back_end.reached[:5] == [2.0] * 5
+    assert set(back_end.reached[5:]) == {0.0}
+    assert guarded.unwrapped == counts[-1]  # the position isn't lost
+
+    guarded.acknowledge()
+    guarded.read()
+    assert guarded.write(2.0) == 2.0
+
+
+def test_a_read_that_returns_no_sample_is_a_device_that_failed() -> None:
+    class Mute(BackEnd):
+        def read(self) -> Any:
+            return None
+
+    back_end = Mute()
+    with pytest.raises(DeviceLost, match=r"shaft: its read\(\) returned None; expected a Sample") as lost:
+        run(odd(controller=Controller(lambda k: 2.0)), back_end)
+    assert lost.value.recording.stopped.reason == "device_lost"
+    assert back_end.voltage == 0.0
+
+
+class Unprintable:
+    def __repr__(self) -> str:
+        raise RuntimeError
+
+
+@pytest.mark.parametrize(
+    ("returned", "shown"),
+    [
+        ("3.0", "'3.0' (of type str)"),
+        (None, "None"),
+        (np.array([3.0]), "array([3.]) (of type numpy.ndarray)"),
+        (np.zeros((9, 9)), "(of type numpy.ndarray)"),
+        (True, "True (of type bool)"),
+        (math.nan, "nan"),
+        (10**5000, "a value (of type int)"),
+        (Unprintable(), "a value (of type tests.faults.test_row06_non_finite.Unpri)"),
+    ],
+    ids=range(8),
+)
+def test_a_controller_is_told_what_it_returned_of_which_type_and_what_was_expected(
+    returned: Any, shown: str
+) -> None:
+    recording = run(odd(controller=Controller(lambda k: returned if k == 3 else 2.0)), BackEnd())
+
+    reason = recording.stopped.sentence
+    assert recording.stopped.reason == "fault"
+    assert "the controller returned " in reason
+    assert f"{shown}, which is no voltage; expected a finite number in V" in reason
+    assert "\n" not in reason
+    assert len(reason) < 200
+    assert recording["applied"].values.tolist() == [2.0] * 3 + [0.0]
+
+
+@pytest.mark.parametrize(
+    ("returned", "shown"), [(3.0, "3.0"), (None, "None"), ((0, 1.0, 2.0), "(0, 1.0, 2.0) (of type tuple)")]
+)
+def test_a_step_that_returns_no_pair_is_told_so(returned: Any, shown: str) -> None:
+    class Alone(Controller):
+        def step(self, state: int, reference: float, sample: Sample) -> Any:
+            return returned
+
+    back_end = BackEnd()
+    recording = run(odd(controller=Alone(lambda k: 0.0)), back_end)
+
+    assert recording.stopped.reason == "fault"
+    assert f"the controller returned {shown}, which is no voltage; expected the pair (state, voltage)" in (
+        recording.stopped.sentence
+    )
+    assert back_end.voltage == 0.0

@@ -1,7 +1,8 @@
 """Row 16: the disk is full in a run. The motor stops first, then the file is closed; what was written can be read."""
 
 import subprocess
-from collections.abc import Iterator
+import sys
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
 from servobench.recording import mcap_file
 from servobench.recording.reader import read
 from servobench.recording.recover import recover
+from tests.faults.test_row17_recorder_killed import recorder_of
 from tests.loop.rings import RingLoop, ticks_of
 from tests.recording.disks import FullDisk
 
@@ -82,37 +84,41 @@ def test_a_loop_that_goes_on_does_not_keep_the_recorder_from_closing_the_part(
 
 
 @contextmanager
-def small_disk(folder: Path, size: int) -> Iterator[None]:
-    """A folder with little room: a file system of its own where that is permitted, or else a limit for the files of processes."""
-    mounted = subprocess.run(
-        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], capture_output=True, check=False
-    )
-    if mounted.returncode == 0:
-        try:
-            yield
-        finally:
-            subprocess.run(["umount", str(folder)], check=True)
-        return
-    import resource
+def small_disk(folder: Path, size: int, how: str) -> Iterator[Callable[[int], None]]:
+    """Let files in a folder grow to `size` bytes at most; gives what has to be called with the number of who writes there.
 
-    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
-    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    A "disk" is a file system of its own, where that is permitted. Anybody may set a "limit", as `ulimit -f` does.
+    """
+    mounted = how == "disk" and not subprocess.call(
+        ["mount", "-t", "tmpfs", "-o", f"size={size}", "tmpfs", str(folder)], stderr=subprocess.DEVNULL
+    )
+
+    def limit(process: int) -> None:
+        import resource
+
+        if not mounted:
+            resource.prlimit(process, resource.RLIMIT_FSIZE, (size, size))
+
     try:
-        yield
+        yield limit
     finally:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+        if mounted:
+            subprocess.run(["umount", str(folder)], check=True)
 
 
 @pytest.mark.promise("S24")
+@pytest.mark.skipif(sys.platform != "linux", reason="mounts, and limits of another process")
+@pytest.mark.parametrize("how", ["disk", "limit"])
 def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what_it_wrote(
-    tmp_path: Path,
+    tmp_path: Path, how: str
 ) -> None:
     folder = tmp_path / "small"
     folder.mkdir()
     path = folder / "a.mcap"
-    with small_disk(folder, 1 << 18), RingLoop(path, ticks=10**6, slots=1 << 16) as loop:
+    with small_disk(folder, 1 << 18, how) as limit, RingLoop(path, ticks=10**6, slots=1 << 16) as loop:
         loop.open()
         with RecorderProcess(loop.spec) as recorder:
+            limit(recorder.pid)
             # No faster than the recorder writes, so that the disk is filled before the ring has gone round.
             while loop.failed_at is None and recorder.running:
                 if (
@@ -134,15 +140,21 @@ def test_a_recorder_on_a_disk_that_really_is_full_tells_the_loop_and_leaves_what
 
 
 @pytest.mark.promise("S24")
+@pytest.mark.skipif(sys.platform != "linux", reason="mounts, and limits of another process")
+@pytest.mark.parametrize("how", ["disk", "limit"])
 def test_a_real_run_on_a_disk_that_is_full_ends_with_a_sentence_and_keeps_what_it_wrote(
-    tmp_path: Path,
+    tmp_path: Path, how: str
 ) -> None:
     folder = tmp_path / "small"
     folder.mkdir()
     endless = Experiment(
         duration=None, sample_time=0.002, device=DeviceChoice(name="twin", settings={"timing": "host"})
     )
-    with small_disk(folder, 1 << 16), LoopProcess(endless, record=folder / "a.mcap") as loop:
+    with (
+        small_disk(folder, 1 << 16, how) as limit,
+        LoopProcess(endless, record=folder / "a.mcap") as loop,
+    ):
+        limit(recorder_of(loop))
         with pytest.raises(StorageError, match=r"can't be written any further.*servobench recover"):
             loop.wait()
         stopped, written, kept = loop.ended, loop.ring.written, loop.ring.get(ROWS_KEPT)

@@ -1,12 +1,14 @@
 """Row 17: the recorder is killed in a run. Nothing is silently unrecorded: the rest comes from memory, or is counted."""
 
 import os
+import shutil
 import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from servobench.errors import StorageError
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.loop.completion import complete
 from servobench.loop.drain import ROWS_MISSED, Drain
@@ -130,6 +132,23 @@ def test_what_memory_no_longer_holds_is_counted_in_the_completed_file(tmp_path: 
     assert [finding.code for finding in recording.findings] == ["recorder-died", "rows-not-recorded"]
     assert recording.findings[1].sentence.startswith(f"{1000 - 63 - kept} samples were not recorded")
     assert ROWS_MISSED in [event.kind for event in recording.events]
+
+
+@pytest.mark.promise("S55")
+def test_a_recorder_whose_folder_was_removed_before_it_was_killed_leaves_what_memory_holds(
+    tmp_path: Path,
+) -> None:
+    folder = tmp_path / "run"
+    folder.mkdir()
+    with RingLoop(folder / "a.mcap") as loop:
+        killed_after(loop, 10)
+        shutil.rmtree(folder)
+        loop.run(101)
+        with pytest.raises(StorageError, match=rf"what was recorded is in {tmp_path}/run-a\.mcap "):
+            complete(loop.spec, loop.rows, loop.events)
+
+    (recording,) = read(tmp_path / "run-a.mcap")
+    assert ticks_of(recording).tolist() == list(range(100))
 
 
 def test_a_part_that_nobody_can_read_is_kept_where_memory_does_not_hold_the_whole_run(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ import pytest
 from servobench.devices.guarded import Guarded
 from servobench.devices.twin import Twin, TwinSettings
 from servobench.errors import DeviceError, UsageError
+from servobench.finding import Severity
 from servobench.loop.run import run
 from tests.loop.shaft import experiment
 
@@ -82,7 +83,9 @@ def test_where_nothing_can_be_written_either_the_devices_own_watchdog_is_left_to
     assert guarded.fault is not None
     assert guarded.fault.code == "stop-failed"
     assert [finding.code for finding in recording.findings] == ["stop-failed"]
-    assert "take the motor's supply away" in recording.findings[0].sentence
+    assert recording.findings[0].severity is Severity.DANGER
+    assert recording.findings[0].sentence.startswith("SWITCH OFF THE SUPPLY: at ")
+    assert "zero volts were not confirmed" in recording.findings[0].sentence
     with pytest.raises(UsageError, match="a fault is latched"):
         guarded.start(SAMPLE_TIME, 0)
 

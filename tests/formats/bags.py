@@ -53,13 +53,16 @@ def bag(path: Path, count: int = 20, **options: Any) -> None:
 
 
 def of_json(
-    path: Path, contents: list[dict[str, Any]], compression: CompressionType = CompressionType.ZSTD
+    path: Path,
+    contents: list[dict[str, Any]],
+    compression: CompressionType = CompressionType.ZSTD,
+    topic: str = "/state",
 ) -> None:
     with path.open("wb") as file:
         writer = Writer(file, compression=compression)
         writer.start(profile="", library="somebody 1.0")
         schema = writer.register_schema("any", "jsonschema", b"{}")
-        channel = writer.register_channel("/state", "json", schema)
+        channel = writer.register_channel(topic, "json", schema)
         other = writer.register_channel("/image", "protobuf", schema)
         for k, content in enumerate(contents):
             at = START + 10_000_000 * k

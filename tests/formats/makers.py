@@ -123,6 +123,11 @@ def mat_objects(path: Path) -> None:
     matlab_objects.save(path, _objects(), compressed=False)  # so that damage gets at what is inside
 
 
+def mat_streams_7(path: Path) -> None:
+    t = matlab_objects.T
+    matlab_objects.save_streams(path, [matlab_objects.logged(0, name="u")], [np.sin(t)])
+
+
 def mat_objects_7(path: Path) -> None:
     matlab_objects.save(path, _objects(), "v7.3")
 
@@ -132,6 +137,7 @@ def _objects() -> dict[str, object]:
     series = matlab_objects.timeseries(np.sin(t)[:, None], name="angle", unit="rad")
     return {
         "theta": series,
+        "volt": matlab_objects.interpolated(np.sin(t)),
         "log": {"u": matlab_objects.even(t, 0.0, 2.0)},
         "out": matlab_objects.dataset(),
         "x": t,
@@ -189,6 +195,7 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "mat foreign": _foreign_mat,
     "mat objects": mat_objects,
     "mat objects 7.3": mat_objects_7,
+    "mat streams 7.3": mat_streams_7,
     "wpilog robot": wpilog_robot,
     "wpilog sysid": wpilog_sysid,
     "mcap ros2": mcap_ros2,

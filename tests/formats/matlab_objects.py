@@ -66,3 +66,56 @@ def dataset() -> Any:
         inner = timeseries(values[:, None], name=name, unit=unit)
         elements[k, 0] = opaque("Simulink.SimulationData.Signal", Name=text(name), Values=inner)
     return opaque("Simulink.SimulationData.Dataset", Name=text("logsout"), Storage_=elements)
+
+
+MARK_OF_OBJECTS = 0xDD000000
+
+
+def interpolated(values: np.ndarray, function: str = "zoh") -> Any:
+    """A timeseries with its interpolation, as MATLAB's own have: a handle to a function, which has the mark of objects alone."""
+    handle = np.empty((2, 1), dtype=object)
+    handle[0, 0], handle[1, 0] = np.array([[MARK_OF_OBJECTS]], dtype=np.uint32), text(function)
+    series = even(values, 0.0, 1.0)
+    way = opaque("tsdata.interpolation", Name=text(function), Fhandle=handle)
+    series.properties["DataInfo"] = opaque("tsdata.datametadata", Units=text("V"), Interpolation=way)
+    return series
+
+
+def struct(**fields: Any) -> np.ndarray:
+    made = np.empty((1, 1), dtype=[(name, object) for name in fields])
+    made[0, 0] = tuple(fields.values())
+    return made
+
+
+def logged(
+    stream: int, *, name: str = "", block: str = "model/Step", sample_type: str = "double", width: int = 1
+) -> np.ndarray:
+    """The struct by which Simulink describes a signal that it logged to a stream of the file."""
+    path = np.empty((1, 1), dtype=object)
+    path[0, 0] = text(block)
+    kind = struct(
+        ClassName=text(sample_type),
+        Dimension=np.array([[width]], dtype=np.uint32),
+        Complexity=np.array([[False]]),
+    )
+    times = np.array([[0.0, STEP, len(T)]])
+    seconds = struct(Class=text("char"), Value=text("seconds"))
+    values = struct(CompressedTime=times, DataR2=number(stream), TimeUnits=seconds, SignalAttributes=kind)
+    return struct(ElementType=text("signal"), Name=text(name), BlockPath=path, Values=values)
+
+
+def save_streams(path: Path, signals: list[np.ndarray], streams: list[np.ndarray]) -> None:
+    """Write a Dataset as Simulink writes it to a file: signals described in a storage, and their samples in streams of bytes."""
+    import h5py
+
+    elements = np.empty((1, len(signals)), dtype=object)
+    elements[0, :] = signals
+    storage = opaque("Simulink.SimulationData.Storage.MatFileDatasetStorage", any=struct(Elements=elements))
+    save(
+        path,
+        {"data": opaque("Simulink.SimulationData.Dataset", any=struct(Name=text("data"), Storage=storage))},
+        "v7.3",
+    )
+    with h5py.File(path, "r+") as file:
+        for k, samples in enumerate(streams):
+            file[f"#sigstream#/{k}/#data#"] = np.frombuffer(samples.tobytes(), dtype=np.uint8)

@@ -14,7 +14,7 @@ import scipy.io
 import scipy.sparse
 
 from servobench.errors import FormatError
-from servobench.formats import matfile
+from servobench.formats import matfile, unpacking
 from servobench.formats.base import load, save
 from servobench.recording.recording import Recording
 from tests.formats.tables import codes, columns, finding
@@ -277,12 +277,32 @@ def test_a_variable_that_says_it_is_huge_is_an_error_and_not_a_full_memory(tmp_p
         load(hdf5(tmp_path, fill))
 
 
+def test_a_heap_that_would_be_walked_for_ever_is_an_error(tmp_path: Path) -> None:
+    """The free space of a heap of texts is said to have no size, so that HDF5 never gets to its end."""
+
+    def fill(file: h5py.File) -> None:
+        made = file.create_dataset("u", data=np.arange(9.0))
+        made.attrs["MATLAB_fields"] = np.array(["a", "bc"], dtype=h5py.string_dtype())
+
+    path = hdf5(tmp_path, fill)
+    data = bytearray(path.read_bytes())
+    heap = data.index(b"GCOL")
+    free = heap + 16 + 2 * 24  # behind the head of the heap, two texts of eight bytes with their heads
+    assert data[free : free + 2] == b"\0\0"
+    assert load(path)
+    data[free + 8 : free + 16] = bytes(8)
+    path.write_bytes(data)
+
+    with pytest.raises(FormatError, match=f"heap at byte {heap} has free space of no size"):
+        load(path)
+
+
 def test_a_bomb_of_zeros_is_an_error_and_not_a_full_memory(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     scipy.io.savemat(tmp_path / "a.mat", {"u": np.zeros(10**6)}, do_compression=True)
     assert (tmp_path / "a.mat").stat().st_size < 20_000
-    monkeypatch.setattr(matfile, "MOST_BYTES", 10**6)
+    monkeypatch.setattr(unpacking, "MOST_BYTES", 10**6)
     tracemalloc.start()
 
     with pytest.raises(FormatError, match="more than 1000000 bytes"):

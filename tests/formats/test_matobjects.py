@@ -16,7 +16,18 @@ from servobench.formats.base import load
 from servobench.formats.mapping import assign
 from servobench.formats.objectstore import check_lists, check_objects
 from servobench.recording.recording import Recording
-from tests.formats.matlab_objects import T, dataset, even, opaque, save, text, timeseries
+from tests.formats.matlab_objects import (
+    T,
+    dataset,
+    even,
+    interpolated,
+    logged,
+    opaque,
+    save,
+    save_streams,
+    text,
+    timeseries,
+)
 from tests.formats.tables import codes, finding
 
 U = np.sign(np.sin(9 * T))
@@ -61,6 +72,48 @@ def test_timeseries_in_structs_and_in_simulinks_datasets_are_found(version: str,
     ]
     assert recording["out.theta"].channel.unit == "rad"
     assert "variable-skipped" not in codes(recording.findings)
+
+
+@pytest.mark.parametrize("version", VERSIONS)
+def test_the_mark_of_objects_alone_in_a_handle_to_a_function_is_no_damage(
+    version: str, tmp_path: Path
+) -> None:
+    recording = mat(tmp_path, {"sig_volt": interpolated(U)}, version)
+
+    assert recording["sig_volt"].values.tolist() == U.tolist()
+    assert recording["sig_volt"].channel.unit == "V"
+
+
+def test_signals_that_simulink_streamed_to_the_file_are_channels(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    signals = [logged(1, name="speed", sample_type="single"), logged(0, block="model/Step")]
+    save_streams(path, signals, [U, Y.astype(np.float32)])
+
+    (recording,) = load(path)
+
+    assert [each.channel.name for each in recording.series] == ["data.speed", "data.Step"]
+    assert recording["data.Step"].values.tolist() == U.tolist()
+    assert recording["data.speed"].values.tolist() == Y.astype(np.float32).tolist()
+    assert np.allclose(recording["data.speed"].t, T, rtol=0, atol=1e-15)
+
+
+def test_a_streamed_signal_of_another_kind_is_told_and_the_others_are_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    save_streams(path, [logged(0, name="u"), logged(1, name="pose", width=3)], [U, np.tile(Y, 3)])
+
+    (recording,) = load(path)
+
+    assert [each.channel.name for each in recording.series] == ["data.u"]
+    assert "`data.pose`" in finding(recording.findings, "object-skipped").sentence
+
+
+@pytest.mark.parametrize("stream", [1, -1, 2**40])
+def test_a_streamed_signal_without_its_samples_is_refused(stream: int, tmp_path: Path) -> None:
+    path = tmp_path / "a.mat"
+    save_streams(path, [logged(stream, name="u")], [U[:-1], U[:-1]])
+
+    with pytest.raises(FormatError, match=r"samples of `data\.u`"):
+        load(path)
 
 
 def test_samples_along_the_last_dimension_and_several_columns_are_channels(tmp_path: Path) -> None:

@@ -33,7 +33,9 @@ def test_nothing_is_resampled_on_the_way_to_an_identification(tmp_path: Path) ->
     data = measure(assign(recording, input="NT:/u", output="NT:/y"))
 
     assert np.array_equal(data.t_input, STAMPS[::10] / 1e6)
-    assert np.array_equal(data.t_output, STAMPS / 1e6)
+    # The first outputs answer to an input from before the file, and are left out; the others have their own times.
+    assert len(data.t_output) >= 0.9 * len(STAMPS)
+    assert np.array_equal(data.t_output, STAMPS[-len(data.t_output) :] / 1e6)
     assert np.array_equal(data.u, U[::10])
 
 

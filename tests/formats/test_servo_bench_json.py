@@ -69,9 +69,9 @@ def test_which_channel_is_input_or_output_is_asked_for(tmp_path: Path) -> None:
     with pytest.raises(MissingInformation) as caught:
         assign(recording)
 
-    assert any("--input" in sentence for sentence in caught.value.missing)
-    assert not any("--input supply_voltage" in sentence for sentence in caught.value.missing)
-    assert any("--output" in sentence for sentence in caught.value.missing)
+    assert any("`input=" in sentence for sentence in caught.value.missing)
+    assert not any("`input=supply_voltage" in sentence for sentence in caught.value.missing)
+    assert any("`output=" in sentence for sentence in caught.value.missing)
     assigned = assign(recording, input="goal_position", output="position")
     assert (assigned.input, assigned.output) == ("goal_position", "position")
 

@@ -99,7 +99,7 @@ def test_the_unit_of_a_supply_is_asked_for() -> None:
         for each in recording.series
     )
 
-    with pytest.raises(MissingInformation, match="the unit of the supply `vbat`: say --supply vbat:UNIT"):
+    with pytest.raises(MissingInformation, match="the unit of the supply `vbat`: say `supply=vbat:UNIT"):
         assign(
             Recording(name="servo", series=bare, source=recording.source),
             input="load",

@@ -15,9 +15,11 @@ import pytest
 from scipy.stats import binom, chi2
 
 from servobench.errors import NotIdentifiable, UsageError
-from servobench.honest.causes import warming
+from servobench.estimators.base import Fit
+from servobench.honest.causes import causes, warming
 from servobench.honest.repeated import Honesty, honest
 from servobench.honest.scatter import paule_mandel, scatter
+from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.motor.reference import Truth
@@ -215,3 +217,62 @@ def test_a_real_axis_scatters_more_than_output_error_says_and_not_more_than_auto
     widened = [each for each in plain.parameters if each.differs]
     assert all(each.interval[1] - each.interval[0] > each.stated[1] - each.stated[0] for each in widened)
     assert allowing.covers
+
+
+def _scattered(gain: float, time_constant: float, coulomb: float) -> list[Fit]:
+    """Six runs with stated standard deviations of 1 %, whose parameters scatter by so much (relative)."""
+    fit = identify(dataset(seed=1, kind="prbs")).fit
+    assert fit is not None
+    names = fit.model.names
+    size = np.array([gain, time_constant, coulomb])
+    at = [names.index(name) for name in ("gain", "time_constant", "coulomb_voltage")]
+    covariance = np.diag((0.01 * fit.model.theta) ** 2)
+    found = []
+    for step in (-1.2, -0.8, -0.3, 0.3, 0.8, 1.2):
+        theta = fit.model.theta.copy()
+        theta[at] *= 1 + step * size
+        found.append(replace(fit, model=replace(fit.model, theta=theta), covariance=covariance))
+    return found
+
+
+def test_a_cause_explains_each_parameter_that_differs_and_moves_no_other() -> None:
+    """Friction that changes by 30 % is no resistance where the time constant scatters by less than is stated."""
+    assert [each.name for each in causes(_scattered(0.003, 0.003, 0.3), ["coulomb_voltage"])] == [
+        "Coulomb friction"
+    ]
+    assert [
+        each.name for each in causes(_scattered(0.0, 0.3, 0.3), ["time_constant", "coulomb_voltage"])
+    ] == ["resistance"]
+    # The gain alone differs, the time constant by a tenth as much: no torque constant, no viscous friction, no supply.
+    assert [each.name for each in causes(_scattered(0.1, 0.005, 0.005), ["gain"])] == ["encoder scale"]
+
+
+def test_a_cause_that_leaves_out_a_parameter_that_differs_is_none() -> None:
+    """The time constant moves by 30 %, the gain by 6 %: most of the scatter is inertia's, and yet it isn't the inertia."""
+    assert causes(_scattered(0.06, 0.3, 0.0), ["gain", "time_constant"]) == ()
+
+
+def test_tests_of_one_procedure_are_no_repetitions() -> None:
+    """A ramp and a step in one file; the same in two files may be runs of somebody's experiment."""
+    t = np.arange(2500) * 0.002
+    ramp = dataset(seed=1, samples=2500, u=0.6 * t)
+    step = dataset(seed=2, samples=2500, u=np.full(2500, 3.0))
+    one_file = [replace(each, source=replace(each.source, sha256="1")) for each in (ramp, step)]
+
+    with pytest.raises(UsageError, match="different tests of one procedure"):
+        honest(one_file)
+    two = [replace(dataset(seed=n, kind="prbs", samples=2500), name=f"{n}") for n in (1, 2)]
+    same_file = [replace(each, source=replace(each.source, sha256="1")) for each in two]
+    assert honest(same_file).runs == ("1", "2")
+
+
+def test_the_four_tests_of_a_real_procedure_are_no_repetitions(real_data: Callable[[str], Path]) -> None:
+    from servobench.formats.base import load
+    from servobench.formats.mapping import assign
+    from servobench.measurement.measure import measure
+
+    tests = load(real_data("swerve_sysid/12_12_Swerve.json"))
+    data = [measure(assign(each, input="left_voltage", output="left_position")) for each in tests]
+
+    with pytest.raises(UsageError, match="different tests of one procedure"):
+        honest(data)

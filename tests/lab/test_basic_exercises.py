@@ -191,8 +191,8 @@ def test_the_note_says_how_late_the_ramp_is_seen() -> None:
 
 
 def test_a_dead_band_of_the_newer_unit_holds_the_motor_at_half_a_volt() -> None:
-    assert correction("driving", "II.C") == pytest.approx(0.65 + LOST + 0.0096, abs=0.8e-3)
-    assert correction("driving", "II.C") > 0.5
+    assert correction("driving", "II.C, driving") == pytest.approx(0.65 + LOST, rel=1e-12)
+    assert correction("driving", "II.C, driving") > 0.5
 
 
 def test_a_held_shaft_is_cut_off_after_the_time_of_its_monitor_and_not_below_its_threshold() -> None:
@@ -247,12 +247,15 @@ def test_each_way_of_reading_the_step_gives_what_theory_says() -> None:
 
 def test_a_motor_reads_slower_behind_the_papers_filter_by_nearly_all_of_its_lag() -> None:
     t = np.linspace(0, 1.5, 150001)
-    _, behind = lti([1.0], np.polymul([SHEET_TAU, 1], [1 / 50, 1])).step(T=t)
+    _, behind = lti([1.0], np.polymul([TAU, 1], [1 / 50, 1])).step(T=t)
+    _, sheet = lti([1.0], np.polymul([SHEET_TAU, 1], [1 / 50, 1])).step(T=t)
     expected = values("step", "reading", "expected")
 
-    assert expected[0] == pytest.approx(passes(t, behind), abs=1e-6)
-    assert expected[1] == pytest.approx(SHEET_TAU, rel=1e-12)
-    assert correction("step", "II.E") == pytest.approx(0.122, abs=5e-4)
+    # One motor in the whole table, the one that was identified: that is the twin's within 0.5 %, as tested above.
+    assert expected[0] == pytest.approx(passes(t, behind) + T / 2, rel=5e-3)
+    assert expected[1] == pytest.approx(TAU + T / 2, rel=5e-3)
+    assert expected[3] == expected[4] == expected[5] == values("step", "reading", "tau")[5]
+    assert correction("step", "II.E") == pytest.approx(passes(t, sheet) + T / 2, abs=1e-6)
     assert column("step", "reading", "tau").paper[0] == 0.13
     # Most of the way from 0.0998 s to 0.13 s.
     assert (correction("step", "II.E") - 0.0998) / (0.13 - 0.0998) > 0.7
@@ -444,7 +447,7 @@ def test_the_step_responses_of_the_figure_are_those_of_the_transfer_functions() 
 
 def test_the_corrections_of_the_model_stand_on_algebra() -> None:
     # V = (R + k) I and J s Ω = k I: 1 V makes a constant acceleration.
-    assert correction("modelling", "eq. 7") == pytest.approx(K / ((R + K) * J), rel=1e-12)
+    assert correction("modelling", "eq. 7") == pytest.approx(K / ((R + K) * (HUB + DISC)), rel=1e-12)
     assert correction("modelling", "eq. 5") == pytest.approx(R * J / K**2, rel=1e-12)
     assert correction("modelling", "II.E") == pytest.approx(TAU, rel=1.2e-2)
     # As the twin turns; the half of its 95 % interval is 6e-6 of it, and here are three of them.

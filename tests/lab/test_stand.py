@@ -264,13 +264,13 @@ def test_lines_of_studies_and_corrections_are_known() -> None:
 
 def test_who_stops_a_run_is_not_given_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in a run is a result of that run; the exercise ends with it."""
-    from servobench.loop import run as loop
+    from servobench.loop import live
     from servobench.recording.recording import Stopped
 
     stand = stand_with(read(), read().experiment.device)
     stopped = Stopped(reason="interrupted", sentence="stopped by the keyboard")
     cut = replace(stand.recording, stopped=stopped)
-    monkeypatch.setattr(loop, "run", lambda *_: cut)
+    monkeypatch.setattr(live, "run_where_its_time_passes", lambda *_: cut)
 
     with pytest.raises(KeyboardInterrupt, match="stopped by the keyboard"):
         stand.run(stand.experiment)

@@ -16,17 +16,22 @@ import numpy as np
 import pytest
 
 from servobench.control.pid import Pid
+from servobench.devices.base import error_text
 from servobench.devices.faults.base import table_of
+from servobench.devices.observed import Call
 from servobench.errors import DeviceError, UsageError
 from servobench.experiment import DeviceChoice, Experiment
 from servobench.experiment.limits import Limits, Watchdog
+from servobench.finding import danger, warning
+from servobench.loop.exit_status import ended_how
 from servobench.loop.live import run_live
-from servobench.loop.messages import Command, Notice, Order
+from servobench.loop.messages import NOT_CLOSED, Command, Notice, Order, ending_to_json
 from servobench.loop.process import LoopProcess
 from servobench.loop.run import run
+from servobench.loop.silence import Silence
 from servobench.loop.spec import LoopSpec
 from servobench.recording.reader import read
-from servobench.recording.recording import Recording
+from servobench.recording.recording import Recording, Stopped
 from servobench.signals.constant import Constant
 from servobench.signals.square import Square
 
@@ -239,6 +244,63 @@ def test_what_is_no_experiment_or_no_device_is_told() -> None:
         run(3, 4)  # type: ignore[arg-type]
     with pytest.raises(UsageError, match="'twin' is no device; expected one"):
         run(asked(), "twin")  # type: ignore[arg-type]
+
+
+def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused_before_anything_is_started(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def refuse(*words: object, **how: object) -> None:
+        raise AssertionError("a process was started")
+
+    monkeypatch.setattr("subprocess.Popen", refuse)
+    for sample_time, advice in (
+        (5.0, r"can be 0\.5 s at most, so take a sample time of at most 0\.25 s in real time"),
+        (0.2, r"raise it to 0\.4 s, or take a sample time of at most 0\.05 s"),
+    ):
+        loop = LoopProcess(asked(20.0, sample_time=sample_time))
+        with pytest.raises(UsageError, match=advice):
+            loop.__enter__()
+
+
+def test_a_ctrl_c_that_comes_while_a_silence_is_told_ends_as_one_after_it(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    told: list[str] = []
+
+    def press_ctrl_c(sentence: str) -> None:
+        told.append(sentence)
+        raise KeyboardInterrupt
+
+    silence = Silence(call=Call.START, duration=1.0, expected=0.0, zero_volts=False)
+    # It is silent until it is told to end, and wakes then.
+    monkeypatch.setattr(
+        "servobench.loop.process.silence_of", lambda ring, sample_time: None if told else silence
+    )
+    with pytest.raises(
+        DeviceError, match=r"while it is being started; .*stopped from the keyboard before it began"
+    ):
+        LoopProcess(asked(), alarm=press_ctrl_c).__enter__()
+    assert told == [silence.warning]
+
+
+def test_the_supply_comes_before_what_can_wait() -> None:
+    told: list[str] = []
+    loop = LoopProcess(asked(), alarm=told.append)
+    waits = warning(NOT_CLOSED, "The device could not be closed.")
+    urgent = danger("stop-failed", "SWITCH OFF THE SUPPLY.")
+    stopped = Stopped(reason="finished", sentence="ran")
+    loop._ended = Notice(kind="ended", about=ending_to_json(stopped, (waits, urgent)))
+    loop._warn_of_danger()
+    assert told == ["SWITCH OFF THE SUPPLY.", "The device could not be closed."]
+
+
+def test_how_a_process_or_a_call_ended_is_told_in_words() -> None:
+    assert ended_how(3) == "with status 3"
+    assert ended_how(-signal.SIGABRT) == "killed by SIGABRT (aborted)"
+    request = KeyboardInterrupt("SIGTERM, which was sent to the loop's process")
+    assert error_text(request) == "the call was broken off by SIGTERM, which was sent to the loop's process"
+    assert error_text(KeyboardInterrupt()) == "the call was broken off by Ctrl-C"
+    assert error_text(OSError("no")) == "OSError('no')"
 
 
 def test_two_runs_into_one_file_the_second_says_why_it_could_not_begin(tmp_path: Path) -> None:

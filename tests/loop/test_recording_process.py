@@ -122,7 +122,7 @@ def test_a_loop_that_is_gone_without_a_word_leaves_a_whole_file_that_says_so(pat
     with RingLoop(path) as loop:
         loop.open()
         loop.run(42)
-        loop.is_gone = True
+        loop.is_gone = loop.stands = True
         record(loop.spec, loop.rows, loop.events, loop)
 
     (recording,) = read(path)
@@ -184,7 +184,7 @@ def test_where_no_device_was_opened_there_is_no_file(path: Path) -> None:
 def test_where_the_loop_ended_before_a_sample_and_without_a_word_there_is_no_file(path: Path) -> None:
     with RingLoop(path) as loop:
         loop.open()
-        loop.is_gone = True
+        loop.is_gone = loop.stands = True
         went = record(loop.spec, loop.rows, loop.events, loop)
 
     assert went == Recorded(path=None, rows=0)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.channels import Sample
+from servobench.channels import DeviceInfo, Sample
 from servobench.clock import HostClock, VirtualClock
 from servobench.devices.base import RunEnded
 from servobench.devices.guarded import Guarded
@@ -198,6 +198,27 @@ def test_a_device_that_does_not_start_is_stopped_and_leaves_no_file(tmp_path: Pa
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.promise("S52")
+def test_the_device_is_started_once_all_else_is_ready(tmp_path: Path) -> None:
+    # What keeps the time itself sends samples from its start on, which nobody reads while the rest is made ready.
+    before: list[str] = []
+
+    class Prepared(Controller):
+        def start(self, sample_time: float, info: DeviceInfo) -> int:
+            before.append("controller")
+            return super().start(sample_time, info)
+
+    class Board(Shaft):
+        def start(self, sample_time: float, seed: int | None) -> None:
+            before.extend(path.suffix for path in tmp_path.iterdir())
+            super().start(sample_time, seed)
+
+    recording = run(odd(controller=Prepared(lambda k: 2.0)), Board(timing="device"), to=tmp_path / "a.mcap")
+
+    assert recording.stopped.reason == "finished"
+    assert before == ["controller", ".part"]
+
+
 @pytest.mark.promise("S16")
 def test_ctrl_c_a_second_time_while_the_motor_is_stopped_does_not_keep_it_from_stopping() -> None:
     device = Shaft(on_read=raises(KeyboardInterrupt()))
@@ -266,7 +287,7 @@ def test_a_voltage_that_is_none_stops_the_motor_and_is_a_result(to: Path | None)
         )
 
         assert recording.stopped.reason == "fault"
-        assert f"stopped at 0.07 s: the controller gave {value}" in recording.stopped.sentence
+        assert f"stopped at 0.07 s: the controller returned {value}" in recording.stopped.sentence
         assert recording["applied"].values.tolist() == [2.0] * 7 + [0.0]
         assert np.array_equal(recording["commanded"].values[-1:], [value], equal_nan=True)
         assert device.voltage == 0.0

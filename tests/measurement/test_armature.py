@@ -26,6 +26,7 @@ def recording(*extra: Series, input: str = "u") -> Recording:
         source=Source(name="test.csv", sha256="ab", format="csv"),
         input=input,
         output="theta",
+        input_before=1.0,  # so that no output is left out for what may have driven the shaft before
     )
 
 

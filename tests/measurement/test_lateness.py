@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.channels import Timing
-from servobench.clock import HostClock, Missed, Phase
+from servobench.channels import Sample, Timing
+from servobench.clock import DeviceClock, HostClock, Missed, Phase
 from servobench.devices.guarded import Guarded
 from servobench.experiment import Experiment, WhenLate
 from servobench.loop.run import run
@@ -160,3 +160,36 @@ def test_a_run_by_the_host_s_clock_tells_lateness_and_writes_of_a_simulation_too
     # Two looks at the clock more, of a microsecond each.
     assert recording["written"].values - t == pytest.approx(3e-4, abs=3e-6)
     assert (written(recording, t) is None) == (timing == "virtual")
+
+
+def test_a_run_by_the_device_s_clock_notes_the_host_s_time_of_each_sample_and_voltage() -> None:
+    """A sample takes 200 µs to be read and a write 300 µs, of a host's time in a count of its own."""
+    time = FakeTime()
+
+    class Slow(Shaft):
+        def read(self) -> Sample:
+            sample = super().read()
+            time.seconds = 2000.0 + sample.time + 2e-4
+            return sample
+
+    device = Slow("device", on_write=lambda index: time.sleep(3e-4))
+
+    recording = run(experiment(), guarded(device, experiment(), time), clock=DeviceClock(now=time.now))
+
+    t = recording["applied"].t
+    assert t is not None
+    # Some looks at the clock, of a microsecond each.
+    assert recording["handed"].values - recording["received"].values == pytest.approx(0.0, abs=5e-6)
+    assert recording["written"].values - recording["handed"].values == pytest.approx(3e-4, abs=5e-6)
+    done = written(recording, t)
+    assert done is not None
+    assert done - t == pytest.approx(3e-4, abs=5e-6)
+
+
+def test_a_device_that_runs_through_its_samples_faster_than_they_were_made_has_no_host_s_times() -> None:
+    recording = run(experiment(), Shaft("device"))
+    t = recording["applied"].t
+
+    assert t is not None
+    assert "received" in recording
+    assert written(recording, t) is None

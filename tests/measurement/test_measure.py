@@ -387,7 +387,7 @@ def test_all_that_is_missing_is_asked_for_at_once() -> None:
         "the times of the samples",
     ]
     assert "there are 'u', 'theta'" in str(caught.value)
-    assert "--output theta:UNIT" in str(caught.value)
+    assert "`output=theta:UNIT`" in str(caught.value)
 
 
 def test_rows_without_a_number_are_left_out_and_told() -> None:

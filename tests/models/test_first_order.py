@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from servobench.errors import NotIdentifiable
+from servobench.estimators.least_squares import lowest
 from servobench.measurement.base import Chain, Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models import kernels
@@ -231,3 +232,21 @@ def test_the_samples_for_a_guess_fall_in_with_no_period_of_the_input() -> None:
 
     # The grid of τ is refined to 1.2 %, that of the delay is coarse: a third of a time constant is near enough for a search.
     assert guess[:2] == pytest.approx([24.0, 0.1], rel=0.3)
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize(("start", "end"), [(0.0, 3.0), (3.0, 6.0), (6.3, 10.0)])
+def test_a_start_state_alone_is_found_as_well_as_from_all_guesses(
+    seed: int, start: float, end: float
+) -> None:
+    """With the parameters held, least squares at one time constant and delay leads where a search over both of them does."""
+    whole, structure = dataset(seed=seed, kind="prbs"), STRUCTURES["first_order_coulomb"]
+    theta = lowest(structure, [whole], structure.guesses([whole])).theta[:5]
+    part = whole.part(start, end)
+    free = np.arange(7) >= 5
+    guessed = [np.concatenate([theta, guess[5:]]) for guess in structure.guesses([part])]
+
+    found = lowest(structure, [part], structure.starts(theta, part), free)
+
+    # Each search ends within a thousandth of a standard deviation of a minimum: 1e-6 of a residual's variance, cost/M.
+    assert found.cost <= lowest(structure, [part], guessed, free).cost * (1 + 2e-6 / len(part.y))

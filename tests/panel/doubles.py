@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
@@ -37,7 +38,10 @@ class LoopDouble:
         self.signs = 0
         self.enabled = False
         self.ended: Stopped | None = None
+        self.warnings: tuple[str, ...] = ()
         self.entered = self.left = False
+        self.danger, self.zero_volts = "", True  # what its end says of the motor
+        self.rested = 0  # how often it was ended
         self._rings = ExitStack()
         self._tick = 0
 
@@ -52,6 +56,9 @@ class LoopDouble:
     ) -> None:
         self.left = True
         self._rings.close()
+
+    def rest(self) -> None:
+        self.rested += 1
 
     def rows(self, start: int | None = None) -> RowReader:
         return self.ring.reader(start)
@@ -75,7 +82,7 @@ class LoopDouble:
     def here(self) -> None:
         self.signs += 1
 
-    def tick(self, counts: int = 0, late: bool = False, skipped: int = 0) -> None:
+    def tick(self, counts: int = 0, late: bool = False, skipped: int = 0, saturated: bool = False) -> None:
         """Let one tick pass, after some that are missed."""
         self._tick += skipped
         t = self._tick * self.experiment.sample_time
@@ -86,7 +93,7 @@ class LoopDouble:
             "counts": counts,
             "scheduled": t,
             "late": float(late),
-            "saturated": 0.0,
+            "saturated": float(saturated),
             "written": t,
             "reference": 1.0,
             "command": len(self.commands),
@@ -105,6 +112,12 @@ class LoopDouble:
 
     def end_recording(self) -> None:
         raise NotImplementedError("the double records nothing")
+
+
+def rows_until(frame: bytes) -> int:
+    """The number of the row after a frame's last one, which a page that has drawn it says in its beat."""
+    count, _, _, first = struct.unpack_from("<IIId", frame, 4)
+    return int(first) + int(count)
 
 
 def unidentified(loop: object, sample_time: float, wish: object) -> None:

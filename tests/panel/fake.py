@@ -109,6 +109,7 @@ class Bench:
         self.silent = False  # nothing goes out, as on a line that was cut
         self.compiling = False  # what follows the motor isn't ready
         self.deaf = False  # no STOP reaches the loop
+        self.deaf_to_settings = False  # nor does it answer what is set
         self.stopped = ""
         self.hold = False
         self.limits: list[dict[str, str]] = []
@@ -124,6 +125,7 @@ class Bench:
         self.unclear: dict[str, Any] | None = None  # what is asked about the next upload
         self.said: dict[str, Any] = {}
         self.received: list[dict[str, Any]] = []
+        self.signs: list[dict[str, Any]] = []  # what pages say of themselves, which nobody answers
         self.loop: asyncio.AbstractEventLoop
         self.pending: dict[str, Any] | None = None
         self.kept = np.empty((0, len(COLUMNS)))
@@ -219,6 +221,7 @@ class Bench:
             self.recording = {
                 "name": asked.get("name") or "run-4",
                 "samples": 0,
+                "length": 0.0,
                 "duration": asked.get("duration"),
             }
         elif do == "end_record":
@@ -294,6 +297,7 @@ class Bench:
             await self.tell(frame(first, rows))
             if self.recording is not None:
                 self.recording["samples"] += len(rows)
+                self.recording["length"] = self.recording["samples"] * SAMPLE_TIME
                 wanted = self.recording["duration"]
                 if wanted and self.recording["samples"] * SAMPLE_TIME >= wanted:
                     await self.tell({"kind": "recorded", **self.end_recording()})
@@ -421,9 +425,12 @@ def app() -> Starlette:
         with suppress(WebSocketDisconnect):
             while True:
                 asked = await ws.receive_json()
+                if asked.get("do") in ("beat", "hidden"):
+                    bench.signs.append(asked)
+                    continue
                 bench.received.append(asked)
                 bench.pending = None
-                if bench.silent:
+                if bench.silent or (bench.deaf_to_settings and asked.get("do") == "set"):
                     continue
                 answer = bench.take(ws, asked)
                 await ws.send_text(json.dumps({"kind": "answer", "id": asked.get("id"), **answer}))
@@ -514,7 +521,7 @@ def identified(name: str) -> dict[str, Any]:
     verdict, figures, deviations = own.get(name, usual)
     values = {key: (v, sd, units[key]) for key, v, sd in zip(units, figures, deviations, strict=True)}
     return {
-        "schema": "servobench.result/1",
+        "schema": "servobench.result/2",
         "verdict": verdict,
         "structure": "first_order",
         "findings": [

@@ -30,7 +30,7 @@ def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
     (folder / "secret").chmod(0o600)
     options = ["--assess", "Ada", "--secret", "secret", "--exercise", "parameter_estimation"]
     with running(folder, *options) as found:
-        yield Program(found.process, found.base, found.key, found.folder)
+        yield Program(found.process, found.base, lambda: found.address, found.folder)
 
 
 @cache

@@ -16,14 +16,15 @@ from websockets.sync.client import connect
 
 from servobench.lab.exercise import names
 from servobench.panel.gate import Gate
-from servobench.panel.keys import KEY_TIME, SESSION_TIME, Keys
+from servobench.panel.keys import KEY_TIME, LOCAL_TIME, SESSION_TIME, Carrier, Keys
 from servobench.panel.routes import TABLE, Way
 from servobench.panel.server import app
 from tests.panel.conftest import Clock, Served, serving
 
 HTTP = [way for way in TABLE if way.method != "WS"]
 PRIVATE = [way for way in TABLE if way.asks.session]
-POSTS = [way for way in TABLE if way.method == "POST"]
+OPENS = next(way for way in TABLE if way.path == "/open")  # a key in its body, before there is a session
+POSTS = [way for way in TABLE if way.method == "POST" and way is not OPENS]
 
 FOREIGN = {
     "another host's name": {"host": "evil.test"},
@@ -104,7 +105,7 @@ def test_the_table_is_all_that_there_is(served: Served) -> None:
 
 def test_what_changes_something_asks_for_everything() -> None:
     for way in TABLE:
-        if way.method not in ("GET", "WS"):
+        if way.method not in ("GET", "WS") and way is not OPENS:
             assert way.asks.session
             assert way.asks.origin
             assert way.asks.token
@@ -195,7 +196,7 @@ def test_a_viewer_changes_nothing_but_may_stop(served: Served) -> None:
             assert (status == 403) == (way.path not in VIEWERS), way
 
 
-def test_the_address_opens_a_session_and_is_not_kept_in_the_bar(served: Served) -> None:
+def test_a_link_opens_a_session_and_is_not_kept_in_the_bar(served: Served) -> None:
     with served.client() as client:
         answer = client.get(f"/?token={served.keys.new('operator')}")
         cookie = answer.headers["set-cookie"]
@@ -216,14 +217,13 @@ def test_a_person_without_a_key_reads_a_page_and_a_program_an_error(served: Serv
         page = client.get(path, headers={"accept": "text/html,*/*"})
         assert page.status_code == 401
         assert page.headers["content-type"].startswith("text/html")
-        assert "Open that address, all of it." in page.text
+        assert "works once" in page.text
+        assert "<form hidden" in page.text  # there is no code
         assert "REASON" not in page.text
         assert "default-src 'self'" in page.headers["content-security-policy"]
         program = client.get(path)
         assert program.status_code == 401
-        assert program.json()["error"] in page.text.replace("&#x27;", "'").replace(
-            "The token", "the token"
-        ).replace("No session", "no session")
+        assert program.json()["error"][1:] in page.text
 
 
 def test_two_panels_of_one_host_do_not_log_each_other_out(served: Served, tmp_path: Path) -> None:
@@ -242,7 +242,7 @@ def test_two_panels_of_one_host_do_not_log_each_other_out(served: Served, tmp_pa
 
 
 @pytest.mark.parametrize("key", ["", "wrong", "%00", "%ed%a0%80", "x" * 4000])
-def test_a_wrong_address_opens_nothing(served: Served, key: str) -> None:
+def test_a_wrong_link_opens_nothing(served: Served, key: str) -> None:
     with served.client() as client:
         answer = client.get(f"/?token={key}")
 
@@ -250,21 +250,170 @@ def test_a_wrong_address_opens_nothing(served: Served, key: str) -> None:
     assert "set-cookie" not in answer.headers
 
 
-def test_keys_expire_and_one_that_is_for_once_opens_once() -> None:
+@pytest.mark.promise("S61")
+def test_a_key_opens_by_its_own_carrier_until_it_expires_and_all_but_a_code_once() -> None:
     clock = Clock()
     keys = Keys(clock)
-    key, once, late = keys.new("operator"), keys.new("operator", once=True), keys.new("viewer", once=True)
+    carriers: tuple[Carrier, ...] = ("link", "local page", "code")
+    for carrier in carriers:
+        key = keys.new("operator", carrier)
+        assert [keys.open(key, other) for other in carriers if other != carrier] == [None, None]
+        assert keys.open(key, carrier) is not None
+        assert (keys.open(key, carrier) is not None) == (carrier == "code")
+        assert keys.is_spent(key) == (carrier != "code")
 
-    assert keys.open(once) is not None
-    assert keys.open(once) is None
-    clock.now = 61.0
-    assert keys.open(late) is None
-    assert keys.open(key) is not None
-    clock.now = KEY_TIME
-    assert keys.open(key) is None
+    for carrier, lasts in zip(carriers, (KEY_TIME, LOCAL_TIME, KEY_TIME), strict=True):
+        for late in (-1.0, 0.0):
+            key = keys.new("operator", carrier)
+            clock.now += lasts + late
+            assert (keys.open(key, carrier) is None) == (late == 0.0), carrier
     assert keys.open("") is None
     assert Keys(clock).open("") is None
     assert Keys(clock).session("") is None
+
+
+def test_each_link_that_comes_in_time_or_late_is_followed_by_a_fresh_one() -> None:
+    clock, printed = Clock(), []
+    keys = Keys(clock, used=lambda carrier: printed.append((carrier, keys.new("operator"))))
+    first, code = keys.new("operator"), keys.new("viewer", "code")
+
+    assert keys.open(code, "code") is not None
+    assert keys.open("wrong") is None
+    assert printed == []
+    assert keys.open(first) is not None
+    assert keys.open(first) is None
+    ((_, second),) = printed
+    clock.now += KEY_TIME
+    assert keys.open(second) is None  # nobody has used it, and there has to be another one all the same
+    _, (carrier, third) = printed
+    assert carrier == "link"
+    assert keys.open(third) is not None
+
+
+def test_a_code_is_typed_as_people_do_and_nobody_guesses_it() -> None:
+    keys = Keys(Clock())
+    code = keys.new("viewer", "code")
+
+    assert re.fullmatch(r"[a-z2-9]{4}(-[a-z2-9]{4}){2}", code)
+    for typed in (code, f" {code.upper()}\n", code.replace("-", ""), code.replace("-", " ")):
+        session = keys.open(typed, "code")
+        assert session is not None
+        assert session.role == "viewer"
+    assert keys.open(code[:-1], "code") is None
+    assert keys.open("", "code") is None
+    # 31 signs that don't look alike; a guess in 2^59 isn't made in twelve hours, at 10,000 per second 2^29 of them.
+    assert len({sign for _ in range(200) for sign in keys.new("viewer", "code")} - {"-"}) == 31
+
+
+FROM_FILE = {"origin": "null", "sec-fetch-site": "cross-site"}
+"""What a browser says of a form in a page of the file system, by Fetch and by Fetch Metadata."""
+
+
+def brought(served: Served, key: str, **changes: str) -> httpx.Response:
+    """The answer to a form with a key, as a page of ours sends it but for the changes."""
+    headers = {"origin": served.origin, "sec-fetch-site": "same-origin", "accept": "text/html", **changes}
+    with served.client() as client:
+        return client.post("/open", data={"token": key}, headers={n: v for n, v in headers.items() if v})
+
+
+def lets_in(answer: httpx.Response) -> bool:
+    return answer.status_code == 200 and "set-cookie" in answer.headers
+
+
+def test_a_local_page_opens_a_session_once_and_goes_on_by_itself(served: Served) -> None:
+    key = served.keys.new("operator", "local page")
+    wrong = brought(served, "wrong", **FROM_FILE)
+    answer = brought(served, key, **FROM_FILE)
+    again = brought(served, key, **FROM_FILE)
+
+    assert (wrong.status_code, "set-cookie" in wrong.headers) == (401, False)
+    assert lets_in(answer)
+    assert 'http-equiv="refresh" content="0; url=/"' in answer.text
+    assert "SameSite=strict" in answer.headers["set-cookie"]
+    assert (again.status_code, "set-cookie" in again.headers) == (401, False)
+    assert "link in the panel&#x27;s terminal" in again.text
+
+
+@pytest.mark.promise("S61")
+def test_a_key_in_a_form_is_taken_from_the_pages_that_may_send_it_only(served: Served) -> None:
+    page, code = served.keys.new("operator", "local page"), served.keys.new("viewer", "code")
+    port = {"origin": f"http://127.0.0.1:{served.port + 1}"}
+    wrong = {
+        "another page": {"origin": "http://evil.test", "sec-fetch-site": "cross-site"},
+        "another port": {**port, "sec-fetch-site": "same-site"},
+        "another port, whatever the browser says": port,
+        "no origin": {"origin": ""},
+        "no origin, from elsewhere": {"origin": "", "sec-fetch-site": "cross-site"},
+        "a page of ours without origin": {"origin": "null"},
+        "a page of this site without origin": {"origin": "null", "sec-fetch-site": "same-site"},
+        "ours, from elsewhere": {"sec-fetch-site": "cross-site"},
+        "a rebound name": {**FROM_FILE, "host": f"evil.test:{served.port}"},
+        "another kind of body": {**FROM_FILE, "content-type": "text/plain"},
+    }
+    for what, changes in wrong.items():
+        for key in (page, code):
+            answer = brought(served, key, **changes)
+            assert answer.status_code in (403, 415, 421), what
+            assert "set-cookie" not in answer.headers, what
+    # A page in a sandbox has no origin either: who knows the code mustn't give others a viewer's session in place of their own.
+    assert not lets_in(brought(served, code, **FROM_FILE))
+    assert not lets_in(brought(served, page))
+    assert lets_in(brought(served, page, **FROM_FILE))  # nothing of that has used it up
+    # Browsers say no site over http to another machine.
+    assert lets_in(brought(served, code, **{"sec-fetch-site": ""}))
+    other = served.keys.new("operator", "local page")
+    assert lets_in(brought(served, other, **{"origin": "null", "sec-fetch-site": ""}))
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"token=", b"token=a&token=b", b"{}", b"\xff\xfe", b"token=" + b"x" * 5000]
+)
+def test_a_form_without_one_right_key_opens_nothing(served: Served, body: bytes) -> None:
+    headers = {**FROM_FILE, "content-type": "application/x-www-form-urlencoded"}
+    with served.client() as client:
+        answer = client.post("/open", content=body, headers=headers)
+
+    assert answer.status_code in (400, 401, 413)
+    assert "set-cookie" not in answer.headers
+
+
+def test_the_page_for_who_is_not_let_in_takes_a_code_where_there_is_one(tmp_path: Path) -> None:
+    with serving(tmp_path) as panel, panel.client() as client:
+        code = panel.keys.new("viewer", "code")
+        page = client.get("/", headers={"accept": "text/html"})
+        assert '<form method="post" action="/open">' in page.text
+        assert "form-action 'self'" in page.headers["content-security-policy"]
+        assert page.headers["referrer-policy"] == "same-origin"  # or its form has no origin
+        assert client.get(f"/?token={code}").status_code == 401  # no address has it
+        wrong = brought(panel, "wrong")
+        assert (wrong.status_code, "This code is wrong" in wrong.text) == (401, True)
+        assert all(lets_in(brought(panel, code)) for _ in range(3))
+
+
+@pytest.mark.parametrize(
+    ("method", "headers"),
+    [("HEAD", {}), ("GET", {"sec-purpose": "prefetch;prerender"}), ("GET", {"purpose": "prefetch"})],
+)
+def test_what_only_looks_ahead_does_not_use_a_link_up(
+    served: Served, method: str, headers: dict[str, str]
+) -> None:
+    key = served.keys.new("operator")
+    with served.client() as client:
+        assert client.request(method, f"/?token={key}", headers=headers).status_code == 403
+        assert client.get(f"/?token={key}").status_code == 303
+
+
+def test_a_used_link_says_what_to_do_and_leads_the_browser_that_used_it_back(served: Served) -> None:
+    key = served.keys.new("operator")
+    with served.client() as browser, served.client() as other:
+        assert browser.get(f"/?token={key}").status_code == 303
+        assert "set-cookie" not in (back := browser.get(f"/?token={key}")).headers
+        assert (back.status_code, back.headers["location"]) == (303, "/")
+        refused = other.get(f"/?token={key}", headers={"accept": "text/html"})
+        assert refused.status_code == 401
+        assert "a fresh one stands in the panel&#x27;s terminal" in refused.text
+        watching = served.headers(served.session("viewer"))
+        assert other.get(f"/?token={key}", headers={"cookie": watching["cookie"]}).status_code == 401
 
 
 def told(answer: httpx.Response) -> str:

@@ -184,7 +184,7 @@ def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded:
 
     answer = asyncio.run(done_elsewhere(asked(recorded), said))
 
-    assert answer["result"]["schema"] == "servobench.result/1"
+    assert answer["result"]["schema"] == "servobench.result/2"
     expected = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
     for stage in STAGES[1:]:  # at the start it isn't there yet
         assert seen[stage] == (expected, "OMP_NUM_THREADS=1"), stage

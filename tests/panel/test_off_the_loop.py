@@ -25,6 +25,7 @@ from servobench.panel.library import Library
 from servobench.panel.pages import Panel
 from servobench.panel.server import app, door_for, listening, settings
 from servobench.panel.session import MotorSession
+from tests.panel.doubles import rows_until
 
 PATIENCE = 240.0  # s; kernels may have to be compiled
 WAITS = (
@@ -121,6 +122,8 @@ class Visit:
         async for message in self._socket:
             if isinstance(message, str):
                 self.heard.append(json.loads(message))
+            else:
+                await self._socket.send(json.dumps({"do": "beat", "row": rows_until(message)}))
 
     async def until(self, kind: str, **what: object) -> dict[str, Any]:
         async with asyncio.timeout(PATIENCE):

@@ -356,3 +356,37 @@ def test_a_line_goes_through_all_extremes(call: Call) -> None:
 
     gap = {"t": [0, 1, 2, 3], "low": [1, None, 2], "high": [1, None, 2]}
     assert call("preview", "(m, g) => m.outline(g)", gap) == [[0, 1], [1, 1], None, [2, 2], [3, 2]]
+
+
+def test_a_scope_shows_what_a_filter_has_left_at_rest_as_nothing(call: Call) -> None:
+    # 60 rad/s through e^(-50 t): in 2.1 s it is below what a float32 can hold, and it was a scope of 1e-30 rad/s until then.
+    t = np.arange(0, 3, 0.05)
+    lows_and_highs = [[0.0, float(v)] for v in np.float32(60 * np.exp(-50 * t))]
+    body = "(m, g) => { const s = new m.Span(1e-3); return g.map(([low, high]) => s.holding(low, high)); }"
+    ranges = call("span", body, lows_and_highs)
+
+    for (low, high), (bottom, top) in zip(lows_and_highs, ranges, strict=True):
+        assert bottom < low <= high < top
+        assert top - bottom > 1e-3
+
+
+def test_half_an_interval_is_told_in_percent_unless_it_is_wider_than_its_value(call: Call) -> None:
+    half = (
+        "(live, { value, low, high, unit }) => live.halfWidth(value, low === null ? null : [low, high], unit)"
+    )
+    assert call("live", half, {"value": 2.0, "low": 1.9, "high": 2.1, "unit": "V"}) == "±5.0 %"
+    assert call("live", half, {"value": -2.0, "low": -2.1, "high": -1.9, "unit": "V"}) == "±5.0 %"
+    # 0.01577 V over 0.001 V would be 1577 %.
+    near_zero = {"value": 0.001, "low": -0.01477, "high": 0.01677, "unit": "V"}
+    assert call("live", half, near_zero) == "±0.016 V"
+    assert call("live", half, {"value": 0.0, "low": -0.01, "high": 0.01, "unit": "V"}) == "±0.010 V"
+    assert call("live", half, {"value": 1.0, "low": None, "high": None, "unit": "V"}) == ""
+
+
+def test_a_silence_is_no_refusal(call: Call) -> None:
+    outcome = call("commands", "(commands) => new commands.Commands(() => true, 20).ask({ do: 'set' })")
+    assert outcome["silent"]
+    said = call("status", "(status, outcome) => status.failed(outcome)", outcome)
+    assert said.startswith("No answer in 0.02 s")
+    assert "STOP" in said
+    assert call("status", "(status, outcome) => status.failed(outcome)", {"why": "no"}) == "Refused: no"

@@ -136,3 +136,37 @@ def test_who_watches_is_not_told_that_the_motor_stops_by_itself(
     second.until(strip.is_visible)
     assert "in the hands of whoever drives it" in strip.inner_text()
     second.context.close()
+
+
+def test_without_a_connection_nothing_is_said_to_hold(driving: Panel) -> None:
+    driving.button("Apply signal").click()
+    driving.until(lambda: said(driving, "#signal-status").startswith("Applied"))
+    driving.bench.silent = True
+    knows_nothing(driving)
+    chips = ("#signal-status", "#controller-status", "#cutoff-status")
+    assert [said(driving, each) for each in chips] == ["Not known now"] * 3
+    driving.bench.silent = False
+    driving.until(lambda: [said(driving, each) for each in chips] == ["Applied"] * 3)
+
+
+def test_a_start_that_waits_for_a_signal_that_nobody_answers_says_so(panel: Panel) -> None:
+    panel.page.get_by_role("spinbutton", name="Low").fill("2")
+    panel.bench.deaf_to_settings = True
+    panel.button("Start").click()
+    panel.until(lambda: "No answer in 5 s" in said(panel, "#start-status"))
+    assert "Refused" not in said(panel, "#start-status")
+    assert "No answer in 5 s" in said(panel, "#signal-status")
+    assert not panel.bench.motor.enabled
+
+
+def test_where_the_device_was_silent_the_page_promises_nothing_once_the_panel_is_gone(driving: Panel) -> None:
+    warning = (
+        "NO ANSWER FROM THE DEVICE FOR 0.8 S TO A READ; ZERO VOLTS WERE NOT CONFIRMED; SWITCH OFF THE SUPPLY"
+    )
+    driving.bench.fault = {"code": "switch-off", "sentence": warning}
+    driving.until(lambda: said(driving, "#run") == "Fault")
+    driving.bench.silent = True
+    knows_nothing(driving)
+    strip = said(driving, "#link-told")
+    assert "by itself" not in strip
+    assert warning in strip

@@ -25,6 +25,7 @@ from servobench.panel.frames import COLUMNS
 from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import Library
 from servobench.recording.reader import read
+from tests.panel.doubles import rows_until
 from tests.processes import children
 from tests.stories.program import running, started
 
@@ -39,6 +40,10 @@ class Page:
         self.socket = socket
         self.heard: list[dict[str, Any]] = []
         self.rows: list[np.ndarray] = []
+        self.draws, self.behind = (
+            True,
+            0,
+        )  # whether it says that it draws what comes, and by how many rows it is behind
         self._news = asyncio.Event()
         self._listening = asyncio.create_task(self._listen())
 
@@ -52,6 +57,9 @@ class Page:
                     t = np.frombuffer(message, "<f8", count, 24)
                     rest = np.frombuffer(message, "<f4", -1, 24 + 8 * count).reshape(-1, count)
                     self.rows.append(np.column_stack([t, *rest]))
+                    if self.draws:
+                        row = max(rows_until(message) - self.behind, 0)
+                        await self.socket.send(json.dumps({"do": "beat", "row": row}))
                 self._news.set()
 
     async def listen_until(self, what: Callable[[], bool]) -> None:
@@ -89,8 +97,13 @@ class Program:
 
     process: subprocess.Popen[str]
     base: str
-    key: str
+    links: Callable[[], str]
     folder: Path
+
+    @property
+    def key(self) -> str:
+        """The token of a link that nobody has used yet."""
+        return self.links().partition("/?token=")[2]
 
     async def page(self, stack: list[Any], **wanted: object) -> Page:
         async with httpx.AsyncClient(base_url=self.base, timeout=PATIENCE) as client:
@@ -117,7 +130,7 @@ class Program:
 def program(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Program]:
     folder = tmp_path_factory.mktemp("panel")
     with running(folder) as found:
-        yield Program(found.process, found.base, found.key, found.folder)
+        yield Program(found.process, found.base, lambda: found.address, found.folder)
 
 
 def played(story: Callable[[list[Any]], Awaitable[None]]) -> None:
@@ -256,7 +269,7 @@ def test_a_recorder_that_dies_is_a_fault_that_shows_and_stops_the_motor(program:
 
 def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
     script = (
-        "import asyncio, json, sys\n"
+        "import asyncio, json, struct, sys\n"
         "from websockets.asyncio.client import connect\n"
         "async def main():\n"
         "    given = json.loads(sys.argv[1])\n"
@@ -266,7 +279,10 @@ def test_a_page_that_answers_no_pings_is_gone(program: Program) -> None:
         "        await socket.send(json.dumps({'do': 'lease', 'id': 1}))\n"
         "        await socket.send(json.dumps({'do': 'start', 'id': 2}))\n"
         "        async for message in socket:\n"
-        "            if isinstance(message, str) and json.loads(message).get('id') == 2:\n"
+        "            if isinstance(message, bytes):\n"
+        "                row = int(struct.unpack_from('<d', message, 16)[0]) + struct.unpack_from('<I', message, 4)[0]\n"
+        "                await socket.send(json.dumps({'do': 'beat', 'row': row}))\n"
+        "            elif json.loads(message).get('id') == 2:\n"
         "                print('driving', flush=True)\n"
         "asyncio.run(main())\n"
     )
@@ -326,10 +342,9 @@ def panel_in(folder: Path) -> Iterator[Program]:
     found = started(folder)
     process = found.process
     try:
-        yield Program(process, found.base, found.key, found.folder)
+        yield Program(process, found.base, lambda: found.address, found.folder)
     finally:
-        process.kill()
-        process.communicate()
+        found.terminal.end(signal.SIGKILL)
 
 
 async def killed_and_outlived(program: Program) -> None:

@@ -14,6 +14,7 @@ import pytest
 
 from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
+from servobench.panel.attention import Attention
 from servobench.panel.lease import Refusal
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
@@ -110,8 +111,12 @@ def test_only_the_operator_drives(tmp_path: Path) -> None:
     played(tmp_path, story)
 
 
-def test_of_ten_thousand_commands_of_two_pages_none_come_in_between(tmp_path: Path) -> None:
+def test_of_ten_thousand_commands_of_two_pages_none_come_in_between(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     rng = np.random.default_rng(6)
+    # Both pages are there all the time: on a busy machine one would fall silent, and the other take its place at rest.
+    monkeypatch.setattr(Attention, "there", True)
 
     async def story(room: Room) -> None:
         pages = [await room.page(), await room.page()]
@@ -237,12 +242,31 @@ def test_rows_tell_that_it_goes_on_and_where_they_end_something_else_does() -> N
 def test_a_limit_of_the_device_before_is_not_told_of_the_next_one(tmp_path: Path) -> None:
     async def story(room: Room) -> None:
         one = await room.page()
-        room.motor._standing.limited_until = 100.0  # its clock was at 99.5 s
+        room.motor._standing.limited, room.motor._standing.limited_until = (
+            True,
+            100.0,
+        )  # its clock was at 99.5 s
         assert room.motor.state_for(one)["limits"]
         await room.motor.open(room.motor.experiment)
         room.loop.tick()  # its clock begins at 0
         await room.let_news_come()
         assert room.motor.state_for(one)["limits"] == []
+
+    played(tmp_path, story)
+
+
+def test_the_light_of_the_limits_goes_on_and_off_with_the_rows_though_nothing_else_changes(
+    tmp_path: Path,
+) -> None:
+    async def story(room: Room) -> None:
+        one = await room.page()
+        room.loop.tick(saturated=True)
+        await room.let_news_come()
+        assert [each["code"] for each in state_of(await heard(one))["limits"]] == ["saturated"]
+        for _ in range(round(0.6 / room.motor.experiment.sample_time)):  # the light stays on for 0.5 s
+            room.loop.tick()
+        await room.let_news_come()
+        assert state_of(await heard(one))["limits"] == []
 
     played(tmp_path, story)
 
@@ -614,3 +638,88 @@ def test_a_loop_whose_identification_cannot_be_started_is_closed(tmp_path: Path)
 
     asyncio.run(all_of_it())
     assert loops[0].left
+
+
+@pytest.mark.promise("S42")
+def test_what_the_loop_warns_of_is_told_to_every_page_once(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        page = await room.page("viewer")
+        room.loop.warnings = ("NO ANSWER FROM THE DEVICE FOR 0.8 S TO A READ; SWITCH OFF THE SUPPLY",)
+        for _ in range(2):
+            room.motor._tell_warnings()
+        told = [message for message in await heard(page) if message["kind"] == "fault"]
+        assert [(each["code"], each["sentence"]) for each in told] == [("switch-off", *room.loop.warnings)]
+
+    played(tmp_path, story)
+
+
+def test_a_recording_counts_from_its_first_row_though_its_recorder_has_not_begun(tmp_path: Path) -> None:
+    with Ending(Experiment()) as loop:
+        loop.tick()
+        taking = Taking(loop, Experiment(), tmp_path / "mine", 0.2)
+        lengths = []
+        for _ in range(3):
+            for _ in range(75):
+                loop.tick()
+            lengths.append(taking.state()["length"])
+        assert taking.state()["samples"] == 0  # nothing is in the file yet
+
+    sample_time = Experiment().sample_time
+    assert lengths == pytest.approx([min(rows * sample_time, 0.2) for rows in (75, 150, 225)])
+
+
+def test_a_recording_that_is_ended_counts_no_more(tmp_path: Path) -> None:
+    with Ending(Experiment()) as loop:
+        taking = Taking(loop, Experiment(), tmp_path / "mine", None)
+        for _ in range(10):
+            loop.tick()
+        taking.end(BY_HAND)
+        loop.tick()
+        assert taking.state()["length"] == pytest.approx(10 * Experiment().sample_time)
+
+
+@pytest.mark.parametrize(
+    ("danger", "zero_volts", "word"),
+    [
+        ("", True, "the motor is at rest"),
+        ("", False, "the motor was not driven"),
+        ("NO ANSWER; SWITCH OFF THE SUPPLY", False, "NO ANSWER; SWITCH OFF THE SUPPLY"),
+        ("NO ANSWER; SWITCH OFF THE SUPPLY", True, "NO ANSWER; SWITCH OFF THE SUPPLY"),
+    ],
+)
+def test_the_last_word_is_what_the_loop_knows_of_the_motor(
+    tmp_path: Path, danger: str, zero_volts: bool, word: str
+) -> None:
+    async def story(room: Room) -> None:
+        room.loop.danger, room.loop.zero_volts = danger, zero_volts
+
+    assert played(tmp_path, story).motor.last_word == word
+
+
+def test_another_device_at_rest_says_nothing_of_one_that_never_answered(tmp_path: Path) -> None:
+    other = Experiment().model_copy(
+        update={"device": Experiment().device.model_copy(update={"settings": {"inertia": "3e-5 kg·m²"}})}
+    )
+
+    async def story(room: Room) -> None:
+        room.loop.danger = "NO ANSWER"
+        await room.motor.open(other)
+        assert room.motor.danger == "NO ANSWER"
+        await room.motor.open(Experiment())  # the one that didn't answer; it is closed at zero volts
+
+    assert played(tmp_path, story).motor.last_word == "the motor is at rest"
+
+
+def test_the_loop_is_ended_before_anything_that_may_take_its_time(tmp_path: Path) -> None:
+    async def story(room: Room) -> None:
+        await room.motor._changing.acquire()  # a device is being opened, and that takes for ever
+        closing = asyncio.create_task(room.motor.close())
+        while not room.loop.rested:
+            await asyncio.sleep(0.005)
+        assert not closing.done()
+        room.motor._changing.release()
+        await closing
+        with pytest.raises(Refusal, match="the panel ends"):
+            await room.motor.open(Experiment())
+
+    played(tmp_path, story)

@@ -165,3 +165,33 @@ def test_identify_s_findings_name_no_cause_that_is_excluded() -> None:
         assert "likeliest" not in told
         assert "between" in told or "whether" in told
         assert not [label for label in excluded if label in told]
+
+
+def test_claims_that_lie_within_their_intervals_have_no_likeliest_cause() -> None:
+    """Gain and time constant are correlated: 1.9 sd off in each, against the correlation, is improbable together."""
+    fit = fit_of()
+    names = ("gain", "time_constant")
+    at = [fit.model.names.index(name) for name in names]
+    correlated = fit.covariance.copy()
+    sd = np.array([0.1, 0.1]) * fit.model.theta[at]
+    correlated[np.ix_(at, at)] = np.outer(sd, sd) * [[1, 0.9], [0.9, 1]]
+    result = replace(identified(), fit=replace(fit, covariance=correlated))
+    off = fit.model.theta[at] * np.exp([0.15, -0.15])
+
+    found = why(result, {"gain": float(off[0]), "tau": float(off[1])})
+
+    assert found.agrees
+    assert found.decision is None
+    assert found.alike == ()
+    assert not any("likeliest" in each for each in found.sentences)
+
+
+def test_an_unknown_brake_is_neither_a_bearing_nor_the_encoders_scale() -> None:
+    """An eddy-current brake as strong as the back-emf, b = k²/R = 2.1e-4 N·m·s/rad: gain and time constant are halved."""
+    braked = identified(Truth(viscous_friction=0.042**2 / 8.4), kind="prbs")
+
+    found = why(braked, nominal=SHEET)
+
+    assert found.causes[0].name == "brake"
+    assert found.causes[0].probability > 0.5
+    assert {each.name: each.probability for each in found.causes}["encoder_scale"] < 0.1

@@ -1,8 +1,12 @@
 """What is written can be read: by us, equal to the bit, and by the standard reader, with all its checks."""
 
+import itertools
 import os
+import re
+import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -284,6 +288,78 @@ for block in range(10**9):
     found = read(tmp_path / "a.mcap.part")[0]["counts"].values
     assert len(found) >= 10 * (int(last) + 1)
     assert np.array_equal(found, np.repeat(np.arange(len(found) // 10), 10))
+
+
+def seconds() -> Callable[[], float]:
+    """A clock that goes on by a second each time that it is looked at."""
+    return itertools.count().__next__
+
+
+def append(writer: RecordingWriter, first: int, end: int) -> None:
+    number = np.arange(first, end)
+    writer.append(0, np.column_stack([0.01 * number, number, number]))
+
+
+@pytest.mark.promise("S55")
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file can't be taken away there")
+@pytest.mark.parametrize("how", ["removed", "renamed"])
+def test_a_file_whose_folder_is_taken_away_goes_on_in_the_next_one_above(tmp_path: Path, how: str) -> None:
+    folder = tmp_path / "runs" / "run"
+    folder.mkdir(parents=True)
+    writer = RecordingWriter(folder / "a.mcap", now=seconds())
+    writer.begin(opening(), TOGETHER)
+    append(writer, 0, 10)
+    if how == "removed":
+        shutil.rmtree(tmp_path / "runs")
+    else:
+        folder.rename(tmp_path / "other")
+    append(writer, 10, 20)
+
+    saved = tmp_path / "run-a.mcap" if how == "removed" else tmp_path / "runs" / "run-a.mcap"
+    (found,) = read(f"{saved}.part")  # at once, so that it outlives this process from here on
+    assert found.series[0].values.tolist() == list(range(20))
+
+    append(writer, 20, 30)
+    writer.end(ENDED)
+    with pytest.raises(
+        StorageError, match=rf"a\.mcap was removed or renamed .* is in {re.escape(str(saved))} "
+    ):
+        writer.close()
+    (found,) = read(saved)
+    assert found.series[0].values.tolist() == list(range(30))
+    assert found.stopped == ENDED
+
+
+@pytest.mark.promise("S55")
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file can't be taken away there")
+def test_a_folder_that_is_taken_away_just_before_the_end_costs_nothing_either(tmp_path: Path) -> None:
+    (tmp_path / "run").mkdir()
+    # Names that are taken are left alone, also that of a recording which is being written.
+    (tmp_path / "run-a.mcap").touch()
+    (tmp_path / "run-a-2.mcap.part").touch()
+    writer = RecordingWriter(tmp_path / "run" / "a.mcap", now=lambda: 0.0)
+    writer.begin(opening(), TOGETHER)
+    append(writer, 0, 10)
+    writer.end(ENDED)
+    shutil.rmtree(tmp_path / "run")
+
+    with pytest.raises(StorageError, match="run-a-3"):
+        writer.close()
+    assert read(tmp_path / "run-a-3.mcap")[0].series[0].values.tolist() == list(range(10))
+
+
+@pytest.mark.promise("S55")
+@pytest.mark.skipif(sys.platform == "win32", reason="an open file can't be taken away there")
+def test_a_file_that_alone_is_taken_away_is_written_again(tmp_path: Path) -> None:
+    with RecordingWriter(tmp_path / "a.mcap", now=seconds()) as writer:
+        writer.begin(opening(), TOGETHER)
+        append(writer, 0, 10)
+        (tmp_path / "a.mcap.part").unlink()
+        append(writer, 10, 20)
+        writer.end(ENDED)
+
+    assert [each.name for each in tmp_path.iterdir()] == ["a.mcap"]
+    assert read(tmp_path / "a.mcap")[0].series[0].values.tolist() == list(range(20))
 
 
 def test_rows_of_another_width_are_refused(tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import numpy as np
 import pytest
 
 from servobench.channels import Channel, DeviceInfo
@@ -43,7 +44,8 @@ def several() -> Result:
 @pytest.fixture(scope="session")
 def refused() -> Result:
     """A result from an input that never changes, which no model can be had from."""
-    return identify(replace(dataset(level=1.0), input_before=1.0))
+    data = dataset(level=1.0)
+    return identify(replace(data, u=np.zeros_like(data.u), input_before=0.0))
 
 
 @pytest.fixture(scope="session")

@@ -58,7 +58,7 @@ def test_what_has_to_be_said_is_on_it() -> None:
     text = InspectionReport([recording(a=None, b=None)]).html()
 
     assert "Questions" in text
-    assert "<code>--input</code>" in text
+    assert "<code>input=COL:UNIT</code>" in text
 
 
 def test_an_input_that_never_changes_is_not_called_ready() -> None:

@@ -1,10 +1,12 @@
 """What is said of a model under its figures: bandwidth, rise time, and the margins of feedback, each with its interval."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
 from matplotlib.text import Text
+from scipy.optimize import brentq
 
 from servobench.estimators.base import FittedRecord
 from servobench.propagation import derived
@@ -12,7 +14,7 @@ from servobench.report.model_illustrations import frequency_response, poles, ste
 from tests.report.makers import dataset, fit_of
 
 SD = np.array([0.02, 1e-4, 0.01, 2e-5])
-FEEDBACK = "With unit feedback of the position (1 V for each rad)"
+FEEDBACK = "With unit feedback of the position (1 V for each rad), computed every 2 ms,"
 
 
 def caption(theta: tuple[float, ...], sd: np.ndarray = SD) -> str:
@@ -42,20 +44,28 @@ def test_bandwidth_and_rise_time_stand_under_their_figures() -> None:
 
 
 def test_the_margins_of_unit_feedback_stand_with_the_poles() -> None:
-    # τ²ω⁴ + ω² = K² at 12.496 rad/s, where π/2 - atan(ωτ) - ωd = 37.236°. tan(ωd) = 1/(ωτ) at 70.476 rad/s, where
-    # ω √(1 + ω²τ²)/K = 25.083 = 27.988 dB.
+    # K (c₁ z + c₂)/((z - 1)(z - a)) behind one tick of 2 ms, worked out apart: |L| = 1, and L real and negative.
+    h, a = 0.002, np.exp(-0.002 / 0.1)
+    c1, c2 = h - 0.1 * (1 - a), 0.1 * (1 - a) - a * h
+
+    def loop(omega: float) -> complex:
+        z = np.exp(1j * omega * h)
+        return complex(20.0 * (c1 * z + c2) / ((z - 1) * (z - a)) / z)
+
+    at_one = brentq(lambda omega: abs(loop(omega)) - 1, 5, 50)
+    at_turn = brentq(lambda omega: loop(omega).imag, 20, 200)
+    phase = 180 + np.degrees(np.angle(loop(at_one)))
     told = caption((20.0, 0.1, 0.3, 0.002)).replace("\u00a0", " ")
 
-    assert f"{FEEDBACK} the phase margin is 37.236 ±" in told
-    assert "° at 12.496 ±" in told
-    assert "the gain margin 27.99 ±" in told
-    assert told.endswith("at 70.5 rad/s.")
+    assert f"{FEEDBACK} the phase margin is {phase:.3f} ±" in told
+    assert f"° at {at_one:.3f} ±" in told
+    assert f"the gain margin {20 * np.log10(1 / abs(loop(at_turn))):.2f} ±" in told
+    assert told.endswith(f"at {at_turn:.1f} rad/s.")
 
 
 @pytest.mark.parametrize(
     ("theta", "sentence"),
     [
-        ((20.0, 0.1, 0.3, -1e-3), "and no gain makes it unstable"),
         ((20.0, 0.1, 0.3, 0.2), "the loop would be unstable."),
         ((-20.0, 0.1, 0.3, 0.0), "the loop would be unstable."),
     ],
@@ -67,11 +77,16 @@ def test_loops_without_a_limit_and_unstable_ones_are_said_to_be_so(
 
 
 def test_an_interval_that_isn_t_even_is_told_by_its_ends() -> None:
-    # The delay may be none: the gain margin has a lower end only.
+    # The delay may be none or 10 ms: at 57 rad/s the gain margin falls with it, and is bounded without it by the hold.
     told = caption((20.0, 0.1, 0.3, 0.002), np.array([0.02, 1e-4, 0.01, 4e-3])).replace("\u00a0", " ")
 
-    assert "the gain margin 28 dB (95 %:" in told
-    assert "dB or more)" in told
+    ends = re.search(r"the gain margin 24.5 dB \(95 %: ([\d.]+) dB to ([\d.]+) dB\)", told)
+    assert ends
+    # Without a delay |z| = 1 at k = (1 - a)/c₂: 34.1 dB, of which two digits are printed.
+    a = np.exp(-0.02)
+    assert float(ends[2]) == pytest.approx(
+        20 * np.log10((1 - a) / (20 * (0.1 * (1 - a) - 0.002 * a))), abs=0.5
+    )
 
 
 def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
@@ -81,7 +96,7 @@ def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
 
     told = poles(fit, derived(fit)).caption.replace("\u00a0", " ")
 
-    assert "the phase margin is 37.2" in told
+    assert "the phase margin is 36.52" in told
     assert "nan" not in told
 
 

@@ -34,6 +34,10 @@ def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -
             "at most 34 ms while the voltage turns the motor, from 2 V on",
             "never",
         ),
+        "Sign of the encoder": (
+            "under feedback, a shaft that speeds up against the voltage as a motor does whose encoder is flipped",
+            "never",
+        ),
         "Speed": ("none", "not watched"),
         "Stall": ("slower than 1 rad/s above 5 V: a warning after 40 ms, cut off after 3 s", "never"),
         # 1.5 · 10 V / 0.042 V·s/rad · 0.002 s · 2048 / 2π

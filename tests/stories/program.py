@@ -3,47 +3,103 @@
 from __future__ import annotations
 
 import re
-import select
 import signal
 import subprocess
 import sys
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from queue import Empty, Queue
+from threading import Thread
 from typing import Any
 
 PATIENCE = 240.0  # s; in a fresh clone all kernels are compiled before the device is open
 
 
-@dataclass(frozen=True)
+@dataclass
+class Terminal:
+    """What a panel prints, read as it comes: all of it, and the links in it that nobody has taken yet."""
+
+    process: subprocess.Popen[str]
+    said: str = ""
+    links: Queue[str] = field(default_factory=Queue)
+
+    def __post_init__(self) -> None:
+        self._reader = Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def _read(self) -> None:
+        assert self.process.stderr is not None
+        for line in self.process.stderr:
+            self.said += line
+            if found := re.search(r"(?:panel|for another browser): (https?://\S+)", line):
+                self.links.put(found[1])
+
+    def link(self) -> str:
+        """The link that was printed after the last one that was taken."""
+        until = time.monotonic() + PATIENCE
+        while time.monotonic() < until and (self.process.poll() is None or not self.links.empty()):
+            try:
+                return self.links.get(timeout=0.5)
+            except Empty:
+                continue
+        raise AssertionError(f"no link was printed: {self.said}")
+
+    def end(self, signal_: int) -> str:
+        """Ask the program to end so, and return all that it has printed."""
+        self.process.send_signal(signal_)
+        try:
+            self.process.wait(PATIENCE)
+        except subprocess.TimeoutExpired:
+            self.process.kill()
+            raise
+        finally:
+            self._reader.join(PATIENCE)
+        assert self.process.stderr is not None
+        self.process.stderr.close()
+        return self.said
+
+
+@dataclass
 class Program:
-    """A panel that is running: where it is, the key in its address, the folder of its recordings, and its process."""
+    """A panel that is running: where it is, the folder of its recordings, its process, and what it prints."""
 
     base: str
-    key: str
     folder: Path
     process: subprocess.Popen[str]
+    terminal: Terminal
+    _first: str
 
     @property
     def address(self) -> str:
-        return f"{self.base}/?token={self.key}"
+        """A link that nobody has used yet; each opens the panel once."""
+        link, self._first = self._first or self.terminal.link(), ""
+        return link
+
+    @property
+    def key(self) -> str:
+        """The token of such a link."""
+        return self.address.partition("/?token=")[2]
 
     @property
     def port(self) -> int:
         return int(self.base.rpartition(":")[2])
 
 
-def started(folder: Path, *options: str) -> Program:
-    """Start `servobench panel` with a folder of recordings in a folder, and return it once its pages can be loaded."""
+def started(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> Program:
+    """Start `servobench panel` with a folder of recordings in a folder, and return it once its pages can be loaded.
+
+    It opens no browser by itself, unless it is given an environment in which there is one.
+    """
     recordings = folder / "recordings"
     command = [
         sys.executable,
         "-m",
         "servobench",
         "panel",
-        "--no-open",
+        "--no-open" if environment is None else "--open",
         "--port",
         "0",
         "--folder",
@@ -56,46 +112,27 @@ def started(folder: Path, *options: str) -> Program:
         bufsize=1,
         cwd=folder,
         start_new_session=True,
+        env=None if environment is None else dict(environment),
     )
+    terminal = Terminal(process)
     try:
-        base, _, key = _address(process).partition("/?token=")
+        link = terminal.link()
     except BaseException:
-        process.kill()
-        process.communicate()
+        terminal.end(signal.SIGKILL)
         raise
-    return Program(base, key, recordings, process)
+    return Program(link.partition("/?token=")[0], recordings, process, terminal, link)
 
 
 @contextmanager
-def running(folder: Path, *options: str) -> Iterator[Program]:
+def running(folder: Path, *options: str, environment: Mapping[str, str] | None = None) -> Iterator[Program]:
     """Run `servobench panel` as a person would, and end it with Ctrl-C; it has to end well, with the motor at rest."""
-    program = started(folder, *options)
-    process = program.process
+    program = started(folder, *options, environment=environment)
     try:
         yield program
     finally:
-        process.send_signal(signal.SIGINT)
-        try:
-            said = process.communicate(timeout=PATIENCE)[1]
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.communicate()
-            raise
-    assert process.returncode == 0, said
+        said = program.terminal.end(signal.SIGINT)
+    assert program.process.returncode == 0, said
     assert "the motor is at rest" in said
-
-
-def _address(process: subprocess.Popen[str]) -> str:
-    """The address that the program prints when pages can be loaded."""
-    said = ""
-    assert process.stderr is not None
-    until = time.monotonic() + PATIENCE
-    while time.monotonic() < until and process.poll() is None:
-        if select.select([process.stderr], [], [], 1.0)[0]:
-            said += process.stderr.readline()
-            if found := re.search(r"panel: (https?://\S+)", said):
-                return found[1]
-    raise AssertionError(f"the panel didn't begin: {said}")
 
 
 class Page:
@@ -146,6 +183,9 @@ class Page:
             self.held_up.append(self.text("#fault-text"))
             self.button("Acknowledge and start" if self.driving else "Acknowledge").click()
             self.page.locator("#fault").wait_for(state="hidden")
+        elif self.driving and "The page that drives" in (why := self.text("#start-status")):
+            self.held_up.append(why)  # so busy that the page couldn't draw: a person presses Start again
+            self.button("Start").click()
 
     def start(self) -> None:
         """Start the motor, and wait until it is driven."""

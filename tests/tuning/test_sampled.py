@@ -14,8 +14,8 @@ from servobench.control.pid import Pid
 from servobench.control.state_feedback import StateFeedback
 from servobench.errors import UsageError
 from servobench.margins import Margins
+from servobench.sampled_loop import SampledLoop, sampled_margins
 from servobench.tuning.loop import open_loop
-from servobench.tuning.sampled import SampledLoop, sampled_margins
 
 K, TAU, H = 23.8, 0.0992, 0.002
 COUNT = 1e-9  # rad

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from math import floor, isfinite
 from typing import TYPE_CHECKING
 
@@ -11,55 +11,66 @@ from rich.console import Console
 from rich.text import Text
 
 from servobench.cli.layout import show_table, show_wrapped
-from servobench.finding import Finding, Severity, Verdict
+from servobench.cli.terminal import printable
+from servobench.cli.wording import with_options
+from servobench.finding import Finding, Severity, Verdict, by_weight, parameter_in_words
 
 if TYPE_CHECKING:
     from servobench.estimators.base import Estimate
     from servobench.result import Comparison, Result
 
 _MARKS = {
+    Severity.DANGER: ("✗", "bold red"),
     Severity.REFUSAL: ("✗", "bold red"),
     Severity.WARNING: ("!", "bold yellow"),
     Severity.INFO: ("•", "dim"),
 }
 _VERDICTS = {
-    Verdict.TRUSTED: ("bold green", "nothing in the data speaks against this model"),
+    Verdict.TRUSTED: ("bold green", "nothing that was found goes beyond the intervals above"),
     Verdict.DOUBTFUL: (
         "bold yellow",
         "something speaks against relying on this model; see the lines marked with !",
     ),
     Verdict.REFUSED: ("bold red", "these data can't support a model; the lines marked with ✗ say why"),
 }
+_TOLD = 0.1  # of the half-width: parts of a budget that are smaller are not worth a word
+_MOST = 5  # findings, unless all are asked for
 _MOST_ALIKE = 3  # findings of one kind; many files have the same ones
 
 
-def show_result(console: Console, result: Result) -> None:
+def show_result(console: Console, result: Result, all_findings: bool = False) -> None:
     """Print the parameters with their intervals, the transfer function, how well it fits, the verdict and the findings.
 
-    Of a refused result there is the verdict and its reasons only: a table of noise would be read all the same.
+    Of several findings the weightiest are printed, or `all_findings`. A refused result has its verdict and the reasons only, as
+    a table of noise would be read all the same; where nothing but what the data tell is wanting, the table says that.
     """
     if result.verdict is Verdict.REFUSED:
         _show_refused(console, result)
         return
     if result.fit is not None:
-        _show_parameters(console, result.fit.estimates)
-        for line in _model(result):
-            show_wrapped(console, Text("  "), line, hanging=4)
+        _show_answers(console, result)
+        for line in (*_model(result), *_budget(result), result.good_for):
+            if line:
+                show_wrapped(console, Text("  "), line, hanging=4)
         console.print()
     if result.motor_parameters:
         _show_parameters(console, result.motor_parameters, "motor")
     if result.nominal:
         _show_comparisons(console, result.nominal)
     _show_verdict(console, result.verdict)
-    if result.findings:
+    rest = [finding for finding in result.findings if finding.severity is not Severity.DANGER]  # said first
+    if rest:
         console.print()
-        show_findings(console, result.findings)
+        most, alike = (len(rest), len(rest)) if all_findings else (_MOST, 1)
+        show_findings(console, rest, most, alike)
 
 
 def _show_refused(console: Console, result: Result) -> None:
     """What is wrong first, then the refusals; of what else there is to say only that the result as JSON has it."""
     from servobench.explanations.base import is_cause
 
+    if result.fit is not None and _is_only_untold(result):
+        _show_answers(console, result)
     _show_verdict(console, result.verdict)
     console.print()
     causes = [finding for finding in result.findings if is_cause(finding)]
@@ -76,44 +87,100 @@ def _show_refused(console: Console, result: Result) -> None:
         console.print(f"    and {rest} more that matter less (--json)", style="dim")
 
 
+def _is_only_untold(result: Result) -> bool:
+    """Whether a result is refused for nothing but that the data tell no parameter."""
+    return {each.code for each in result.findings if each.severity is Severity.REFUSAL} == {"nothing-known"}
+
+
 def _show_verdict(console: Console, verdict: Verdict) -> None:
     style, sentence = _VERDICTS[verdict]
     show_wrapped(console, Text(f"{verdict}: ", style=style), sentence, hanging=0)
 
 
-def show_findings(console: Console, findings: Iterable[Finding]) -> None:
-    """Print findings, the weightiest first, each behind its mark; of many of one kind the first few and their number."""
-    alike: dict[tuple[Severity, str], list[Finding]] = {}
-    for finding in findings:
-        alike.setdefault((finding.severity, finding.code), []).append(finding)
-    order = list(_MARKS)
-    for severity, code in sorted(alike, key=lambda kind: order.index(kind[0])):
-        sentences = [finding.sentence + _rows(finding) for finding in alike[severity, code]]
-        for sentence in sentences[:_MOST_ALIKE]:
-            symbol, style = _MARKS[severity]
+def show_findings(
+    console: Console, findings: Iterable[Finding], most: int | None = None, alike: int = _MOST_ALIKE
+) -> None:
+    """Print findings, the weightiest first, each behind its mark; of one kind the first `alike`, and the number of the others.
+
+    Of more than `most` kinds those that only tell something are left out, and their number is said.
+    """
+    groups = by_weight(findings)
+    shown = groups if most is None else _weightiest(groups, most)
+    for group in shown:
+        sentences = [with_options(finding.sentence) + _rows(finding) for finding in group]
+        symbol, style = _MARKS[group[0].severity]
+        for sentence in sentences[:alike]:
             show_wrapped(console, Text.assemble("  ", (symbol, style), " "), sentence, hanging=4)
-        if len(sentences) > _MOST_ALIKE:
-            console.print(f"    and {len(sentences) - _MOST_ALIKE} more of this kind")
+        if len(sentences) > alike:
+            console.print(f"    and {len(sentences) - alike} more of this kind", style="dim")
+    if len(shown) < len(groups):
+        console.print(
+            f"    and {len(groups) - len(shown)} more that matter less (--all-findings)", style="dim"
+        )
 
 
-def in_words(name: str) -> str:
-    """Return a parameter's name as people write it: `time constant`, `Coulomb voltage`."""
-    return name.replace("_", " ").replace("coulomb", "Coulomb")
+def _weightiest(groups: Sequence[tuple[Finding, ...]], most: int) -> Sequence[tuple[Finding, ...]]:
+    """The first groups; all that speak against the result are among them."""
+    grave = sum(group[0].severity is not Severity.INFO for group in groups)
+    return groups[: max(most, grave)]
 
 
-def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: str = "parameter") -> None:
+def show_dangers(console: Console, findings: Iterable[Finding]) -> None:
+    """Print what somebody beside the motor has to act on; it comes before anything else."""
+    for finding in findings:
+        if finding.severity is Severity.DANGER:
+            console.print(Text(printable(finding.sentence), style="bold red"), soft_wrap=True)
+
+
+def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: str) -> None:
+    _show_estimates(console, what, [_row(parameter_in_words(name), each) for name, each in estimates.items()])
+
+
+def _show_answers(console: Console, result: Result) -> None:
+    """What is known of each parameter, and of several together; of what isn't known in words."""
+    from servobench.uncertainty.words import in_words
+
+    estimates = result.fit.estimates if result.fit else {}
+    rows = [
+        _row(parameter_in_words(name), estimate, in_words(result.answers.get(name)))
+        for name, estimate in estimates.items()
+    ]
+    rows += [_row(each.meaning, each.estimate) for each in result.combinations]
+    _show_estimates(console, "parameter", rows)
+
+
+def _row(name: str, estimate: Estimate, instead: str = "") -> tuple[str, ...]:
+    """A name, a value with its interval and unit; or what is said `instead`, as digits that aren't known would be read."""
     from servobench.rounding import rounded_interval
 
-    level = next(iter(estimates.values())).level
-    headings = (what, "value", "±", f"{100 * level:g} % interval", "unit")
-    rows = []
-    for name, estimate in estimates.items():
-        told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
-        known = f"{told.low} to {told.high}" if told.low else "not known"
-        value = told.value if told.low else ""  # digits of which none is known would be read all the same
-        rows.append((in_words(name), *map(_ascii_minus, (value, told.half, known)), told.unit))
+    told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+    if instead or not told.low:
+        return (name, "", "", _ascii_minus(instead or "not known"), "" if instead else told.unit)
+    return (name, *map(_ascii_minus, (told.value, told.half, f"{told.low} to {told.high}")), told.unit)
+
+
+def _show_estimates(console: Console, what: str, rows: Sequence[tuple[str, ...]]) -> None:
+    headings = (what, "value", "±", "95 % interval", "unit")
     show_table(console, headings, rows, right=headings[1:4])
     console.print()
+
+
+def _budget(result: Result) -> list[str]:
+    """What the intervals of gain and time constant are made of, the largest parts first."""
+    from servobench.rounding import plain
+    from servobench.uncertainty.composition import parts_of
+
+    lines = []
+    for name in ("gain", "time_constant"):
+        parts = parts_of(result.budget, result.answers.get(name))
+        if parts:
+            estimate = result.answers[name].estimate
+            whole = 100 * estimate.half_width / abs(estimate.value)
+            told = ", ".join(
+                f"{plain(part, 2)} {line.source}" for part, line in parts if part > _TOLD * whole
+            )
+            lines.append(f"of the ±{plain(whole, 2)} % of the {parameter_in_words(name)}: {told}")
+    return lines
 
 
 def _model(result: Result) -> list[str]:
@@ -141,7 +208,7 @@ def _show_comparisons(console: Console, nominal: Iterable[Comparison]) -> None:
     for each in nominal:
         factor, unit = handy_unit(each.unit, max(abs(each.nominal), abs(each.identified)))
         values = (_ascii_minus(plain(value / factor)) for value in (each.nominal, each.identified))
-        rows.append((in_words(each.name), *values, _difference(each), unit))
+        rows.append((parameter_in_words(each.name), *values, _difference(each), unit))
     show_table(console, headings, rows, right=headings[1:4])
     console.print()
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import shlex
 from collections.abc import Sequence
 from typing import Annotated
@@ -29,6 +30,7 @@ from servobench.cli.stability import stability
 from servobench.cli.terminal import spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
 from servobench.cli.why import why
+from servobench.loop.leftovers import sweep
 
 _DEBUG = "--debug"
 _STATUSES = (
@@ -93,6 +95,9 @@ for command in (
 def run_app(words: Sequence[str]) -> int:
     """Run the command that the words of a command line ask for, and return the exit status."""
     spell_what_cannot_be_encoded()
+    sweep()
+    # What it says of a folder that it can't write to is no matter of whoever wants a report.
+    logging.getLogger("matplotlib").setLevel(logging.ERROR)
     words, debug = _without_debug(words)
     try:
         # The object that typer hands to commands is the line as it was typed, for reports.

@@ -70,6 +70,7 @@ def assess(
     as_json: bool,
 ) -> None:
     """Hand an exercise out to a class."""
+    from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
     from servobench.cli.terminal import print_json
@@ -79,15 +80,19 @@ def assess(
     from servobench.motor.secret import new_secret, read_secret
 
     students = read_roster(roster)
-    folder = _empty(out, exercise.name)
-    is_new = not secret.exists()
-    assessment = Assessment(
-        exercise=exercise,
-        secret_file=secret,
-        secret=new_secret(secret) if is_new else read_secret(secret),
-        with_motor=with_motor,
-    )
-    with Progress() as progress, told_when_compiling(progress), ended_like_ctrl_c():
+    with (
+        empty_folder(out, exercise.name, datetime.now()) as folder,
+        Progress() as progress,
+        told_when_compiling(progress),
+        ended_like_ctrl_c(),
+    ):
+        is_new = not secret.exists()
+        assessment = Assessment(
+            exercise=exercise,
+            secret_file=secret,
+            secret=new_secret(secret) if is_new else read_secret(secret),
+            with_motor=with_motor,
+        )
         progress.begin(f"{len(students)} motors for {exercise.name}")
         made = hand_out(assessment, students, folder, progress.reached)
     _show_handed_out(console, exercise, made, folder, secret, is_new=is_new, with_motor=with_motor)
@@ -132,18 +137,6 @@ def mark(
     _show_marks(console, found, (*unread, *found.stray), marks)
     if as_json:
         print_json(_marks_as_data(exercise, found, (*unread, *found.stray)))
-
-
-def _empty(out: Path | None, name: str) -> Path:
-    """A folder that holds nothing yet, so that nothing of an earlier class is handed out."""
-    from servobench.errors import UsageError
-
-    folder = out or Path(f"{name}-{datetime.now():%Y%m%d-%H%M%S}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(
-            f"--out {folder}: isn't an empty folder; give a new one, the motors are the same again"
-        )
-    return folder
 
 
 def _check_marks(marks: Path, answers: Path, roster: Path) -> None:

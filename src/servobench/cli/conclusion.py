@@ -40,10 +40,12 @@ def concluded(
     nominal: str | None = None,
     others: Sequence[Evidence] = (),
     known: Mapping[str, tuple[float, float]] | None = None,
+    starts_at_rest: bool = False,
 ) -> Result:
     """Return what recordings say about the motor; `others` are those to try the model on.
 
-    `known` states parameters of the motor, as `identify` takes them.
+    `starts_at_rest` says that the shaft rests when each record begins. `known` states parameters of the motor, as `identify`
+    takes them.
     Recordings that are too short for any data give a refused result, as all do that can't support a model.
     """
     from servobench.errors import NotIdentifiable
@@ -52,8 +54,8 @@ def concluded(
 
     progress.begin("identifying")
     try:
-        data = [measure(each.recording, each.chain) for each in evidence]
-        others_data = [measure(each.recording, each.chain) for each in others]
+        data = [measure(each.recording, each.chain, starts_at_rest) for each in evidence]
+        others_data = [measure(each.recording, each.chain, starts_at_rest) for each in others]
     except NotIdentifiable as error:
         return _without_data([each.recording for each in evidence], error)
     result = identify(
@@ -71,12 +73,13 @@ def deliver(
     report: Path | None,
     command: str,
     heading: str = "",
+    all_findings: bool = False,
 ) -> None:
     """Write the report, if one is wanted, and print the result: as words, and as JSON where that is wanted, too.
 
     `command` is the line that was typed, for the report. The result is printed even where the report can't be written.
     """
-    from servobench.cli.answer import show_result
+    from servobench.cli.answer import show_dangers, show_result
     from servobench.cli.terminal import print_json, say
     from servobench.report.document import Report
 
@@ -84,10 +87,11 @@ def deliver(
         if report is not None:
             Report(recordings, result, command=command).write(report)
     finally:
+        show_dangers(console, result.findings)
         if heading:
             say(console, f"{heading}\n")
         _say_timing(console, recordings)
-        show_result(console, result)
+        show_result(console, result, all_findings)
         if as_json:
             print_json(result.to_dict())
     if report is not None:

@@ -98,11 +98,10 @@ def _motor(
     nominal: str | None, known_from: Path | None, counts_per_rev: float | None, progress: Progress
 ) -> AssumedMotor:
     """What is known of the motor: a data sheet, a result, or a recording."""
+    from servobench.cli.recordings import identified_as_it_is
     from servobench.design.assumed import from_data_sheet, from_result, from_result_file
     from servobench.errors import FormatError, MissingInformation, UsageError
-    from servobench.formats.base import load
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
+    from servobench.result import SCHEMAS
 
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both say what is known of the motor; give one of them")
@@ -118,7 +117,7 @@ def _motor(
             raise UsageError(f"--from {known_from}: can't be read: {error.strerror or error}") from error
         except ValueError as error:
             raise FormatError(f"--from {known_from}: is no JSON: {error}") from error
-        if isinstance(content, dict) and content.get("schema") == "servobench.result/1":
+        if isinstance(content, dict) and content.get("schema") in SCHEMAS:
             if counts_per_rev is None:
                 raise MissingInformation(
                     str(known_from), ["the encoder, which a result doesn't hold: --counts-per-rev N"]
@@ -126,7 +125,7 @@ def _motor(
             return from_result_file(content, str(known_from), counts_per_rev)
     _unasked(counts_per_rev)
     progress.begin("identifying")
-    return from_result(identify([measure(each) for each in load(known_from)]), str(known_from))
+    return from_result(identified_as_it_is(known_from), str(known_from))
 
 
 def _unasked(counts_per_rev: float | None) -> None:
@@ -165,8 +164,8 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
 
 def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> None:
     """Print the predicted standard deviation of each parameter."""
-    from servobench.cli.answer import in_words
     from servobench.cli.layout import show_table
+    from servobench.finding import parameter_in_words
     from servobench.models.base import STRUCTURES
     from servobench.rounding import rounded
 
@@ -178,7 +177,9 @@ def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> No
         value, half = float(values[parameter.name]), TWO_SIDED * made.chosen.sd[parameter.name]
         told = rounded(value, half, parameter.unit.format(position="rad", input="V"))
         share = f"{100 * half / abs(value):.2g} %" if value else ""
-        rows.append((in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit))
+        rows.append(
+            (parameter_in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit)
+        )
     show_table(console, headings, rows, right=headings[1:4])
     console.print()
 

@@ -16,7 +16,9 @@ def export(
     out: Annotated[
         Path | None,
         typer.Option(
-            "--out", metavar="FILE", help="The file to write; without it, motor with TARGET's ending."
+            "--out",
+            metavar="FILE",
+            help="The file to write; without it, motor with TARGET's ending, and motor-wpilib.json for wpilib.",
         ),
     ] = None,
     position_unit: Annotated[
@@ -68,7 +70,7 @@ def export(
         counts_per_rev=counts_per_rev,
         voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
     )
-    file = out if out is not None else Path(f"motor{suffix}")
+    file = out if out is not None else Path(default_name(target))
     _check_free(file, suffix, [result], overwrite)
     files = exported(answer, target, file, wishes)
     console = output()
@@ -76,6 +78,15 @@ def export(
         say(console, f"written: {written}")
     if answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file names the reasons where it has room for them.")
+
+
+def default_name(target: str) -> str:
+    """Return the file that a target writes without --out: another one for each, so that none replaces another's."""
+    from servobench.export.base import TARGETS
+
+    suffix = TARGETS[target].suffix
+    shared = any(TARGETS[each].suffix == suffix for each in TARGETS.names() if each != target)
+    return f"motor-{target}{suffix}" if shared and suffix != f".{target}" else f"motor{suffix}"
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:

@@ -13,8 +13,9 @@ from contextlib import suppress
 from rich.text import Text
 
 from servobench._version import __version__
-from servobench.cli.terminal import OutputGone, messages, printable
-from servobench.errors import MissingInformation, ServobenchError
+from servobench.cli.terminal import OutputGone, messages, one_line, printable
+from servobench.cli.wording import with_options
+from servobench.errors import MissingInformation, ServobenchError, UnknownName
 
 DONE = 0
 OUR_FAULT = 1
@@ -57,7 +58,8 @@ def failed(error: BaseException, *, debug: bool = False) -> int:
 def complain(sentence: str) -> None:
     """Say on standard error what went wrong."""
     # Not wrapped: a path or a column's name is to be found again in a log.
-    messages().print(Text.assemble(("Error: ", "bold red"), printable(sentence)), soft_wrap=True)
+    told = printable(with_options(sentence))
+    messages().print(Text.assemble(("Error: ", "bold red"), told), soft_wrap=True)
 
 
 def flushed(status: int) -> int:
@@ -84,6 +86,8 @@ def _told(error: BaseException) -> tuple[int, str]:
         return INTERRUPTED, "interrupted before there was a result; files that were whole by then are kept"
     if isinstance(error, MissingInformation):
         return USER_MISTAKE, _list_of(str(error).splitlines()[0], error.missing)
+    if isinstance(error, UnknownName):
+        return error.exit_status, one_line(str(error))
     if isinstance(error, ServobenchError) and error.exit_status != OUR_FAULT:
         return error.exit_status, str(error)
     if isinstance(error, MemoryError):
@@ -99,7 +103,7 @@ def _told(error: BaseException) -> tuple[int, str]:
 
 
 def _list_of(heading: str, sentences: tuple[str, ...]) -> str:
-    return "\n".join([heading, *(f"  • {sentence}" for sentence in sentences)])
+    return "\n".join([heading, *(f"  • {one_line(sentence)}" for sentence in sentences)])
 
 
 def _first_line(error: BaseException) -> str:

@@ -80,7 +80,7 @@ def honest(
     from servobench.cli.conclusion import check_names
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
-    from servobench.cli.run import CUT_SHORT
+    from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output, print_json
     from servobench.formats.mapping import Mapping as Said
     from servobench.honest.repeated import honest as held_together
@@ -112,8 +112,7 @@ def honest(
     _show(console, found)
     if as_json:
         print_json(found.to_dict())
-    cut_short = recordings[-1].stopped.reason if experiment or not given else "finished"
-    raise typer.Exit(CUT_SHORT.get(cut_short, DONE))
+    raise typer.Exit(status_after(recordings[-1]) if experiment or not given else DONE)
 
 
 def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
@@ -137,20 +136,32 @@ def _repeated(
     progress: Progress,
 ) -> tuple[list[Recording], str]:
     """An experiment carried out so many times, and the chain through which it is to be looked at."""
-    from servobench.cli.run import device_asked_for, ended_like_ctrl_c, experiment_asked_for
+    from servobench.cli.output_folder import empty_folder
+    from servobench.cli.run import (
+        device_asked_for,
+        ended_like_ctrl_c,
+        experiment_asked_for,
+        warn_of_danger,
+    )
     from servobench.cli.terminal import say
-    from servobench.loop.run import run
+    from servobench.loop.live import run_where_its_time_passes
 
     asked = experiment_asked_for(file, device, seed, None)
-    folder = _folder(out)
-    (folder / "experiment.toml").write_text(asked.to_toml(), encoding="utf-8", newline="\n")
     recordings = []
     progress.begin("running")
-    with ended_like_ctrl_c():
+    with empty_folder(out, "honest", datetime.now()) as folder, ended_like_ctrl_c():
+        # Made here and nowhere else: of two commands that were given the same empty folder one has it.
+        with (folder / "experiment.toml").open("x", encoding="utf-8", newline="\n") as text:
+            text.write(asked.to_toml())
         for number in range(runs):
             one = _numbered(asked, number)
-            with device_asked_for(one, file) as motor:
-                recording = run(one, motor, to=folder / f"run-{number + 1}.mcap")
+            recording = run_where_its_time_passes(
+                one,
+                device_asked_for(one, file),
+                to=folder / f"run-{number + 1}.mcap",
+                alarm=progress.alarm,
+            )
+            warn_of_danger(recording, progress)
             recordings.append(replace(recording, name=f"run {number + 1}"))
             progress.reached((number + 1) / runs)
             if recording.stopped.reason != "finished":
@@ -173,19 +184,6 @@ def _numbered(asked: Experiment, number: int) -> Experiment:
     return asked.model_copy(update=changed)
 
 
-def _folder(out: Path | None) -> Path:
-    from servobench.errors import StorageError, UsageError
-
-    folder = out or Path(f"honest-{datetime.now():%Y%m%d-%H%M%S}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(f"--out {folder}: isn't an empty folder; give a new one")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
-    return folder
-
-
 def _beside(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
     """The means of the temperatures and supplies that all recordings have as a channel."""
     import numpy as np
@@ -205,9 +203,10 @@ def _beside(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
 
 def _show(console: Console, found: Honesty) -> None:
     """Print how each parameter scatters, a picture of those that matter most, and what was found."""
-    from servobench.cli.answer import in_words, show_findings
+    from servobench.cli.answer import show_findings
     from servobench.cli.layout import show_table
     from servobench.cli.terminal import say
+    from servobench.finding import parameter_in_words
     from servobench.rounding import plain, rounded
 
     say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
@@ -217,7 +216,7 @@ def _show(console: Console, found: Honesty) -> None:
         told = rounded(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
         ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
         cells = (told.value, told.half, told.unit, plain(each.ratio, 2), ends)
-        rows.append((in_words(each.name), *cells, f"{each.covered} of {len(found.runs)}"))
+        rows.append((parameter_in_words(each.name), *cells, f"{each.covered} of {len(found.runs)}"))
     show_table(console, headings, rows, right=headings[1:3])
     console.print()
     for each in found.parameters:
@@ -233,8 +232,8 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     """
     from statistics import median
 
-    from servobench.cli.answer import in_words
     from servobench.cli.layout import show_table
+    from servobench.finding import parameter_in_words
     from servobench.rounding import plain
 
     halves = [TWO_SIDED * sd for sd in each.sds]
@@ -249,7 +248,7 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     high = min(max(line[3] for line in lines), each.mean + reach)
     rows = [(_short(name), _picture(*ends, low=low, high=high)) for name, *ends in lines]
     scale = f"{plain(low, 6)} to {plain(high, 6)} {each.unit}".replace("−", "-")
-    show_table(console, (in_words(each.name), scale), rows)
+    show_table(console, (parameter_in_words(each.name), scale), rows)
     console.print()
 
 

@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from servobench.cli.options import (
+    AllFindings,
     AsJson,
     ChainText,
     CountsPerRev,
@@ -19,6 +20,7 @@ from servobench.cli.options import (
     ReferenceColumn,
     ReportFile,
     SampleTime,
+    StartsAtRest,
     StructureName,
     SupplyColumn,
     TimeColumn,
@@ -36,6 +38,7 @@ def identify(
     current: CurrentColumn = None,
     mapping: MappingFile = None,
     sample_time: SampleTime = None,
+    starts_at_rest: StartsAtRest = False,
     counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     nominal: Annotated[
@@ -63,6 +66,7 @@ def identify(
     ] = "auto",
     as_json: AsJson = False,
     report: ReportFile = None,
+    all_findings: AllFindings = False,
 ) -> None:
     """Identify the motor from recordings that you have.
 
@@ -111,6 +115,7 @@ def identify(
                 nominal=nominal,
                 others=others,
                 known=stated,
+                starts_at_rest=starts_at_rest,
             )
     console = messages() if as_json else output()
     for each in fitted:
@@ -123,5 +128,6 @@ def identify(
         as_json=as_json,
         report=report,
         command=context.obj or "",
+        all_findings=all_findings,
     )
     raise typer.Exit(status_of(result))

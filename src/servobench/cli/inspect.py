@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servobench.cli.wording import with_options
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -87,7 +89,9 @@ def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
 
     try:
         # A name of a file may hold bytes that are no text.
-        target.write_bytes(proposal(recordings, f"servobench identify {file}").encode("utf-8", "replace"))
+        target.write_bytes(
+            proposal(recordings, f"servobench identify {file} --mapping THIS.toml").encode("utf-8", "replace")
+        )
     except OSError as error:
         raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
 
@@ -96,23 +100,23 @@ def _show(console: Console, recording: Recording) -> None:
     from rich.text import Text
 
     from servobench.cli.answer import show_findings
-    from servobench.cli.terminal import printable, say
+    from servobench.cli.terminal import one_line, say
     from servobench.finding import Severity
 
-    console.print(Text(printable(recording.name), style="bold"))
+    console.print(Text(one_line(recording.name), style="bold"))
     # What is missing or damaged comes first: all that follows is about what is left.
     show_findings(console, [each for each in recording.findings if each.severity is not Severity.INFO])
     _show_channels(console, recording)
     for line in _times(recording):
         say(console, f"  {line}")
     for line in _pictures(console, recording):
-        console.print(printable(line), soft_wrap=True)
+        console.print(one_line(line), soft_wrap=True)
     if recording.stopped.reason != "unknown":
-        say(console, f"  ended: {recording.stopped.sentence}")
+        say(console, f"  ended: {one_line(recording.stopped.sentence)}")
     show_findings(console, [each for each in recording.findings if each.severity is Severity.INFO])
     lines, doubts = _support(recording)
     for line in lines:
-        say(console, line)
+        say(console, one_line(line))
     show_findings(console, doubts)
 
 
@@ -208,7 +212,10 @@ def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
     try:
         data = measure(assign(recording))
     except MissingInformation as error:
-        return ["To identify it, more has to be known:", *(f"  • {each}" for each in error.missing)], []
+        return [
+            "To identify it, more has to be known:",
+            *(f"  • {with_options(each)}" for each in error.missing),
+        ], []
     except ServobenchError as error:
         return [f"It can't be identified as it is: {error}"], []
     told = (

@@ -104,7 +104,7 @@ def lab(
     An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
     """
     from servobench.cli.assess import assess, check_assessment, mark
-    from servobench.cli.run import CUT_SHORT
+    from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output
     from servobench.errors import UsageError
     from servobench.lab.exercise import FOLDER
@@ -159,7 +159,7 @@ def lab(
             console, found, device, recording, given, out, solution=solution, studies=studies, as_json=as_json
         )
         if recording is None:
-            raise typer.Exit(CUT_SHORT.get(worked.stand.recording.stopped.reason, DONE))
+            raise typer.Exit(status_after(worked.stand.recording))
     raise typer.Exit(DONE)
 
 
@@ -344,6 +344,7 @@ def _write_all(
     as_json: bool,
 ) -> None:
     from servobench.cli.failures import KeptInPart
+    from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
     from servobench.cli.terminal import print_json, say
@@ -356,9 +357,13 @@ def _write_all(
     found = exercises(folder)
     if not found:
         raise UsageError(f"there are no exercises in {folder}; expected files NAME.md")
-    target = _empty(out)
-    lab = [Worked(exercise=each, stand=_stand(each, device, None), given={}) for each in found]
-    with Progress() as progress, told_when_compiling(progress), ended_like_ctrl_c():
+    with (
+        empty_folder(out, "lab", datetime.now()) as target,
+        Progress() as progress,
+        told_when_compiling(progress),
+        ended_like_ctrl_c(),
+    ):
+        lab = [Worked(exercise=each, stand=_stand(each, device, None), given={}) for each in found]
         progress.begin(f"doing {len(lab)} exercises")
 
         def begun(number: int, worked: Worked) -> None:
@@ -382,13 +387,3 @@ def _kept(interrupt: InPart) -> str:
         f"interrupted: {interrupt.done} of {interrupt.of} exercises are in {interrupt.folder}, whose {INDEX} says which are "
         "missing; for all of them run it again with another --out, or delete that folder first"
     )
-
-
-def _empty(out: Path | None) -> Path:
-    """The folder for the pages, which holds nothing yet, so that no page of an earlier time is taken for one of this."""
-    from servobench.errors import UsageError
-
-    folder = out or Path(f"lab-{datetime.now():%Y%m%d-%H%M%S}")
-    if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-        raise UsageError(f"--out {folder}: isn't an empty folder; give a new one")
-    return folder

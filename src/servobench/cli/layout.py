@@ -9,7 +9,7 @@ from rich.cells import cell_len
 from rich.console import Console
 from rich.text import Text
 
-from servobench.cli.terminal import printable
+from servobench.cli.terminal import one_line, printable
 
 _INDENT = "  "
 _GAP = "  "
@@ -31,7 +31,7 @@ def show_table(
 
     The columns with the headings in `right` hold numbers.
     """
-    cells = [[printable(cell) for cell in row] for row in rows]
+    cells = [[one_line(cell) for cell in row] for row in rows]
     widths = [max(map(cell_len, column)) for column in zip(headings, *cells, strict=True)][:-1]
     styled = [("dim", list(headings)), *(("", row) for row in cells)]
     for style, row in styled:

@@ -53,6 +53,13 @@ SampleTime = Annotated[
         help="The time between samples [s], where the file has no times or wrong ones.",
     ),
 ]
+StartsAtRest = Annotated[
+    bool,
+    typer.Option(
+        "--starts-at-rest",
+        help="The motor rests when the record begins, and the input was zero until then.",
+    ),
+]
 CountsPerRev = Annotated[
     float | None,
     typer.Option(
@@ -87,5 +94,8 @@ StructureName = Annotated[
 ]
 AsJson = Annotated[
     bool, typer.Option("--json", help="Print the answer as JSON, and nothing else, on standard output.")
+]
+AllFindings = Annotated[
+    bool, typer.Option("--all-findings", help="Print all findings, not only the five that matter most.")
 ]
 ReportFile = Annotated[Path | None, typer.Option("--report", metavar="FILE", help="Write a report (HTML).")]

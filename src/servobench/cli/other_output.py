@@ -13,6 +13,9 @@ if TYPE_CHECKING:
     from servobench.result import Result
 
 
+_UNTOLD = ("parameter-unknown", "known-together", "nothing-known")
+
+
 def with_other_output(result: Result, recordings: Sequence[Recording]) -> Result:
     """Return the result, with the speed that all recordings have named where their position doesn't tell the time constant.
 
@@ -32,7 +35,7 @@ def with_other_output(result: Result, recordings: Sequence[Recording]) -> Result
 
 
 def _is_untold(finding: Finding) -> bool:
-    return finding.code == "parameter-unknown" and "time_constant" in finding.parameters
+    return finding.code in _UNTOLD and "time_constant" in finding.parameters
 
 
 def _speed_beside_position(recordings: Sequence[Recording]) -> str | None:

@@ -10,6 +10,7 @@ import typer
 
 if TYPE_CHECKING:
     from servobench.experiment import Experiment
+    from servobench.panel.keys import Carrier
     from servobench.panel.server import Tls
 
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
@@ -84,13 +85,15 @@ def panel(
     ] = True,
     viewer: Annotated[
         bool,
-        typer.Option("--viewer", help="Print a second address, for those who may watch and stop only."),
+        typer.Option("--viewer", help="Print a code, for those who may watch and stop only."),
     ] = False,
 ) -> None:
     """Drive the motor from a page in the browser: live scopes, recordings, results.
 
-    Without --device and --experiment it is the simulated motor. The address that is printed lets in whoever has it, for
-    twelve hours. The motor turns only while the page that drives it is open. Ctrl-C ends it, with the motor at rest.
+    Without --device and --experiment it is the simulated motor. The link that is printed opens it once, within
+    twelve hours, and each use prints a fresh one: what a browser keeps in its history opens nothing. The motor turns only while
+    the page that drives it can be seen. Ctrl-C ends it, and puts out zero volts first; its last word is whether the device
+    confirmed them.
     """
     from servobench.cli.run import device_asked_for, experiment_asked_for
     from servobench.cli.terminal import messages, say
@@ -104,6 +107,7 @@ def panel(
         from servobench.lab.exercise import FOLDER
         from servobench.panel.keys import Keys
         from servobench.panel.library import Library
+        from servobench.panel.local_page import LocalPage
         from servobench.panel.pages import Panel
         from servobench.panel.server import door_for, listening, run
         from servobench.panel.session import MotorSession
@@ -118,7 +122,7 @@ def panel(
     device_asked_for(
         asked, experiment
     )  # not entered: a mistake in its settings shows before anything is opened
-    library, keys = Library(folder), Keys()
+    library, keys, local_page = Library(folder), Keys(used=lambda carrier: used(carrier)), LocalPage()
     library.prepare()
     with listening(host, port) as listener:
         scheme: Literal["http", "https"] = "http" if tls is None else "https"
@@ -127,19 +131,29 @@ def panel(
         base = f"{scheme}://{_shown(hosts[0])}:{listener.getsockname()[1]}/"
         console = messages()
 
+        def used(carrier: Carrier) -> None:
+            if carrier == "local page":
+                local_page.used()
+            else:
+                say(console, f"for another browser: {base}?token={keys.new('operator')}")
+
         def begun() -> None:
             say(console, f"panel: {base}?token={keys.new('operator')}")
             if viewer:
-                say(console, f"to watch and stop only: {base}?token={keys.new('viewer')}")
-            say(console, "Ctrl-C ends it, with the motor at rest.")
-            if open_browser:
-                _open(f"{base}?token={keys.new('operator', once=True)}")
+                say(console, f"to watch and stop only: {base} with the code {keys.new('viewer', 'code')}")
+            say(console, "Ctrl-C ends it, and puts out zero volts first.")
+            if open_browser and _has_screen():
+                key = keys.new("operator", "local page")
+                local_page.open(
+                    base, key, folder, lambda: say(console, "no browser came: open the link above.")
+                )
 
+        motor = MotorSession(asked, library)
         try:
             with library.held(base):
                 run(
                     Panel(
-                        motor=MotorSession(asked, library),
+                        motor=motor,
                         library=library,
                         door=door,
                         exercises=(exercises or FOLDER).resolve(),
@@ -147,9 +161,10 @@ def panel(
                     listener,
                     tls,
                     begun,
+                    local_page.end,
                 )
         except KeyboardInterrupt:
-            say(console, "\nthe motor is at rest")
+            say(console, f"\n{motor.last_word}")
 
 
 def _check_assessed(
@@ -226,12 +241,11 @@ def _shown(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 
-def _open(address: str) -> None:
-    """Open the page where there is a screen for it; the address has a key that works once."""
+def _has_screen() -> bool:
+    """Whether there is a screen for a browser."""
     import os
     import sys
-    import threading
-    import webbrowser
 
-    if sys.platform in ("win32", "darwin") or os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"):
-        threading.Thread(target=webbrowser.open, args=(address,), daemon=True).start()
+    return sys.platform in ("win32", "darwin") or bool(
+        os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
+    )

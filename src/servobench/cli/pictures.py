@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rich.cells import cell_len
 from rich.console import Console
 
-from servobench.channels import Array
+from servobench.channels import Array, measurable
 from servobench.rounding import plain
 
 # Where the dots of a cell are in the Braille block, by row and column.
@@ -61,9 +61,10 @@ def line_over_time(
 ) -> list[str]:
     """Return a picture of y (N,) at times t (N,) [s] as `height` lines of at most `width` characters, and one with the times.
 
-    `held` draws a value until the next one, otherwise straight lines connect them. Values or times that aren't finite are left
-    out; without two of them there is no picture.
+    `held` draws a value until the next one, otherwise straight lines connect them. Values or times that no channel can
+    have are left out; without two of them there is no picture.
     """
+    t, y = measurable(t), measurable(y)
     usable = np.isfinite(t) & np.isfinite(y)
     t, y = t[usable], y[usable]
     if len(t) < 2 or not t[-1] > t[0] or (np.diff(t) < 0).any():

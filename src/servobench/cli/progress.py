@@ -13,7 +13,7 @@ from typing import Any, Self, TextIO
 
 from rich.text import Text
 
-from servobench.cli.terminal import is_terminal, messages
+from servobench.cli.terminal import is_terminal, messages, one_line, printable
 
 _PATIENCE = 1.0  # s; what takes less needs no word
 _INTERVAL = 0.25  # s
@@ -23,6 +23,8 @@ _INTERVAL = 0.25  # s
 class _Work:
     """What is being done since when [s], and the first and the latest (time [s], part that was done by then).
 
+    `left` is the time that is left [s] where the work itself tells it, as a run does.
+
     It is replaced as a whole, so that the thread that writes about it never sees a half of each of two.
     """
 
@@ -30,6 +32,7 @@ class _Work:
     start: float
     first: tuple[float, float] | None = None
     latest: tuple[float, float] | None = None
+    left: float | None = None
 
     @property
     def done(self) -> float:
@@ -37,7 +40,9 @@ class _Work:
         return self.latest[1] if self.latest else 0.0
 
     def time_left(self, now: float) -> float | None:
-        """Return the time that is left at the pace so far [s]; None where nothing tells the pace."""
+        """Return the time that is left [s], at the pace so far unless it was told; None where nothing tells the pace."""
+        if self.left is not None:
+            return max(0.0, self.left)
         if self.first is None or self.latest is None or self.latest[1] <= self.first[1]:
             return None
         (started, before), (latest, done) = self.first, self.latest
@@ -83,18 +88,26 @@ class Progress:
         """Say from now on that this is being done; nothing for an empty text."""
         self._work = _Work(what=what, start=self._now())
 
-    def reached(self, done: float) -> None:
-        """Take note of the part of the work that is done, from 0 to 1."""
+    def reached(self, done: float, left: float | None = None) -> None:
+        """Take note of the part of the work that is done, from 0 to 1, and of the time left [s] where that is known."""
         place = (self._now(), done)
         # The pace is counted from here: what comes before the first word is preparation.
-        self._work = replace(self._work, first=self._work.first or place, latest=place)
+        self._work = replace(self._work, first=self._work.first or place, latest=place, left=left)
 
     def note(self, sentence: str) -> None:
         """Print a sentence that stays, above the line."""
-        with self._writing:
+        with self._writing, suppress(OSError):  # the terminal is gone; the work isn't
             if is_terminal(self._stream):
                 self._put("")
-            messages().print(Text(sentence, style="dim"), soft_wrap=True)
+            messages().print(Text(one_line(sentence), style="dim"), soft_wrap=True)
+
+    def alarm(self, sentence: str) -> None:
+        """Print at once what somebody beside the motor has to know; what was being done isn't told as going on any more."""
+        self.begin("")
+        with self._writing, suppress(OSError):  # where nobody reads it the run is still to be ended
+            if is_terminal(self._stream):
+                self._put("")
+            messages().print(Text(printable(sentence), style="bold red"), soft_wrap=True)
 
     def line(self) -> str:
         """Return what there is to say now; nothing before a second is over."""
@@ -145,6 +158,8 @@ def told_when_compiling(progress: Progress) -> Iterator[None]:
     """Note that kernels are being compiled, once, when and only when Numba really compiles one."""
     from numba.core import event
 
+    from servobench.compiled import code_is_kept
+
     class Compiling(event.Listener):
         """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""
 
@@ -153,7 +168,9 @@ def told_when_compiling(progress: Progress) -> Iterator[None]:
         def on_start(self, event: Any) -> None:
             if not self.heard:
                 self.heard = True
-                progress.note("compiling the numeric kernels; this is done once and kept")
+                progress.note(
+                    f"compiling the numeric kernels{'; this is done once and kept' * code_is_kept()}"
+                )
 
         def on_end(self, event: Any) -> None:
             """Say nothing."""

@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from servobench.cli.progress import Progress
     from servobench.formats.mapping import Mapping
     from servobench.recording.recording import Recording
+    from servobench.result import Result
 
 
 def loaded(files: Sequence[Path], progress: Progress) -> list[Recording]:
@@ -69,13 +70,34 @@ def evidence(recording: Recording, mapping: Mapping) -> Evidence:
 
 
 def seconds(text: str | None) -> float | None:
-    """Return the sample time in a text, with its unit or in seconds; raises `UsageError` where it is none."""
+    """Return the sample time in a text, with its unit or in seconds; raises `UsageError` where it can't be one."""
     from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
+    from servobench.formats.timing import seconds as checked
 
     if text is None:
         return None
     try:
-        return quantity(text, "s")
-    except UnitError as error:
+        return checked(text)
+    except (UnitError, UsageError) as error:
         raise UsageError(f"--sample-time: {error}") from None
+
+
+def identified_as_it_is(file: Path) -> Result:
+    """Return what is identified from the recordings in a file, for a command that takes no columns and units.
+
+    Raises `UsageError` where these have to be said: to `servobench identify`, whose result the command takes as well.
+    """
+    from servobench.errors import MissingInformation, UsageError
+    from servobench.formats.base import load
+    from servobench.formats.mapping import Mapping
+    from servobench.identification import identify
+    from servobench.measurement.measure import measure
+
+    try:
+        found = [evidence(each, Mapping()) for each in load(file)]
+        return identify([measure(each.recording, each.chain) for each in found])
+    except MissingInformation as error:
+        raise UsageError(
+            f"{file} doesn't say enough to be identified as it is: {'; '.join(error.missing)}. Say so to "
+            f"`servobench identify {file} --json`, keep what it prints in result.json, and give that in the place of {file}"
+        ) from None

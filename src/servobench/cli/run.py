@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
+from servobench.cli.options import AllFindings
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -35,12 +36,6 @@ CUT_SHORT: dict[StopReason, int] = {
     "error": DEVICE_FAILED,
 }
 """The exit status of a run that didn't end as asked."""
-REQUESTS = {
-    "SIGTERM": ", the system's or another program's request to end",
-    "SIGHUP": ", as its terminal was closed",
-    "SIGBREAK": ", a request to end",
-}
-"""What asks a command to end beside Ctrl-C, and what that means."""
 RECORDER_FAILED = ("recorder-died", "recorder-ended-early")
 """The findings of a run that an error ended which was the recorder's and not the loop's."""
 
@@ -94,6 +89,7 @@ def run(
     as_json: Annotated[
         bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
     ] = False,
+    all_findings: AllFindings = False,
 ) -> None:
     """Run an experiment: record, identify, validate, report.
 
@@ -112,28 +108,29 @@ def run(
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
-    folder = run_folder(out, datetime.now())
-    with Progress() as progress, told_when_compiling(progress):
-        recording = _carried_out(
-            asked, device_asked_for(asked, experiment), folder, console, progress, structure
-        )
-        result = _identified(
-            recording, asked, structure, held_against or _own_data_sheet(recording), progress
-        )
-    if recording.stopped.reason in ("device_lost", "error"):
-        complain(recording.stopped.sentence)
-    if result is not None:
-        recording, result = _beside_the_wish(recording, asked, result)
-        folder.write_result(result.to_dict())
-        deliver(
-            result,
-            [recording],
-            console=console,
-            as_json=as_json,
-            report=folder.report,
-            command=context.obj or "",
-            heading=f"{counted(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
-        )
+    with run_folder(out, datetime.now()) as folder:
+        with Progress() as progress, told_when_compiling(progress):
+            recording = _carried_out(
+                asked, device_asked_for(asked, experiment), folder, console, progress, structure
+            )
+            result = _identified(
+                recording, asked, structure, held_against or _own_data_sheet(recording), progress
+            )
+        if recording.stopped.reason in ("device_lost", "error"):
+            complain(recording.stopped.sentence)
+        if result is not None:
+            recording, result = _beside_the_wish(recording, asked, result)
+            folder.write_result(result.to_dict())
+            deliver(
+                result,
+                [recording],
+                console=console,
+                as_json=as_json,
+                report=folder.report,
+                command=context.obj or "",
+                heading=f"{counted(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
+                all_findings=all_findings,
+            )
     raise typer.Exit(_status(recording, result))
 
 
@@ -220,28 +217,38 @@ def _carried_out(
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import say
-    from servobench.errors import DeviceLost
+    from servobench.errors import DeviceLost, DeviceSilent
     from servobench.formats.base import save
     from servobench.stopping_rule import StoppingRule, parse_wish
 
     running = "running" if asked.duration else "running until Ctrl-C"
 
     def watch(place: Place) -> None:
+        if place.ticks and place.tick + 1 >= place.ticks:
+            progress.begin("stopping the motor")
+            return
         if progress.what != running:
             progress.begin(running)
-        if place.ticks:
-            progress.reached(place.tick / place.ticks)
+        if place.ticks and asked.duration is not None:
+            # In real time the time that is left is the run's own; a simulation has its own pace.
+            left = None if device.info.timing == "virtual" else asked.duration - place.time
+            progress.reached(place.tick / place.ticks, left)
 
     look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
     with ended_like_ctrl_c(), _connected(device):
         say(console, _asked_in_words(asked))
         show_findings(console, asked.findings())
-        with folder.begun(asked.to_toml()):
-            progress.begin("getting ready")
-            try:
-                recording = _driven(asked, device, folder.recording, watch, look, progress.begin)
-            except DeviceLost as error:
-                recording = error.recording
+        folder.begin(asked.to_toml())
+        progress.begin("getting ready")
+        try:
+            recording = _driven(asked, device, folder.recording, watch, look, progress)
+        except DeviceSilent as error:
+            kept = f"what was recorded until then is kept: servobench recover {folder.path}"
+            raise DeviceSilent(f"{error}; {kept}", error.recording) from None
+        except DeviceLost as error:
+            recording = error.recording
+    progress.begin("saving what was recorded")
+    warn_of_danger(recording, progress)
     save(recording, folder.data)
     with folder.recording.open("rb") as file:
         checksum = hashlib.file_digest(file, "sha256").hexdigest()
@@ -259,7 +266,7 @@ def _driven(
     to: Path,
     watch: Callable[[Place], None],
     look: Look | None,
-    say: Callable[[str], None],
+    progress: Progress,
 ) -> Recording:
     """Carry the experiment out: at once where time is computed, in a process of its own where it passes."""
     if device.info.timing == "virtual":
@@ -268,20 +275,38 @@ def _driven(
         return carry_out(asked, device, to=to, watch=watch, look=look)
     from servobench.loop.live import run_live
 
-    return run_live(asked, to=to, watch=watch, look=look, say=say)
+    def over(sentence: str) -> None:
+        progress.note(f"{sentence}; saving and identifying what was recorded ...")
+
+    return run_live(asked, to=to, watch=watch, look=look, say=progress.begin, over=over, alarm=progress.alarm)
+
+
+def warn_of_danger(recording: Recording, progress: Progress) -> None:
+    """Say what somebody has to act on before anything is saved or identified; a loop of its own has said it already."""
+    if recording.info is not None and recording.info.timing == "virtual":
+        for sentence in dangers(recording):
+            progress.alarm(sentence)
+
+
+def dangers(recording: Recording) -> tuple[str, ...]:
+    """Return what a run found that somebody has to act on: the motor may still be driven."""
+    from servobench.finding import Severity
+
+    return tuple(each.sentence for each in recording.findings if each.severity is Severity.DANGER)
 
 
 @contextmanager
 def ended_like_ctrl_c() -> Iterator[None]:
     """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
 
+    from servobench.loop.requests import REQUESTS, requests_here
+
     def interrupt(number: int, frame: FrameType | None) -> None:
         name = signal.Signals(number).name
-        raise KeyboardInterrupt(f"{name}{REQUESTS.get(name, '')}")
+        raise KeyboardInterrupt(f"{name}{REQUESTS[name]}")
 
-    requests = [getattr(signal, name) for name in REQUESTS if hasattr(signal, name)]
     # A request that is ignored, as by nohup, stays so.
-    ours = [request for request in requests if signal.getsignal(request) is signal.SIG_DFL]
+    ours = [request for request in requests_here() if signal.getsignal(request) is signal.SIG_DFL]
     for request in ours:
         signal.signal(request, interrupt)
     try:
@@ -343,6 +368,16 @@ def _status(recording: Recording, result: Result | None) -> int:
     """The exit status: how the run ended comes before what its data say."""
     from servobench.cli.conclusion import status_of
 
-    if recording.stopped.reason == "error" and any(f.code in RECORDER_FAILED for f in recording.findings):
+    return status_after(recording) or (DONE if result is None else status_of(result))
+
+
+def status_after(recording: Recording) -> int:
+    """Return the exit status of a run by how it ended; `DONE` where it ended as asked, with the device as it should be."""
+    from servobench.loop.messages import NOT_CLOSED
+
+    codes = {finding.code for finding in recording.findings}
+    if dangers(recording) or NOT_CLOSED in codes:
+        return DEVICE_FAILED
+    if recording.stopped.reason == "error" and codes.intersection(RECORDER_FAILED):
         return CANNOT_WRITE
-    return CUT_SHORT.get(recording.stopped.reason, DONE if result is None else status_of(result))
+    return CUT_SHORT.get(recording.stopped.reason, DONE)

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from datetime import datetime
-from itertools import chain, count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, BinaryIO
 
+from servobench.cli.output_folder import made_folder, make, remove_if_empty
 from servobench.errors import StorageError, UsageError
+from servobench.recording.lease import hold, is_held
+from servobench.recording.mcap_file import being_written
 
 if TYPE_CHECKING:
     from servobench.recording.recording import Recording
@@ -62,35 +65,103 @@ class RunFolder:
         return (self.experiment, self.recording, self.data, self.result, self.report)
 
     def begin(self, experiment: str) -> None:
-        """Make the folder, remove what an earlier run left in it, and write the experiment's text.
+        """Remove what an earlier run left in the folder, and write the experiment's text.
 
         Files that no run writes stay. Raises `StorageError` where the folder can't be written.
         """
         try:
-            self.path.mkdir(parents=True, exist_ok=True)
             for file in self.files:
-                file.unlink(missing_ok=True)
+                if file != self.experiment:  # it is locked, and written over
+                    file.unlink(missing_ok=True)
             self._write_experiment(experiment)
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
     @contextmanager
-    def begun(self, experiment: str) -> Iterator[None]:
-        """Begin, and take it back where nothing was recorded: a device that can't be opened leaves no folder."""
-        from servobench.cli.failures import NotBegun
-        from servobench.loop.ticks import stopped_by
+    def reserved(self) -> Iterator[None]:
+        """Keep other runs out until this one has written its last file; a folder in which nothing was recorded is removed.
 
+        The lock is on the experiment's file. Raises `UsageError` where another run has the folder, or holds files that no
+        finished run wrote, and `StorageError` where it can't be written.
+        """
+        self._check()
+        file, ours = None, False
         try:
-            self.begin(experiment)
+            file = self._open_experiment()
+            if not hold(file):
+                raise UsageError(f"--out {self.path}: {being_written(self.path)}")
+            self._check()  # again, as another run may just have ended
+            ours = True
             yield
         except BaseException as error:
-            if not any(self.path.glob(f"{self.recording.name}*")):
-                with suppress(OSError):
-                    self.experiment.unlink(missing_ok=True)
-                    self.path.rmdir()  # only where nothing else is in it
-                if isinstance(error, KeyboardInterrupt):
-                    raise NotBegun(stopped_by(error)) from None
+            stopped = error if isinstance(error, KeyboardInterrupt) else None
+            if (ours or stopped) and self._removed(file) and stopped:
+                raise _not_begun(stopped) from None
             raise
+        finally:
+            if file is not None:
+                file.close()
+
+    def _open_experiment(self) -> BinaryIO:
+        """The experiment's file, open for writing, with the text that it has; a new one where there is none."""
+        make(self.path, exist_ok=True)
+        try:
+            return self.experiment.open("a+b")
+        except OSError as error:
+            raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
+
+    def _removed(self, experiment: BinaryIO | None) -> bool:
+        """Whether nothing was recorded; the folder is removed then, unless something else is in it, or another run has it."""
+        if any(self.path.glob(f"{self.recording.name}*")):
+            return False
+        if experiment is None:  # interrupted on the way to it
+            with suppress(OSError), self.experiment.open("r+b") as file:
+                return self._removed(file)
+            remove_if_empty(self.path)
+            return not self.path.exists()
+        if not hold(experiment):
+            return False
+        if sys.platform == "win32":
+            experiment.close()  # an open file can't be removed there
+        with suppress(OSError):
+            self.experiment.unlink(missing_ok=True)
+        remove_if_empty(self.path)
+        return True
+
+    def _check(self) -> None:
+        """Raise `UsageError` where a run may not write to this folder."""
+        out = self.path
+        if out.exists() and not out.is_dir():
+            raise UsageError(f"--out {out}: is a file; give a folder")
+        if self.part.exists():
+            if is_held(self.part):
+                raise UsageError(f"--out {out}: {being_written(self.part)}")
+            raise UsageError(
+                f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
+                f"`servobench recover {out}`, or remove {self.part.name}, or give another folder"
+            )
+        if out.is_dir() and not self._is_free():
+            raise UsageError(
+                f"--out {out}: holds files, and isn't the folder of an earlier run; give a new or an empty folder"
+            )
+
+    def _is_free(self) -> bool:
+        """Whether nothing is in the folder but what runs write: an experiment, which one that never began left empty."""
+        found = list(self.path.iterdir())
+        if not found:
+            return True
+        try:
+            experiment = self.experiment.read_text(encoding="utf-8", errors="replace")
+            if not experiment:
+                return found == [self.experiment]
+            if not experiment.startswith(_OURS):
+                return False
+            with self.recording.open("rb") as file:
+                return file.read(len(_MAGIC)) == _MAGIC
+        except FileNotFoundError:
+            return self.experiment.exists()
+        except OSError:
+            return False
 
     def make_whole(self) -> Recording:
         """Make a whole folder of what a killed run left: the recording as far as it is right, its table and the experiment.
@@ -100,8 +171,6 @@ class RunFolder:
         recording, `FormatError` where nothing in it can be read, and `StorageError` where the folder can't be written.
         """
         from servobench.formats.base import save
-        from servobench.recording.lease import is_held
-        from servobench.recording.mcap_file import being_written
         from servobench.recording.reader import read
         from servobench.recording.recover import make_whole
 
@@ -128,55 +197,32 @@ class RunFolder:
         self.experiment.write_text(f"{_OURS}\n{experiment}", encoding="utf-8", newline="\n")
 
     def write_result(self, result: Mapping[str, Any]) -> None:
-        """Write the answer."""
+        """Write the answer, whole or not at all; raises `StorageError` where it can't be written."""
         text = json.dumps(result, indent=2, ensure_ascii=False, allow_nan=False)
-        # A byte in a file's name that is no text has no UTF-8 either; its escape is JSON, too.
-        self.result.write_text(text + "\n", encoding="utf-8", errors="backslashreplace", newline="\n")
+        try:
+            # A byte in a file's name that is no text has no UTF-8 either; its escape is JSON, too.
+            self.result.write_text(text + "\n", encoding="utf-8", errors="backslashreplace", newline="\n")
+        except OSError as error:
+            with suppress(OSError):
+                self.result.unlink(missing_ok=True)
+            raise StorageError(f"{self.result} can't be written: {error.strerror or error}") from error
 
 
-def run_folder(out: Path | None, now: datetime) -> RunFolder:
-    """Return the folder for a run: `out`, or a new one that is called after the time.
+@contextmanager
+def run_folder(out: Path | None, now: datetime) -> Iterator[RunFolder]:
+    """Reserve the folder for a run: `out`, or a new one that is called after the time and that no other run gets.
 
     `out` may be new, empty, or the folder of an earlier run, whose place the new run takes.
-    Raises `UsageError` for a file, a folder that holds something else, and a run whose recording was never finished.
+    Raises `UsageError` for a file, a folder that holds something else, one that another run writes to, and a run whose recording
+    was never finished; `StorageError` where it can't be written.
     """
-    if out is None:
-        return RunFolder(_fresh(now))
-    folder = RunFolder(out)
-    if out.exists() and not out.is_dir():
-        raise UsageError(f"--out {out}: is a file; give a folder")
-    if folder.part.exists():
-        from servobench.recording.lease import is_held
-        from servobench.recording.mcap_file import being_written
-
-        if is_held(folder.part):
-            raise UsageError(f"--out {out}: {being_written(folder.part)}")
-        raise UsageError(
-            f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
-            f"`servobench recover {out}`, or remove {folder.part.name}, or give another folder"
-        )
-    if out.is_dir() and any(out.iterdir()) and not _is_ours(folder):
-        raise UsageError(
-            f"--out {out}: holds files, and isn't the folder of an earlier run; give a new or an empty folder"
-        )
-    return folder
+    folder = RunFolder(out or made_folder("run", now))
+    with folder.reserved():
+        yield folder
 
 
-def _fresh(now: datetime) -> Path:
-    """A name that nothing has yet."""
-    name = f"run-{now:%Y%m%d-%H%M%S}"
-    candidates = chain([Path(name)], (Path(f"{name}-{again}") for again in count(2)))
-    return next(path for path in candidates if not path.exists())
+def _not_begun(interrupt: KeyboardInterrupt) -> KeyboardInterrupt:
+    from servobench.cli.failures import NotBegun
+    from servobench.loop.ticks import stopped_by
 
-
-def _is_ours(folder: RunFolder) -> bool:
-    """Whether a run has written the folder; one that never began has no recording."""
-    try:
-        if not folder.experiment.read_text(encoding="utf-8", errors="replace").startswith(_OURS):
-            return False
-        with folder.recording.open("rb") as file:
-            return file.read(len(_MAGIC)) == _MAGIC
-    except FileNotFoundError:
-        return folder.experiment.exists()
-    except OSError:
-        return False
+    return NotBegun(stopped_by(interrupt))

@@ -30,13 +30,21 @@ if TYPE_CHECKING:
     from servobench.estimators.base import Fit
     from servobench.export.answer import Answer
     from servobench.formats.mapping import Mapping
-    from servobench.margins import Margins
     from servobench.measurement.dataset import Dataset
     from servobench.result import Result
+    from servobench.stability_analysis.proportional import ProportionalLoop
     from servobench.transfer_function import TransferFunction
 
 # What poles, rates and margins are made of; friction is no part of them.
 _NEEDED = ("gain", "time_constant", "electrical_time_constant", "delay")
+_IN_COUNTS = (
+    "The motor is in counts, and so is this gain: identify with --counts-per-rev N to have both in rad."
+)
+_MOST_DELAYED = 1000  # ticks; each is a state of the loop, and the work grows with their cube
+_ADDED = "A phase margin below zero is of a loop that is 1 at several frequencies: it is phase that may be added, not lost."
+_FALLS = "A gain margin below 1 is the factor to which the gain may fall."
+_ON_PAPER = "They are the continuous loop's: one that is computed at ticks has a smaller gain margin."
+_UNSTATED = "The result doesn't state the sample time of its data: say --sample-time for the loop as it runs."
 
 
 def stability(
@@ -57,15 +65,21 @@ def stability(
     counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     recording: RecordingNames = None,
+    continuous: Annotated[
+        bool,
+        typer.Option("--continuous", help="Judge the loop on paper, without ticks: a real one bears less."),
+    ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Say whether an identified motor is stable, and a position loop around it.
 
     RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the options for columns as
     identify has them. Printed are the poles, what they mean, a bounded input that drives the position off, and verdict and
-    margins of the loop with its delay. Of a FILE also what the record itself can say, and whether the verdicts hold for all
-    parameters that it leaves open.
+    margins of the loop with its delay, as it runs at the sample time of the data, or for a RESULT at --sample-time. Of a FILE
+    also what the record itself can say, and whether the verdicts hold for all parameters that it leaves open.
     """
+    from dataclasses import replace
+
     from servobench.cli.recordings import mapping_in, seconds
     from servobench.cli.stability_document import SCHEMA
     from servobench.cli.terminal import messages, output, print_json
@@ -86,23 +100,43 @@ def stability(
         chain=chain,
         recordings=tuple(recording or ()),
     )
+    if continuous and sample_time is not None:
+        raise UsageError(
+            f"--sample-time {sample_time}: a continuous loop has no ticks; leave out --continuous or --sample-time"
+        )
     if motor.is_dir() or motor.suffix == ".json" or not motor.exists():
-        if said != Mapping() or mapping is not None:
+        if replace(said, sample_time=None) != Mapping() or mapping is not None:
             raise UsageError(
                 f"{motor} is a result, which has no columns any more: leave out --mapping, --chain and the options that name "
                 "columns, or give the file with the recording"
             )
-        document |= _of_an_answer(out, Answer.read(motor), kp)
+        answer = Answer.read(motor)
+        ticks = None if continuous else said.sample_time or answer.sample_time
+        _check_ticks(answer, ticks)
+        document |= _of_an_answer(out, answer, kp, ticks, continuous)
     else:
         base = mapping_in(mapping)
         result, document["records"] = _identified(out, motor, base, said, kp)
-        document |= _of_an_answer(out, Answer.of(result), kp)
+        answer = Answer.of(result)
+        document |= _of_an_answer(out, answer, kp, None if continuous else answer.sample_time, continuous)
         if result.fit is not None:
             gain = _gain(kp, _gain_unit(result.data[0]))
-            document["over_intervals"] = _over_intervals(out, result.fit, gain)
+            document["over_intervals"] = _over_intervals(out, result.fit, gain, continuous)
     if as_json:
         print_json(finite(document))
     raise typer.Exit(DONE)
+
+
+def _check_ticks(answer: Answer, sample_time: float | None) -> None:
+    """Raise `UsageError` for a sample time [s] of which the motor's delay takes more than can be worked with."""
+    from servobench.errors import UsageError
+
+    delay = answer.transfer_function.delay
+    if sample_time is not None and delay > _MOST_DELAYED * sample_time:
+        raise UsageError(
+            f"--sample-time {sample_time:g}: the motor's delay of {delay:.3g} s takes more than {_MOST_DELAYED} ticks of that; "
+            f"expected {1.1 * delay / _MOST_DELAYED:.2g} s at least, or --continuous for the loop without ticks"
+        )
 
 
 def _gain(text: str, unit: str) -> float:
@@ -147,16 +181,19 @@ def _identified(
         return concluded(evidence, progress), told
 
 
-def _of_an_answer(out: Console, answer: Answer, kp: str) -> dict[str, Any]:
+def _of_an_answer(
+    out: Console, answer: Answer, kp: str, sample_time: float | None, continuous: bool
+) -> dict[str, Any]:
     """Print what a result lets be said, and return it as plain data.
 
-    Raises `NotIdentifiable` where it doesn't know the motor's parameters.
+    The loop runs every `sample_time` [s]; where that is None it is judged without ticks, because that is asked for
+    (`continuous`) or the result doesn't state any. Raises `NotIdentifiable` where it doesn't know the motor's parameters.
     """
-    from servobench.cli.answer import in_words
     from servobench.errors import NotIdentifiable
+    from servobench.finding import parameter_in_words
 
     unknown = [
-        in_words(name)
+        parameter_in_words(name)
         for name in _NEEDED
         if name in answer.estimates and not all(map(math.isfinite, answer.estimates[name].interval))
     ]
@@ -173,23 +210,31 @@ def _of_an_answer(out: Console, answer: Answer, kp: str) -> dict[str, Any]:
         reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
         _say(out, "The motor is doubtful, and so is all that follows", reasons)
     position, driven_by = answer.units
+    unit = f"{driven_by}/{position}"
+    unstated = () if continuous or sample_time is not None else (_UNSTATED,)
     return {
         "motor": {"verdict": answer.verdict, "doubts": reasons},
-        **_of_the_motor(
-            out, answer.transfer_function, _gain(kp, f"{driven_by}/{position}"), f"{driven_by}/{position}"
-        ),
+        **_of_the_motor(out, answer.transfer_function, _gain(kp, unit), unit, sample_time, unstated),
     }
 
 
-def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str) -> dict[str, Any]:
+def _of_the_motor(
+    out: Console,
+    speed: TransferFunction,
+    kp: float,
+    kp_unit: str,
+    sample_time: float | None,
+    unstated: tuple[str, ...],
+) -> dict[str, Any]:
     """Print what the poles mean to the speed and to the position, and what a loop around the latter does."""
     from dataclasses import replace
 
     from servobench.cli.stability_document import of_a_loop
-    from servobench.margins import delay_margin, margins
     from servobench.rounding import plain
-    from servobench.stability_analysis.gains import stable_gains
-    from servobench.stability_analysis.nyquist import closed_loop
+    from servobench.stability_analysis.proportional import (
+        continuous_proportional_loop,
+        sampled_proportional_loop,
+    )
 
     turned, _, driven_by = speed.unit.partition("/(s·")
     position = replace(
@@ -200,22 +245,21 @@ def _of_the_motor(out: Console, speed: TransferFunction, kp: float, kp_unit: str
         delay=max(speed.delay, 0.0),
     )
     systems = [_of_a_system(out, system) for system in (speed, position)]
-    loop = replace(position, numerator=tuple(kp * c for c in position.numerator))
-    closed = closed_loop(loop)
-    stable = closed.verdict == "stable"
-    left = (margins(loop), delay_margin(loop)) if stable else None
-    factors = None if stable else stable_gains(loop)
-    in_counts = (
-        "The motor is in counts, and so is this gain: identify with --counts-per-rev N to have both in rad.",
+    loop = (
+        continuous_proportional_loop(position, kp)
+        if sample_time is None
+        else sampled_proportional_loop(position, kp, sample_time)
     )
     sentences = (
-        closed.sentence,
-        *(_left(*left) if left else ()),
-        *(_bears(factors) if factors is not None else ()),
-        *(in_counts if turned == "counts" else ()),
+        loop.closed.sentence,
+        *_margin_sentences(loop),
+        *(_bears(loop.stable_factors) if loop.stable_factors is not None else ()),
+        *unstated,
+        *((_IN_COUNTS,) if turned == "counts" else ()),
     )
-    _say(out, f"The position loop with {plain(kp)} {kp_unit}: {closed.verdict}", sentences)
-    return {"systems": systems, "loop": of_a_loop(kp, kp_unit, closed, left, factors, sentences)}
+    how = "continuous" if sample_time is None else f"computed every {plain(1000 * sample_time)} ms"
+    _say(out, f"The position loop with {plain(kp)} {kp_unit}, {how}: {loop.closed.verdict}", sentences)
+    return {"systems": systems, "loop": of_a_loop(kp, kp_unit, loop, sentences)}
 
 
 def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
@@ -229,21 +273,19 @@ def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
     return of_a_system(system, found)
 
 
-def _left(margins: Margins, delay: float) -> tuple[str, ...]:
-    """What margins a stable loop has."""
+def _margin_sentences(loop: ProportionalLoop) -> tuple[str, ...]:
+    """What margins a stable loop has; nothing for another one."""
     from servobench.rounding import plain
 
-    turned = (
-        "A phase margin below zero is of a loop that is 1 at several frequencies: it is phase that may be added, not lost.",
-    )
-    smaller = ("A gain margin below 1 is the factor to which the gain may fall.",)
+    left = loop.margins
+    if left is None or loop.delay_margin is None:
+        return ()
     return (
-        f"Gain margin {plain(margins.gain_margin)}, phase margin {plain(math.degrees(margins.phase_margin), 3)}°, delay margin "
-        f"{plain(delay, 3)} s.",
-        *(turned if margins.phase_margin < 0 else ()),
-        *(smaller if margins.gain_margin < 1 else ()),
-        "They are the continuous loop's: a controller that samples and holds adds about half of its sample time as delay, "
-        "and the time that it computes, for both of which the delay margin must do.",
+        f"Gain margin {plain(left.gain_margin)}, phase margin {plain(math.degrees(left.phase_margin), 3)}°, delay margin "
+        f"{plain(loop.delay_margin, 3)} s.",
+        *((_ADDED,) if left.phase_margin < 0 else ()),
+        *((_FALLS,) if left.gain_margin < 1 else ()),
+        *((_ON_PAPER,) if loop.sample_time is None else ()),
     )
 
 
@@ -264,13 +306,15 @@ def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
     return (f"{why} no gain of this sign makes this one stable.",)
 
 
-def _over_intervals(out: Console, fit: Fit, kp: float) -> list[dict[str, Any]]:
+def _over_intervals(out: Console, fit: Fit, kp: float, continuous: bool) -> list[dict[str, Any]]:
     from servobench.cli.stability_document import over_intervals
-    from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
+    from servobench.stability_analysis import intervals
     from servobench.transfer_function import TransferFunction
 
     feedback = TransferFunction(numerator=(kp,), denominator=(1.0,), output="input", unit="1")
-    speed, loop = stability_over_intervals(fit, "speed"), loop_over_intervals(fit, feedback)
+    speed = intervals.stability_over_intervals(fit, "speed")
+    judge = intervals.continuous_loop_over_intervals if continuous else intervals.loop_over_intervals
+    loop = judge(fit, feedback)
     _say(out, "What the data leave open", (speed.sentence, loop.sentence))
     return [over_intervals("speed", speed), over_intervals("position_loop", loop)]
 

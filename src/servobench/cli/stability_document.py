@@ -11,7 +11,7 @@ if TYPE_CHECKING:
     from servobench.measurement.dataset import Dataset
     from servobench.stability_analysis.drive import Drive
     from servobench.stability_analysis.intervals import OverIntervals
-    from servobench.stability_analysis.nyquist import ClosedLoop
+    from servobench.stability_analysis.proportional import ProportionalLoop
     from servobench.stability_analysis.record import RecordReport, Slope, Stretch
     from servobench.stability_analysis.verdict import StabilityReport
     from servobench.transfer_function import TransferFunction
@@ -47,31 +47,22 @@ def _drive(system: TransferFunction, drive: Drive) -> dict[str, Any]:
     }
 
 
-def of_a_loop(
-    gain: float,
-    unit: str,
-    closed: ClosedLoop,
-    margins: tuple[Margins, float] | None,
-    factors: Sequence[tuple[float, float]] | None,
-    sentences: Sequence[str],
-) -> dict[str, Any]:
-    """Return the verdict on a position loop of a gain.
-
-    `margins` are those of a stable loop, with the delay [s] that it bears, `factors` of another one the ranges of factors on the
-    gain for which it would be stable.
-    """
+def of_a_loop(gain: float, unit: str, loop: ProportionalLoop, sentences: Sequence[str]) -> dict[str, Any]:
+    """Return the verdict on a position loop of a gain, and its margins."""
+    closed, factors = loop.closed, loop.stable_factors
     return {
         "gain": {"value": gain, "unit": unit},
+        "sample_time": loop.sample_time,
         "verdict": closed.verdict,
         "poles_right": {"open": closed.open_right, "closed": closed.right},
         "encirclements": closed.encirclements,
-        "margins": None if margins is None else _margins(*margins),
+        "margins": None if loop.margins is None else _margins(loop.margins, loop.delay_margin),
         "stable_factors": None if factors is None else [list(each) for each in factors],
         "sentences": list(sentences),
     }
 
 
-def _margins(found: Margins, delay: float) -> dict[str, Any]:
+def _margins(found: Margins, delay: float | None) -> dict[str, Any]:
     told = {
         "gain_margin": (found.gain_margin, "1"),
         "phase_margin": (found.phase_margin, "rad"),

@@ -69,6 +69,11 @@ def printable(text: str) -> str:
     return "".join(c if c.isprintable() or c in _BLANKS else ascii(c)[1:-1] for c in text)
 
 
+def one_line(text: str) -> str:
+    """Return a text as `printable` does, on one line: a name with a line end must not look like a line of ours."""
+    return printable(text).replace("\n", "\\n")
+
+
 def spell_what_cannot_be_encoded() -> None:
     """Make standard output and standard error spell out characters that their encoding lacks: `Ω` becomes `ohm`."""
     codecs.register_error("servobench.spelled", _spelled)

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
+from servobench.cli.wording import TUNE, with_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,11 +18,13 @@ if TYPE_CHECKING:
 
     from servobench.control.running import Output
     from servobench.export.answer import Answer
+    from servobench.tuning.base import Wish
     from servobench.tuning.loop import Told
     from servobench.tuning.tune import Tuned
 
 _WORDS = {
     "gain_margin": "gain margin (factor)",
+    "gain_margin_downwards": "gain margin downwards (factor)",
     "phase_margin": "phase margin",
     "delay_margin": "delay margin",
     "gain_crossover": "gain crossover",
@@ -85,18 +88,18 @@ def tune(
 ) -> None:
     """Find the gains of a controller for an identified motor.
 
-    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. Printed are the gains, the
-    margins that are left and the step response, with 95 % intervals over what the data leave open, and a table
-    [controller] to paste into an experiment's file. A wish that delay, sample time or voltage don't allow is refused.
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. Printed are the poles obtained
+    beside those wished for, the margins that are left and the step response, with 95 % intervals over what the data leave
+    open, and a table [controller] to paste into an experiment's file. A wish that delay, sample time or voltage don't allow,
+    or that would be missed by more than 3 %, is refused, with the nearest that can be had.
     """
     from servobench.cli.terminal import messages, print_json
     from servobench.cli.terminal import output as standard_output
     from servobench.tuning.base import Wish
-    from servobench.tuning.tune import tune as tuned
 
     followed = _output(output)
     answer = _answer(motor)
-    made = tuned(
+    made = _tuned(
         answer,
         method or ("lambda_tuning" if closed_loop is not None else "pole_placement"),
         Wish(
@@ -118,33 +121,40 @@ def tune(
     raise typer.Exit(DONE)
 
 
+def _tuned(answer: Answer, method: str, wish: Wish) -> Tuned:
+    """The gains; what a message calls by Python's keyword it calls by this command's option."""
+    from servobench.errors import UsageError
+    from servobench.tuning.tune import tune as tuned
+
+    try:
+        return tuned(answer, method, wish)
+    except UsageError as error:
+        error.args = (with_options(str(error), TUNE),)
+        raise
+
+
 def _answer(path: Path) -> Answer:
     """What is known of the motor: a result, or what a recording says."""
     from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.recordings import identified_as_it_is
     from servobench.export.answer import Answer
 
     if path.is_dir() or path.suffix == ".json" or not path.exists():
         return Answer.read(path)
-    from servobench.formats.base import load
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
-
     with Progress() as progress, told_when_compiling(progress):
         progress.begin("identifying")
-        return Answer.of(identify([measure(each) for each in load(path)]))
+        return Answer.of(identified_as_it_is(path))
 
 
 def _own_sample_time(answer: Answer) -> float:
-    """The shortest sample time of the data that the result was made from."""
+    """The sample time of the data that the result was made from."""
     from servobench.errors import UsageError
 
-    told = [(each.get("sample_time") or {}).get("median") for each in answer.document.get("records", [])]
-    known = [float(each) for each in told if each]
-    if not known:
+    if answer.sample_time is None:
         raise UsageError(
-            "the result doesn't tell the sample time of its data; say --sample-time, such as 2ms"
+            "the result doesn't state the sample time of its data; say --sample-time, such as 2ms"
         )
-    return float(f"{min(known):.9g}")  # what rounding the times left
+    return answer.sample_time
 
 
 def _output(text: str) -> Output:
@@ -198,6 +208,10 @@ def _show(console: Console, made: Tuned) -> None:
         f"{name} for the {made.wish.output}, every {1000 * made.wish.sample_time:.4g} ms, by {made.method}",
     )
     console.print()
+    show_table(
+        console, ("of the loop", "wished", "obtained", "unit"), _reached(made), right=("wished", "obtained")
+    )
+    console.print()
     rows = [*_rows(made.margins), *_rows(made.response)]
     show_table(console, ("of the loop", "value", "95 % interval", "unit"), rows, right=("value",))
     console.print()
@@ -207,9 +221,25 @@ def _show(console: Console, made: Tuned) -> None:
         say(console, line)
 
 
+def _reached(made: Tuned) -> list[tuple[str, str, str, str]]:
+    """The wish beside what the loop has, in its own words and as poles."""
+    rows = [
+        (name, f"{wished:.4g}", f"{obtained:.4g}", unit)
+        for name, (wished, obtained, unit) in made.quantities.items()
+    ]
+    poles = [("pole", _pole(each.wished), _pole(each.obtained), "1/s") for each in made.poles]
+    return [*rows, *poles]
+
+
+def _pole(at: complex) -> str:
+    return f"{at.real:.4g}{at.imag:+.4g}j" if at.imag else f"{at.real:.4g}"
+
+
 def _rows(told: Mapping[str, Told]) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, each in told.items():
+        if name == "gain_margin_downwards" and math.isinf(min(each.value, each.interval[0])):
+            continue  # less gain makes most loops slower, and none of them unstable
         factor, unit = {"rad": (180 / math.pi, "deg"), "1": (1.0, "")}.get(each.unit, (1.0, each.unit))
         if name == "overshoot":
             factor, unit = 100.0, "%"

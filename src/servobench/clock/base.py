@@ -47,5 +47,5 @@ class Clock(Protocol):
         ...
 
     def elapsed(self) -> float:
-        """Return the time now [s], in the count in which ticks are latched; NaN where only samples tell it."""
+        """Return the time now [s]: in the count in which ticks are latched, or the host's own beside a device that keeps it."""
         ...

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import time
 from collections.abc import Callable
 from typing import ClassVar
 
@@ -14,18 +15,22 @@ from servobench.errors import DeviceError
 class DeviceClock:
     """The device's own time: its `read` waits for the tick, and its samples carry their number and time.
 
-    No sample is late by the clock that makes it; those whose number is left out are missed.
+    No sample is late by the clock that makes it; those whose number is left out are missed. `now` [s] puts another time in the
+    place of the host's monotonic one, which `elapsed` tells.
     """
 
     timing: ClassVar[Timing] = "device"
 
-    def __init__(self) -> None:
+    def __init__(self, *, now: Callable[[], float] = time.perf_counter) -> None:
+        self._now = now
+        self._began = now()
         self._sample_time = math.nan
         self._first: int | None = None
         self._before = -math.inf
 
     def start(self, sample_time: float) -> None:
         """Begin at the device's next sample, which is tick 0."""
+        self._began = self._now()
         self._sample_time = sample_time
         self._first = None
         self._before = -math.inf
@@ -57,5 +62,5 @@ class DeviceClock:
         )
 
     def elapsed(self) -> float:
-        """Return NaN: the device says its time with its samples, and not in between."""
-        return math.nan
+        """Return the host's time since the start [s]: the device says its own with its samples, and not in between."""
+        return self._now() - self._began

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from servobench.clock.waiting import waiting_by
 from servobench.errors import UsageError
 from servobench.finding import Finding, info
-from servobench.rounding import plain
+from servobench.rounding import microseconds, milliseconds
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -23,10 +23,10 @@ class WakeUps:
 
     def findings(self) -> tuple[Finding, ...]:
         """Return one info that says how punctual a process can be here, without a spin."""
-        p50, p99, largest = (plain(1e6 * late, 3) for late in (self.p50, self.p99, self.largest))
+        p50, p99, largest = (microseconds(late) for late in (self.p50, self.p99, self.largest))
         sentence = (
             f"Before the run this computer woke the loop {p50} µs late in the median of {self.count} sleeps of "
-            f"{plain(1000 * self.period, 3)} ms, {p99} µs late in one of a hundred, and {largest} µs late at most."
+            f"{milliseconds(self.period)} ms, {p99} µs late in one of a hundred, and {largest} µs late at most."
         )
         return (info("wake-ups", sentence),)
 

@@ -42,8 +42,9 @@ class Controller(Protocol):
         """Return the state from which `step(state, reference, sample)` gives `voltage`, of a motor that may be turning.
 
         That is a bumpless switch to this law, from any other or from the same with other gains: `voltage` [V] is what was applied
-        last. `sample.counts` may be the counter's value or the unwrapped travel, which agree up to whole wraps: given the
-        travel, the position goes on where it was, given the counter, it starts again within the counter's range.
+        last. A law without feedback, whose reference is in V, gives its reference instead. `sample.counts` may be the counter's
+        value or the unwrapped travel, which agree up to whole wraps: given the travel, the position goes on where it was, given
+        the counter, it starts again within the counter's range.
         Raises `UsageError` as `start` does.
         """
         ...

@@ -2,28 +2,30 @@
 
 from __future__ import annotations
 
-import math
-from typing import TypeAlias
+from typing import Any
+
+from pydantic import model_validator
 
 from servobench.channels import DeviceInfo, Sample
 from servobench.control.base import CONTROLLERS
-from servobench.control.running import FadeTime, faded
 from servobench.settings import Settings
-
-Bias: TypeAlias = tuple[float, float] | None
-"""What is added to the reference [V], and when that was [s]; None where nothing is."""
 
 
 @CONTROLLERS.member("open_loop")
 class OpenLoop(Settings):
-    """u[k] = r[k]: the reference [V] goes to the motor as it is.
+    """u[k] = r[k]: the reference [V] goes to the motor as it is, from the first sample on.
 
-    After a switch from another law the voltage goes over to the reference gradually: u = r + u_b e^(-t/fade_time)
+    Nothing fades in, not even after a switch from another law: any transition would be a signal that nobody asked for
     (docs/decisions/0019-control.md).
     """
 
-    fade_time: FadeTime = 0.5
-    """Time constant with which a switch from another law fades; at 0 the voltage jumps [s]."""
+    @model_validator(mode="before")
+    @classmethod
+    def _without_fade(cls, given: Any) -> Any:
+        """Read the files of earlier versions, which had a time constant for such a transition."""
+        if isinstance(given, dict):
+            return {name: value for name, value in given.items() if name != "fade_time"}
+        return given
 
     @property
     def reference_unit(self) -> str:
@@ -35,21 +37,14 @@ class OpenLoop(Settings):
         """What the reference is multiplied by, for a diagram."""
         return ("1",)
 
-    def start(self, sample_time: float, info: DeviceInfo) -> Bias:
-        """Return the state: nothing is added."""
-        return None
+    def start(self, sample_time: float, info: DeviceInfo) -> None:
+        """Return the state: there is none."""
 
-    def step(self, state: Bias, reference: float, sample: Sample) -> tuple[Bias, float]:
-        """Return the reference as the voltage [V], and what is left of the bias with it."""
-        if state is None:
-            return None, reference
-        bias, before = state
-        left = faded(bias, sample.time - before, self.fade_time)
-        return (left, sample.time) if left else None, reference + left
+    def step(self, state: None, reference: float, sample: Sample) -> tuple[None, float]:
+        """Return the reference as the voltage [V]."""
+        return None, reference
 
     def take_over(
         self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
-    ) -> Bias:
-        """Return the state from which the voltage goes on, and fades to the reference."""
-        bias = voltage - reference
-        return (bias, sample.time) if self.fade_time and math.isfinite(bias) and bias else None
+    ) -> None:
+        """Return the state: the next voltage is the reference, whatever was applied before."""

@@ -23,7 +23,6 @@ UNITS: dict[str, str] = {"position": "rad", "speed": "rad/s"}
 """The unit of what is followed."""
 FadeTime: TypeAlias = Annotated[Time, Field(ge=0, le=1e9)]
 Cutoff: TypeAlias = Annotated[float, In("rad/s"), Field(gt=0)]
-_NEGLIGIBLE = 1e-6  # V; far below what any amplifier resolves
 _LARGEST_BITS = 53  # a float holds whole numbers up to 2^53, and so does the travel
 
 Law: TypeAlias = Callable[[Array, Array, float, int, float], tuple[Array, float]]
@@ -47,12 +46,6 @@ def advanced(state: Running, reference: float, sample: Sample) -> tuple[Running,
     # Of one type always: another one would be compiled for, in the middle of a run.
     x, voltage = law(x, p, float(reference), sample.counts, sample.time)
     return Running(law, p, x), voltage
-
-
-def faded(bias: float, dt: float, fade_time: float) -> float:
-    """Return what is left of a bias [V] after a time [s]; nothing once it is less than anybody could measure."""
-    left = bias * math.exp(-max(dt, 0.0) / fade_time)
-    return left if abs(left) > _NEGLIGIBLE else 0.0
 
 
 class Shaft(NamedTuple):

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP, Array
 from servobench.errors import FormatError, NotIdentifiable
 from servobench.estimators.disturbance import Disturbance
 from servobench.measurement.dataset import Dataset
@@ -17,6 +17,7 @@ from servobench.models.base import STRUCTURES, Structure
 from servobench.models.nominal import nominal_values
 from servobench.motor.parameters import DataSheet, data_sheet
 from servobench.recording.recording import Source
+from servobench.result import SCHEMAS
 
 if TYPE_CHECKING:
     from servobench.result import Result
@@ -25,7 +26,7 @@ TOLERANCE = 0.2  # a data sheet's gain and time constant are held for no better 
 _FRICTION = 0.02  # of the sheet's voltage: what Coulomb friction is taken for where nobody knows it
 _ENCODER = (
     "the encoder's {} counts a turn are the only noise: no random torque, no error of the clock; "
-    "a design from a recording of the motor (--from) knows of its noise"
+    "a design from a recording of the motor (`recording=...`) knows of its noise"
 )
 _KNOWN = 2.5  # standard deviations of an estimate to which the limits hold
 
@@ -170,8 +171,8 @@ def from_result(result: Result, name: str) -> AssumedMotor:
 
 def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: float) -> AssumedMotor:
     """Return the motor of a result's JSON; the counts of a turn aren't in it. Raises `FormatError`, `NotIdentifiable`."""
-    if content.get("schema") != "servobench.result/1":
-        raise FormatError(f"{name}: is no result of servobench; expected the schema servobench.result/1")
+    if content.get("schema") not in SCHEMAS:
+        raise FormatError(f"{name}: is no result of servobench; expected the schema {SCHEMAS[-1]}")
     parameters = content.get("parameters") or {}
     if not {"gain", "time_constant"} <= set(parameters):
         raise NotIdentifiable(
@@ -181,10 +182,29 @@ def from_result_file(content: Mapping[str, Any], name: str, counts_per_rev: floa
         raise NotIdentifiable(
             f"{name}: its gain is in {parameters['gain']['unit']}; a design needs rad/(s·V): give a data sheet"
         )
-    values = {each: (float(p["value"]), float(p["sd"] or 0.0)) for each, p in parameters.items()}
+    try:
+        values = {each: (float(p["value"]), float(p["sd"] or 0.0)) for each, p in parameters.items()}
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FormatError(f"{name} isn't whole: {error!r} while reading its parameters") from None
+    _check_motor(name, values)
     quantum = 2 * math.pi / counts_per_rev
     extra = _ENCODER.format(f"{counts_per_rev:g}")
     return _identified(name, values, quantum, quantum / math.sqrt(12), extra, None)
+
+
+def _check_motor(name: str, values: Mapping[str, tuple[float, float]]) -> None:
+    """Raise `FormatError` where values and standard deviations by name aren't those of a motor."""
+    for each, numbers in values.items():
+        if not max(map(abs, numbers)) <= LARGEST_VALUE:
+            raise FormatError(
+                f"{name}: its {each} is {numbers[0]:g} with a standard deviation of {numbers[1]:g}; no motor has that"
+            )
+    tau = values["time_constant"][0]
+    if not SHORTEST_STEP <= tau <= LONGEST_STEP or values["gain"][0] == 0.0:
+        raise FormatError(
+            f"{name}: its gain is {values['gain'][0]:g} and its time constant {tau:g} s; expected a gain that isn't zero and "
+            f"{SHORTEST_STEP:g} to {LONGEST_STEP:g} s"
+        )
 
 
 def _identified(

@@ -6,8 +6,8 @@ start state) unknown. It is the mean over motors drawn from what is known of the
 - the noise: σ² (J'J)⁻¹, or what the encoder's real rounding of the drawn motor's positions makes of the parameters where that
   is more: rounding that repeats with the input doesn't average out, and that depends on the motor by chance.
   Where a random torque acts, (J'J)⁻¹ of the innovations of a Kalman filter;
-- what a first-order model can't know about reversals within its delay (`models.reversals`);
-- what it can't know of a delay that is the lag of a winding.
+- what a first-order model can't know about reversals within its delay (`models.reversals`), and of a delay that is the lag of
+  a winding, as far as the residuals will leave it open.
 """
 
 from __future__ import annotations
@@ -105,7 +105,10 @@ def _parts(
     bread = inverse(j.T @ j)
     shift = (bread @ (j.T @ e))[:shared]
     scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
-    return bread[:shared, :shared], scatter, shift[:, 1:] @ shift[:, 1:].T
+    # As much of the errors as the residuals will leave (`estimators.known_errors`).
+    left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
+    told = np.eye(left.shape[1]) + left.T @ left
+    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(told, shift[:, 1:].T)
 
 
 def _lag(motor: AssumedMotor, structure: Structure, theta: Array, data: Dataset) -> Array:

@@ -39,7 +39,7 @@ class DesignLimits:
                 motor.name,
                 [
                     "resistance and motor constant, or nobody can tell the current of an experiment: name the motor's data sheet "
-                    "(--nominal), or leave --current out"
+                    "(`nominal=...`), or leave `current=...` out"
                 ],
             )
 

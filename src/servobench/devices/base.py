@@ -21,18 +21,22 @@ class RunEnded(Exception):
     """A device's word that its run is over: a recording played to its end, a motor that a guard has stopped.
 
     It is a result and no error, so it stands outside of their tree: a run that gets it stops the motor and ends with `stopped`.
+    `sample` is the last one to be recorded, where the reason stands in it.
     """
 
-    def __init__(self, stopped: Stopped) -> None:
+    def __init__(self, stopped: Stopped, sample: Sample | None = None) -> None:
         super().__init__(stopped.sentence)
         self.stopped = stopped
+        self.sample = sample
 
 
 @runtime_checkable
 class Device(Protocol):
     """A motor, simulated or real; a context manager: entering connects at zero volts, leaving stops and closes.
 
-    Each tick of a run is one `read` and then one `write`. Any method but `stop` may raise `DeviceError`.
+    Each tick of a run is one `read` and then one `write`, all by one thread. Where a call doesn't return in time, other threads
+    call `write` with 0 V and `stop` beside it, as a motor that runs on is worse than two calls at once; a device that can't bear
+    that raises an error then. Any method but `stop` may raise `DeviceError`.
     """
 
     Settings: ClassVar[type[Any]]
@@ -74,7 +78,7 @@ class Device(Protocol):
         ...
 
     def stop(self) -> None:
-        """Put the motor into its safe state, zero volts; may be called twice; never raises."""
+        """Put the motor into its safe state, zero volts; may be called twice, and by any thread; never raises."""
         ...
 
 
@@ -96,12 +100,33 @@ def voltage_or_nan(voltage: object) -> float:
     return value
 
 
+def value_text(value: object) -> str:
+    """Return a value for a sentence: as Python shows it, in one line that is cut short, with its type unless that is float."""
+    kind = type(value)
+    if isinstance(value, float | np.floating):
+        return repr(float(value))
+    try:
+        shown = " ".join(repr(value).split())
+    except Exception:  # somebody's own __repr__, or an integer too long to be printed
+        shown = "a value"
+    shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
+    name = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
+    return shown if value is None else f"{shown} (of type {name[:40]})"
+
+
+def error_text(error: BaseException) -> str:
+    """Return an error that a device's call raised, for a sentence: as Python shows it, a request to end in words."""
+    if isinstance(error, KeyboardInterrupt):
+        return f"the call was broken off by {error.args[0] if error.args else 'Ctrl-C'}"
+    return repr(error)
+
+
 def finite_voltage(device: str, voltage: object) -> float:
     """Return a voltage [V] as the float that a device of that name may act on; raises `UsageError` for anything else."""
     # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
     value = voltage_or_nan(voltage)
     if not math.isfinite(value):
-        raise UsageError(f"{device}: {voltage!r} is no voltage; expected a finite number in V")
+        raise UsageError(f"{device}: {value_text(voltage)} is no voltage; expected a finite number in V")
     return value
 
 

@@ -6,26 +6,29 @@ import math
 import threading
 import time
 from collections.abc import Callable
+from contextlib import AbstractContextManager, nullcontext
+from functools import partial
 from types import TracebackType
-from typing import ClassVar, Literal, NoReturn, Self, TypeAlias
+from typing import Any, ClassVar, Literal, NoReturn, Self, TypeAlias
 
 from servobench.channels import DeviceInfo, Sample
-from servobench.devices.base import Device, RunEnded, voltage_or_nan
+from servobench.devices.base import Device, RunEnded, value_text, voltage_or_nan
 from servobench.devices.guard.base import MONITORS, Alarm, Monitor, Motion, Rig
 from servobench.devices.guard.faults import (
     Fault,
     faults_found,
-    no_answer,
     no_voltage,
     not_stopped,
     saturated,
     starved,
 )
 from servobench.devices.guard.lamp import Lamp
+from servobench.devices.guard.measured import Answers, recordable, unusable
 from servobench.devices.guard.nominal import nominal_motor
+from servobench.devices.guard.rescue import Rescue, first_that_works
 from servobench.devices.guard.stall import StallMonitor
 from servobench.devices.guard.watchdog import Watcher
-from servobench.errors import UsageError
+from servobench.errors import DeviceError, ServobenchError, UsageError
 from servobench.experiment.limits import Light, Limits
 from servobench.finding import Finding
 from servobench.recording.recording import Stopped
@@ -39,10 +42,11 @@ class Guarded:
     """A device around a device: nothing but a voltage within the limits reaches the inner one, and what goes wrong stops it.
 
     A voltage beyond `limits.voltage` or faster than `limits.slew` is clipped. `limits.start.voltage` is put out by a run's first
-    `read`, directly before its sample: nothing is put out that isn't watched. What isn't a finite number, an alarm of one of the
-    monitors (devices/guard, a file each) and a loop that falls silent are faults: `limits.terminate.voltage` is put out, at the
-    watchdog `limits.watchdog.voltage`, and the fault is latched until `acknowledge`. With `when_faulted="end"` `read` and
-    `write` then raise `RunEnded`, a result; with "hold" the run goes on at that voltage, whatever is written.
+    `read`, directly before its sample: nothing is put out that isn't watched. A value that isn't a finite number, written or
+    read, an alarm of one of the monitors (devices/guard, a file each) and a loop that falls silent are faults:
+    `limits.terminate.voltage` is put out, at the watchdog `limits.watchdog.voltage`, and the fault is latched until
+    `acknowledge`. With `when_faulted="end"` `read` and `write` then raise `RunEnded`, a result, with the sample where that is the
+    fault; with "hold" the run goes on at that voltage, whatever is written.
 
     The watchdog is fed by fresh actuation alone: a `write` that is the first since a new sample. Neither reading nor writing
     again feeds it. That it starved is noticed by the samples' own time at the next read, and, where time goes on meanwhile (a
@@ -84,6 +88,7 @@ class Guarded:
         self._silent = False
         self._watcher: Watcher | None = None
         self._lamp = Lamp(device)
+        self._feedback = False
         self._prepare(math.nan)
 
     @property
@@ -107,6 +112,11 @@ class Guarded:
         return self._saturated
 
     @property
+    def applied(self) -> float:
+        """The voltage that was put out last [V]."""
+        return self._motion.applied
+
+    @property
     def unwrapped(self) -> int:
         """The last sample's counts as a counter without wraps would show them."""
         return self._motion.unwrapped
@@ -118,7 +128,7 @@ class Guarded:
 
     def __enter__(self) -> Self:
         """Connect the inner device."""
-        self.device.__enter__()
+        self._reach(self.device.__enter__)
         self._lamp.show(self.limits.start.light)
         return self
 
@@ -137,11 +147,15 @@ class Guarded:
             )
         self._unwatch()
         self._prepare(sample_time)
-        self.device.start(sample_time, seed)
+        self._reach(self.device.start, sample_time, seed)
         self._start_voltage = self.limits.start_voltage(sample_time)
         self._lamp.show(self.limits.start.light)
         if self._drives and self._timing != "virtual":
             self._watcher = Watcher(self.look)
+
+    def under_feedback(self, feedback: bool) -> None:
+        """Say whether a controller answers to the samples: then the sign of the encoder is watched."""
+        self._feedback = self._motion.feedback = feedback
 
     def timed_by(self, elapsed: Callable[[], float]) -> None:
         """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""
@@ -153,10 +167,18 @@ class Guarded:
             self._end()
         if self._start_voltage:
             self._put_out_start()
-        sample = self.device.read()
+        sample = self._reach(self.device.read)
+        if not isinstance(sample, Sample):
+            raise DeviceError(
+                f"{self.info.name}: its read() returned {value_text(sample)}; expected a Sample"
+            )
         motion = self._motion
         self._fresh = self._fresh or sample.index != self._index
         self._index = sample.index
+        wrong = unusable(sample) if self._drives else None
+        self.usable = wrong is None
+        if wrong is not None:
+            return self._refused(sample, wrong)
         motion.take(sample)
         if self._fault is not None:  # on hold, or the watchdog expired while the device was read
             return self._told(sample)
@@ -183,44 +205,59 @@ class Guarded:
             u = math.copysign(self._largest, u)
         if self._slew is not None:
             u = self._slewed(u)
+        if self._fed is None and self._fresh:
+            self._fed = self._now()  # the watchdog waits for the first write, too, which may hang
         with self._lock:
-            applied = float(self.device.write(u))
+            answer = self._reach(self.device.write, u)
+        self._writes += 1
         if self._fault is not None:  # the watchdog expired while the device took the voltage
             return self._held(commanded)
+        wrong = self._answers.wrong(answer) if self._drives else None
+        if wrong is not None:
+            self._trip(wrong, self.limits.terminate.voltage)
+            return self._held(commanded)
+        applied = voltage_or_nan(answer)
         if self._fresh:
             self._fresh = False
             self._fed, self._fed_at = self._now(), self._motion.time
         if self._lamp.shown is not self._driven_light:
             self._lamp.show(self._driven_light)
         self._motion.applied = applied
-        self._writes += 1
         self._saturated = not -self._exact <= applied - commanded <= self._exact and self._drives
         if self._saturated:
             self._limited += 1
-            if not math.isfinite(applied):
-                self._trip(no_answer(applied), self.limits.terminate.voltage)
         return applied
 
     def stop(self) -> None:
         """Put out the terminate value, then stop the device; never raises.
 
         Where the device's own stop fails, zero volts are written and it is told to stop again. Where that fails as well nothing
-        is written any more, so that the device's own watchdog starves and stops the motor, and a fault is latched.
+        is written any more, so that the device's own watchdog starves and stops the motor, and a fault is latched. Where one of
+        these calls doesn't return, the device's stop and a write of zero volts are tried by other threads meanwhile.
         """
         self._unwatch()
+        with self._rescue():
+            self._bring_to_rest()
+
+    def _bring_to_rest(self) -> None:
         driven, self._writes = self._writes > 0, 0
         if driven and not self._silent:
             self._attempt(self.limits.terminate.voltage)
         stopped = self._stop_device()
-        if stopped is not None:
-            if not self._silent:
-                self._attempt(0.0)
+        if stopped is not None and not self._silent:
+            refused = self._attempt(0.0)
             stopped = self._stop_device()
-        if stopped is not None:
-            self._silent = True
-            self._latch(not_stopped(stopped))
+            if stopped is not None:
+                self._silent = True
+                self._add(not_stopped(stopped, zero_volts=refused is None))
         self._motion.applied = 0.0
         self._lamp.show_if_it_can(self.limits.terminate.light if self._fault is None else self._fault_light)
+
+    def _rescue(self) -> AbstractContextManager[object]:
+        """What helps where a call doesn't return; in virtual time nothing turns, and nobody waits."""
+        if not self._drives or self._timing == "virtual":
+            return nullcontext()
+        return Rescue((self._stop_device, partial(self._attempt, 0.0, locked=True)))
 
     def refuse(self, alarm: Alarm) -> Stopped | None:
         """Latch a fault of whoever drives, put the terminate value out, and return why the run is to end; None on "hold"."""
@@ -253,9 +290,8 @@ class Guarded:
         try:
             if self._fed == fed:
                 self._latch(starved(silent, self._timeout), self.limits.watchdog.light)
-                failed = self._attempt(self.limits.watchdog.voltage, locked=True)
-                if failed is not None:
-                    self._stop_device()
+                write = partial(self._attempt, self.limits.watchdog.voltage, locked=True)
+                first_that_works((write, self._stop_device))
         finally:
             if locked:
                 self._lock.release()
@@ -273,11 +309,8 @@ class Guarded:
         device, limits = self.info, self.limits
         self._timing = device.timing
         self._timeout = limits.watchdog.timeout
-        if self._drives and self._timing != "virtual" and 2 * sample_time > self._timeout:
-            raise UsageError(
-                f"limits.watchdog.timeout is {self._timeout:g} s, and has to be two samples of {sample_time:g} s at least: "
-                "raise it (0.5 s is the most), or sample faster"
-            )
+        if self._drives and self._timing != "virtual":
+            limits.watchdog.check_sample_time(sample_time)
         # In virtual time no time passes between two ticks, however long they are.
         longest = self._timeout if self._timing != "virtual" else max(self._timeout, 2 * sample_time)
         longest = longest if self._drives else math.inf
@@ -289,9 +322,11 @@ class Guarded:
             nominal=nominal_motor(limits.plausibility, device),
         )
         self._motion = Motion(self._rig)
+        self._motion.feedback = self._feedback
         self._largest, self._slew = limits.voltage, limits.slew
         channel = device.channel("voltage")
         self._exact = max((channel.resolution or 0.0) / 2 if channel else 0.0, 1e-9)
+        self._answers = Answers.of(device)
         self._driven_light, self._fault_light = limits.driven_light, limits.fault_light
         self._fresh, self._index = False, -1
         self._fed = self._fed_at = None
@@ -299,16 +334,36 @@ class Guarded:
         self._saturated = False
         self._start_voltage = 0.0
         self._elapsed = None
+        self.usable = True
+        """Whether the last sample held finite numbers only, so that a controller can make something of it."""
         self._faults: list[Fault] = []
         self._watch_afresh()
+
+    def _reach(self, call: Callable[..., Any], *arguments: object) -> Any:
+        """Call the inner device; what its driver raises of a port or a cable is a `DeviceError` with the system's own word."""
+        try:
+            return call(*arguments)
+        except OSError as error:
+            if isinstance(error, ServobenchError):
+                raise
+            why = error.strerror or str(error) or type(error).__name__
+            raise DeviceError(
+                f"{self.info.name}: {why}; look at its cable, its port and its supply"
+            ) from error
 
     def _put_out_start(self) -> None:
         """Put the start value out once, where the first sample is about to be latched, and let the watchdog wait from there."""
         voltage, self._start_voltage = self._start_voltage, 0.0
+        self._fed = self._now()
         with self._lock:
-            self._motion.applied = float(self.device.write(voltage))
+            answer = self.device.write(voltage)
         self._writes += 1
         self._fed = self._now()
+        wrong = self._answers.wrong(answer) if self._drives else None
+        if wrong is not None:
+            self._trip(wrong, self.limits.terminate.voltage)
+        else:
+            self._motion.applied = voltage_or_nan(answer)
 
     def _unwatch(self) -> None:
         """End the watchdog: nobody is supposed to drive."""
@@ -328,9 +383,21 @@ class Guarded:
         before, most = self._motion.applied, (self._slew or 0.0) * self._motion.dt
         return min(max(voltage, before - most), before + most)
 
-    def _trip(self, alarm: Alarm, voltage: float) -> None:
-        """Latch a fault, put out a voltage in its place, and with "end" end the run."""
-        self._latch(alarm)
+    def _refused(self, sample: Sample, alarm: Alarm) -> Sample:
+        """Trip on a sample that nothing can be made of, and return it as far as it can be recorded."""
+        kept = recordable(sample)
+        if self._fault is None:
+            self._trip(alarm, self.limits.terminate.voltage, kept)
+        elif self._ends:
+            self._attempt_again()
+            self._end()
+        if kept is None:
+            raise DeviceError(alarm.sentence)
+        return kept
+
+    def _trip(self, alarm: Alarm, voltage: float, sample: Sample | None = None) -> None:
+        """Latch a fault, put out a voltage in its place, and with "end" end the run; `sample` is one to be recorded."""
+        self._latch(alarm, time=None if sample is None else sample.time)
         failed = self._attempt(voltage)
         if failed is not None:
             self._stop_device()
@@ -338,18 +405,25 @@ class Guarded:
                 raise failed
         self._lamp.show_if_it_can(self._fault_light)
         if self._ends:
-            self._end()
+            self._end(sample)
 
-    def _latch(self, alarm: Alarm, light: Light | None = None) -> None:
+    def _latch(self, alarm: Alarm, light: Light | None = None, time: float | None = None) -> None:
         """Keep a fault, unless there is one already: the first is the cause."""
         if self._fault is None:
-            self._fault_light = light or self.limits.fault_light
-            self._fault = Fault.of(alarm, self._motion.time if self._elapsed is None else self._elapsed())
-            self._faults.append(self._fault)
+            self._add(alarm, light, time)
 
-    def _end(self) -> NoReturn:
+    def _add(self, alarm: Alarm, light: Light | None = None, time: float | None = None) -> None:
+        """Add a fault to those of this run, and latch it unless another one is; `time` [s] is the motion's unless given."""
+        by_samples = self._motion.time if time is None else time
+        fault = Fault.of(alarm, by_samples if self._elapsed is None else self._elapsed())
+        self._faults.append(fault)
+        if self._fault is None:
+            self._fault_light = light or self.limits.fault_light
+            self._fault = fault
+
+    def _end(self, sample: Sample | None = None) -> NoReturn:
         sentence = self._fault.sentence if self._fault else "the motor was stopped"
-        raise RunEnded(Stopped(reason="fault", sentence=sentence))
+        raise RunEnded(Stopped(reason="fault", sentence=sentence), sample)
 
     def _told(self, sample: Sample) -> Sample:
         if self._ends:
@@ -364,7 +438,7 @@ class Guarded:
             self._end()
         self._lamp.show_if_it_can(self._fault_light)
         with self._lock:
-            applied = float(self.device.write(self._fault_voltage))
+            applied = self._write_checked(self._fault_voltage)
         self._motion.applied = applied
         self._saturated = commanded != applied
         self._limited += self._saturated
@@ -384,13 +458,21 @@ class Guarded:
         """Write a voltage where the motor has to be stopped; return the error where the device doesn't take it."""
         try:
             if locked:
-                self._motion.applied = float(self.device.write(voltage))
+                self._motion.applied = self._write_checked(voltage)
             else:
                 with self._lock:
-                    self._motion.applied = float(self.device.write(voltage))
+                    self._motion.applied = self._write_checked(voltage)
         except BaseException as error:  # Ctrl-C included: the motor has to be stopped first, by what is left
             return error
         return None
+
+    def _write_checked(self, voltage: float) -> float:
+        """Write a voltage where the motor has to be stopped; raises `DeviceError` for an answer that can't be one."""
+        answer = self.device.write(voltage)
+        wrong = self._answers.wrong(answer) if self._drives else None
+        if wrong is not None:
+            raise DeviceError(wrong.sentence)
+        return voltage_or_nan(answer)
 
     def _stop_device(self) -> BaseException | None:
         """Tell the device to stop; return the error where it breaks its promise never to raise one."""

@@ -19,6 +19,7 @@ from servobench.registry import Registry
 AboutData: TypeAlias = Callable[[Sequence[Dataset]], Sequence[Finding]]
 AboutFit: TypeAlias = Callable[[Fit], Sequence[Finding]]
 AboutNominal: TypeAlias = Callable[[Fit, MotorParameters], Sequence[Finding]]
+BesideNominal: TypeAlias = Callable[[Sequence[Dataset], MotorParameters], Sequence[Finding]]
 
 
 def _nothing(*_: object) -> Sequence[Finding]:
@@ -30,21 +31,26 @@ class Doubt:
     """One doubt, or a small family: the codes of its findings, and when it can say something.
 
     `about_data` looks at the records before any fit, `about_fit` at a fit, `about_nominal` at a fit beside the parameters that
-    the motor should have. Each returns no finding where there is nothing to say.
+    the motor should have, `beside_nominal` at the records beside them, before any fit. Each returns no finding where there is
+    nothing to say.
     """
 
     codes: tuple[str, ...]
     about_data: AboutData = _nothing
     about_fit: AboutFit = _nothing
     about_nominal: AboutNominal = _nothing
+    beside_nominal: BesideNominal = _nothing
 
 
 DOUBTS: Registry[Doubt] = Registry("doubt", "servobench.doubts")
 
 
-def about_data(records: Sequence[Dataset]) -> list[Finding]:
-    """Return what can be said of the data before any fit."""
-    return [finding for doubt in DOUBTS for finding in doubt.about_data(records)]
+def about_data(records: Sequence[Dataset], nominal: MotorParameters | None = None) -> list[Finding]:
+    """Return what can be said of the data before any fit, beside `nominal` parameters where there are any."""
+    found = [finding for doubt in DOUBTS for finding in doubt.about_data(records)]
+    if nominal is not None:
+        found += [finding for doubt in DOUBTS for finding in doubt.beside_nominal(records, nominal)]
+    return found
 
 
 def about_fit(fit: Fit, nominal: MotorParameters | None = None) -> list[Finding]:

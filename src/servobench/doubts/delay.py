@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, Severity, warning
 
 
 def _delay(fit: Fit) -> list[Finding]:
@@ -12,7 +12,7 @@ def _delay(fit: Fit) -> list[Finding]:
     if "delay" not in fit.model.names:
         return []
     delay, step = fit["delay"], fit.records[0].data.sample_time
-    told = any(finding.parameters == ("delay",) for finding in fit.findings)
+    told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
     if told or delay.value >= -3 * delay.sd or delay.value >= -0.6 * step:
         return []
     sentence = f"The output comes {-delay.value:.3g} s before the input that causes it: the two columns are out of step."

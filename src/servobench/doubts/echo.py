@@ -14,6 +14,8 @@ from servobench.models.search import smoothed_speed
 
 _EQUAL = 0.02  # of the largest level, or error: how near an output comes to its reference
 _SETTLED = 10  # samples at the end of a level
+_STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
+_BENT = 1e-3  # of its range: what lies nearer to a line is one, but for rounding
 _ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
 
 
@@ -28,15 +30,29 @@ def _of(data: Dataset) -> list[Finding]:
     u = np.interp(data.t_output, data.t_input, data.u)
     speed = smoothed_speed(data)
     for what, y in (("the output", data.y), ("the output's speed", speed)):
-        alike = np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE
-        if alike and not _is_the_controllers(data, u, y):
+        if (
+            _alike(u, y)
+            and _alike(_bent(u, data.t_output), _bent(y, data.t_output))
+            and not _is_the_controllers(data, u, y)
+        ):
             sentence = (
                 f"{data.name}: the input is {what} once more, but for its scale: this column was measured at the shaft and "
-                "drives nothing. Name the column of the voltage with --input COL:UNIT; if the file has none, the input "
+                "drives nothing. Name the column of the voltage with `input=COL:UNIT`; if the file has none, the input "
                 "wasn't recorded."
             )
             return [refusal("input-is-output", sentence)]
     return []
+
+
+def _alike(u: Array, y: Array) -> bool:
+    """Whether two series (N,) are the same but for scale and offset."""
+    return bool(np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE)
+
+
+def _bent(x: Array, t: Array) -> Array:
+    """What x (N,) is beside a straight line in t (N,): a motor follows a ramp as a line, a little later. Zero for a line."""
+    rest = x - np.polyval(np.polyfit(t - t[0], x, 1), t - t[0])
+    return np.asarray(np.where(np.abs(rest).max() > _BENT * np.ptp(x), rest, 0.0))
 
 
 def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
@@ -61,16 +77,20 @@ def _settles_at_it(data: Dataset) -> list[Finding]:
     starts = np.append(data.t_output[0], switches[:-1])
     settled = []
     for start, end in zip(starts, switches, strict=True):
-        late = (data.t_output > start + 0.7 * (end - start)) & (data.t_output < end)
-        if late.sum() >= _SETTLED:
-            settled.append((input_held(data, float(end)), float(np.mean(data.y[late]))))
-    levels, speeds = np.array(settled).reshape(-1, 2).T
-    if len(np.unique(levels)) < 2 or np.abs(speeds - levels).max() > _EQUAL * np.abs(levels).max():
+        late = data.y[(data.t_output > start + 0.7 * (end - start)) & (data.t_output < end)]
+        if len(late) >= _SETTLED:
+            first, last = (float(part.mean()) for part in np.array_split(late, 2))
+            settled.append((input_held(data, float(end)), 0.5 * (first + last), last - first))
+    levels, speeds, changes = np.array(settled).reshape(-1, 3).T
+    largest = float(np.abs(levels).max(initial=0.0))
+    if len(np.unique(levels)) < 2 or np.abs(changes).max() > _STILL_GOES * largest:
+        return []
+    if np.abs(speeds - levels).max() > _EQUAL * largest:
         return []
     sentence = (
         f"{data.name}: the speed settles at just the value of the input, at each level: the input looks like the reference "
         "of a speed controller, and the voltage that drove the motor isn't there. What is identified is the whole loop and "
-        "not the motor; name the voltage's column with --input COL:V."
+        "not the motor; name the voltage's column with `input=COL:V`."
     )
     return [warning("input-settles-at-output", sentence, parameters=("gain", "time_constant"))]
 

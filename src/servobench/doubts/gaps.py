@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
@@ -34,6 +35,7 @@ def _unknown_input(data: Dataset) -> list[Finding]:
         return []
     typical = float(np.median(steps))
     gaps = np.flatnonzero(steps > GAP * typical)
+    gaps = gaps[~_late(data.t_input, gaps, typical)]
     unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
     if not unknown:
         return []
@@ -51,6 +53,13 @@ def _unknown_input(data: Dataset) -> list[Finding]:
 def _in_every_row(data: Dataset) -> float:
     """The share of the input's values that come one sample of the output after the one before, be it with it or after it."""
     return float(np.mean(np.diff(np.searchsorted(data.t_output, data.t_input, side="right")) == 1))
+
+
+def _late(t: Array, gaps: NDArray[np.int64], typical: float) -> NDArray[np.bool_]:
+    """Whether nothing is missing in gaps of times t (N,), as so many values follow at once: they came late, all of them."""
+    expected = np.rint((t[gaps + 1] - t[gaps]) / typical)
+    came = np.searchsorted(t, t[gaps + 1] + 0.5 * typical, side="right") - (gaps + 1)
+    return np.asarray(came >= expected)
 
 
 def _may_have_changed(u: Array, k: int, rows: int) -> bool:

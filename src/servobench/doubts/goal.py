@@ -28,7 +28,7 @@ def _of_a_loop(fit: Fit) -> list[Finding]:
     sentence = (
         f"The input is in {unit}: it is the reference of a control loop, and the voltage that drove the motor isn't there. "
         "What is identified is the whole loop, controller included, and not the motor; name the voltage's column with "
-        "--input COL:V."
+        "`input=COL:V`."
     )
     return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
 

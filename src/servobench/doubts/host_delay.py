@@ -9,14 +9,13 @@ takes up what is the same for all samples.
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import numpy as np
 
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
+from servobench.estimators.budget import Contribution
 from servobench.finding import Finding, info
-from servobench.rounding import plain
+from servobench.rounding import microseconds
 
 _WORTH_A_WORD = 0.5  # of the standard deviation of the delay
 
@@ -29,7 +28,8 @@ def with_what_the_computer_hides(fit: Fit) -> Fit:
     added = np.zeros_like(fit.covariance)
     at = fit.model.names.index("delay")
     added[at, at] = hidden**2 / 3.0
-    return replace(fit, covariance=fit.covariance + added)
+    reason = "the computer doesn't know when within a read or a write the device did it"
+    return fit.widened(Contribution(source="reading and writing", covariance=added, reason=reason))
 
 
 def _hidden(fit: Fit) -> float:
@@ -45,7 +45,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit["delay"].sd:
         return []
     sentence = (
-        f"The computer needed {plain(1e6 * hidden, 2)} µs to read the sensors and to put the voltage out, and doesn't know when "
+        f"The computer needed {microseconds(hidden)} µs to read the sensors and to put the voltage out, and doesn't know when "
         "within that time the device did it: the delay may be longer by as much, and its interval allows for that."
     )
     return [info("delay-within-a-call", sentence, parameters=("delay",))]

@@ -14,7 +14,8 @@ import numpy as np
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.doubts.resolution import is_coarse
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.estimators.budget import Contribution
+from servobench.finding import Finding, info
 from servobench.rounding import TWO_SIDED
 
 CODE = "lag-not-split"
@@ -48,12 +49,10 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
         "time_constant": (none, longest),
         "delay": (float(lower[late]), max(fit["delay"].interval[1], lag + half)),
     }
-    return replace(
-        fit,
-        covariance=fit.covariance + spread * np.outer(split, split),
-        intervals=intervals,
-        findings=(*fit.findings, _said(lag, half, longest)),
-    )
+    reason = "a coarse sensor hides the first moments after a step, which tell the time constant from a delay"
+    line = Contribution(source="lag not split", covariance=spread * np.outer(split, split), reason=reason)
+    said = (*fit.findings, _said(lag, half, longest))
+    return replace(fit.widened(line), intervals=intervals, findings=said)
 
 
 def _variance(fit: Fit) -> float:
@@ -81,7 +80,7 @@ def _said(lag: float, half: float, longest: float) -> Finding:
         f"the time constant may be anything up to {longest:.2g} s. Which of the two it is shows in the first moments after a "
         "step; record steps with a finer sensor to tell them apart."
     )
-    return warning(CODE, sentence, parameters=("time_constant", "delay"))
+    return info(CODE, sentence, parameters=("time_constant", "delay"))
 
 
 DOUBTS.member("lag_not_split")(Doubt(codes=(CODE,)))

@@ -8,6 +8,7 @@ from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info, warning
 from servobench.models.search import directions
+from servobench.rounding import with_unit
 
 
 def _one_way(fit: Fit) -> list[Finding]:
@@ -26,7 +27,16 @@ def _one_way(fit: Fit) -> list[Finding]:
         return [together]
     # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
     turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
-    if estimate.value * fit["gain"].value * turns < 0:
+    is_flag = fit.records[0].data.input_unit == "1"  # of which nobody knows what it switches
+    brakes = fit.structure == "first_order_one_way_rest"  # as it holds the shaft, whichever way that turns
+    helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
+    if helps and is_flag:
+        sentence = (
+            f"The motor turns as if {-estimate.value * turns:.3g} more of the input came in: a zero of this input doesn't stand "
+            "for zero volts, and the gain belongs to its levels only."
+        )
+        return [together, info("offset-found", sentence, parameters=("coulomb_voltage", "gain"))]
+    if helps:
         sentence = (
             f"The friction voltage comes out with the wrong sign, {estimate.value:.3g} {unit}: friction never helps. The motor "
             "isn't linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
@@ -36,8 +46,8 @@ def _one_way(fit: Fit) -> list[Finding]:
         together,
         info(
             "offset-found",
-            f"{estimate.value:.4g} {unit} of the input are lost before the motor turns; a model without this offset would get "
-            "the gain wrong.",
+            f"{with_unit(estimate.value, estimate.unit)} of the input are lost before the motor turns; a model without this "
+            "offset would get the gain wrong.",
             parameters=("coulomb_voltage", "gain"),
         ),
     ]

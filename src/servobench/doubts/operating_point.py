@@ -6,7 +6,8 @@ import numpy as np
 
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, info, warning
+from servobench.finding import Finding, info
+from servobench.rounding import with_unit
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -21,10 +22,12 @@ def _local(fit: Fit) -> list[Finding]:
     if high - low >= 0.5 * largest:
         return []
     unit = fit.records[0].data.input_unit
+    ends = f"between {low:.3g} and {high:.3g} {unit}"
+    where = ends if f"{low:.3g}" != f"{high:.3g}" else f"at {low:.3g} {unit}"
     return [
-        warning(
+        info(
             "gain-local",
-            f"The input stayed between {low:.3g} and {high:.3g} {unit}: the gain and the offset belong to this operating point, "
+            f"The input stayed {where}: the gain and the offset belong to this operating point, "
             "and nothing is known of the motor elsewhere.",
             parameters=("gain", "coulomb_voltage"),
         )
@@ -40,8 +43,8 @@ def _levels(fit: Fit) -> list[Finding]:
     return [
         info(
             "two-levels",
-            f"The input has two levels only, {levels[0]:g} and {levels[1]:g} {unit}: nothing shows whether the motor is linear "
-            "between them; a staircase or a multisine would.",
+            f"The input has two levels only, {levels[0]:g} and {with_unit(levels[1], unit)}: nothing shows whether the motor "
+            "is linear between them; a staircase or a multisine would.",
             parameters=("gain",),
         )
     ]

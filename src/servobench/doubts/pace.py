@@ -7,7 +7,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 
 _LEAST = 0.08  # of the input's own spread: what the lag makes of the input; a square wave of 25 time constants makes 0.2
@@ -34,19 +34,15 @@ def _about_fit(fit: Fit) -> list[Finding]:
         f"{100 * np.sqrt(held_back / spread):.1f} % of the input only. The gain may be right; the time constant rests on "
         "next to nothing, and can't be told from a delay. Record steps."
     )
-    return [warning("input-too-slow", sentence, parameters=("time_constant", "delay"))]
+    return [info("input-too-slow", sentence, parameters=("time_constant", "delay"))]
 
 
 def _lagged(data: Dataset, tau: float) -> Array:
     """The input behind a first-order lag of τ, at its own times, from a settled start."""
-    out = np.empty(len(data.u))
-    now = data.input_before
+    from servobench.models import kernels
+
     decays = np.exp(-np.diff(data.t_input) / max(tau, 1e-12))
-    for k, u in enumerate(data.u):
-        out[k] = now
-        if k < len(decays):
-            now = u + (now - u) * decays[k]
-    return out
+    return kernels.lagged(data.u, data.input_before, decays)
 
 
 DOUBTS.member("pace")(Doubt(codes=("input-too-slow",), about_fit=_about_fit))

@@ -7,10 +7,14 @@ import numpy as np
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.doubts.lattice import lattice_step
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info, warning
 from servobench.models.search import smoothed_speed
+from servobench.uncertainty.model_error import SOURCE
 
 _FEWEST = 40.0  # steps in a time constant, or in the range of a speed
+# Fewer steps in a time constant than that and a rounding (a step / √12) is more than 5 % of the way: it is no small
+# perturbation of the model any more, which is what the model error in the intervals is worked out for.
+_BLIND = 1 / (0.05 * 12**0.5)
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
@@ -42,7 +46,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
         "isn't random, may move the time constant and the friction by more than their intervals; take a finer sensor or a "
         "longer record."
     )
-    return [warning("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
+    allowed_for = any(line.source == SOURCE for line in fit.budget)
+    say = info if allowed_for and not (kind == "position" and fewest < _BLIND) else warning
+    return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
 
 
 def is_coarse(fit: Fit) -> bool:

@@ -10,13 +10,21 @@ import numpy as np
 from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.estimators.budget import Contribution
+from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.models.search import smoothed_speed
+from servobench.uncertainty.answers import driving_level
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
+_ANY_SPLIT = 3.0  # times its value: the standard deviation of a gain that nothing tells
 _ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
 _FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
+
+
+def moves_under_one_level(records: Sequence[Dataset]) -> bool:
+    """Return whether one level of the input alone moved the motor."""
+    return bool(_single_level(records))
 
 
 def _single_level(records: Sequence[Dataset]) -> list[Finding]:
@@ -27,13 +35,13 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     levels = np.concatenate([_levels_while_moving(record) for record in records])
     every = np.concatenate([np.append(record.u, record.input_before) for record in records])
     largest = float(np.abs(every).max(initial=0.0))
-    if len(levels) < 10 or not np.ptp(every) > 0:
+    if len(levels) < 10 or largest == 0:
         return []
     low, high = (float(level) for level in np.percentile(levels, (1, 99)))
     if high - low > _ONE * largest:
         return []
     return [
-        warning(
+        info(
             "single-level",
             f"The motor moved under one level of the input only, {0.5 * (low + high):.3g} {records[0].input_unit}: what is "
             "known is the speed that this level leads to. How much of the level friction takes isn't, so that gain and "
@@ -47,9 +55,28 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
 def _levels_while_moving(record: Dataset) -> Array:
     """The input at those samples of the output at which the shaft moves."""
     speed = np.abs(smoothed_speed(record))
-    held = np.searchsorted(record.t_input, record.t_output, side="left") - 1
-    u = np.where(held >= 0, record.u[np.maximum(held, 0)], record.input_before)
-    return np.asarray(u[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64)
+    return np.asarray(
+        record.input_at_output[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64
+    )
+
+
+def with_gain_and_friction_apart(fit: Fit) -> Fit:
+    """Return the fit with a line for any split of the speed K (u - u_c) between the two, where one level alone moved the motor.
+
+    What a record says of the friction of a shaft at rest under no input is nothing, whatever the model makes of it there.
+    """
+    friction = next((name for name in _FRICTION if name in fit.model.names), "")
+    if not friction or "gain" not in fit.model.names:
+        return fit
+    if not moves_under_one_level([record.data for record in fit.records]):
+        return fit
+    gain, level = fit.model["gain"], driving_level(fit)
+    split = np.zeros(len(fit.model.names))
+    split[fit.model.names.index("gain")] = gain
+    split[fit.model.names.index(friction)] = level - fit.model[friction]
+    reason = "the motor moved under one level of the input only: any gain with its own friction makes the same speed"
+    line = Contribution(source="one level", covariance=_ANY_SPLIT**2 * np.outer(split, split), reason=reason)
+    return fit.widened(line)
 
 
 def with_what_one_level_tells(fit: Fit) -> Fit:

@@ -12,6 +12,7 @@ from servobench.rounding import TWO_SIDED
 # Of the cosine's standard deviation: what the sum has at most where the two stand for each other. It is about how much cos θ
 # scatters beside 1: 0.31 over angles that are even between ±90 degrees, 0.04 between ±30.
 _TIED = 0.2
+_SMALL = np.pi  # rad, ±90 degrees
 _MATTERS = 0.25  # of gravity's other part: a cosine that is known better than that may be tied to the offset
 
 
@@ -32,6 +33,8 @@ def _small_swing(fit: Fit) -> list[Finding]:
     if not 0 <= variance < (_TIED * cosine.sd) ** 2 or cosine.sd < _MATTERS * abs(sine.value):
         return []
     swing = max(float(np.ptp(record.prediction[record.valid])) for record in fit.records)
+    if swing > _SMALL:  # its cosine changes, whatever else ties the two together
+        return []
     known, half = float(weights @ fit.model.theta[at]), TWO_SIDED * float(np.sqrt(variance))
     sentence = (
         f"The shaft swung through {swing:.2g} rad at most, over which the cosine of its angle hardly changes: {pair[0]} and "

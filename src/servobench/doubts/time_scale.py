@@ -5,7 +5,7 @@ from __future__ import annotations
 from servobench.doubts import lag_not_split
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info
 
 
 def _time_scale(fit: Fit) -> list[Finding]:
@@ -22,12 +22,12 @@ def _time_scale(fit: Fit) -> list[Finding]:
         sentence = (
             f"The time constant, {tau:.3g} s, is less than two sample times of {step:.3g} s: sample faster."
         )
-        return [warning("sampling-too-slow", sentence, parameters=("time_constant",))]
+        return [info("sampling-too-slow", sentence, parameters=("time_constant",))]
     if tau > 0.5 * longest:
         sentence = (
             f"The time constant, {tau:.3g} s, is longer than half of the longest record: record for longer."
         )
-        return [warning("record-too-short", sentence, parameters=("time_constant", "gain"))]
+        return [info("record-too-short", sentence, parameters=("time_constant", "gain"))]
     return []
 
 

@@ -20,7 +20,7 @@ def _time_unit(data: Dataset) -> list[Finding]:
         return []
     sentence = (
         f"{data.name}: taken in seconds, as its name is usually meant, the time column makes samples {data.sample_time:.3g} "
-        "s apart, which is slow for a motor; if it is in milliseconds, say so with --time COL:ms."
+        "s apart, which is slow for a motor; if it is in milliseconds, say so with `time=COL:ms`."
     )
     return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
 

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
 from typing import Protocol, runtime_checkable
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
+from servobench.estimators.budget import Contribution
 from servobench.estimators.disturbance import Disturbance
 from servobench.finding import Finding, refusal
 from servobench.measurement.dataset import Dataset
@@ -45,6 +47,37 @@ class Estimate:
     level: float
     unit: str
 
+    @property
+    def half_width(self) -> float:
+        """Half of the interval, in the unit of the value."""
+        return 0.5 * (self.interval[1] - self.interval[0])
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalsOnDemand(Mapping[str, tuple[float, float]]):
+    """Intervals that are searched for when the first of them is read: most fits of a choice are dropped before that.
+
+    `search` is called once at most, and returns the intervals by name.
+    """
+
+    search: Callable[[], Mapping[str, tuple[float, float]]]
+
+    @cached_property
+    def _found(self) -> Mapping[str, tuple[float, float]]:
+        return self.search()
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Return the interval of a parameter; raises `KeyError` where value ± 1.96 sd will do."""
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._found)
+
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Fit:
@@ -53,7 +86,8 @@ class Fit:
     `covariance` (P, P) belongs to the model's parameters; `status` says in one sentence how the search ended, `converged` whether
     it did. `residual_sd` is in the unit of the output;
     `disturbance` is the noise model, None for white measurement noise alone. `intervals` holds the 95 % intervals of those
-    parameters for which value ± 1.96 sd wouldn't do, such as one near a bound.
+    parameters for which value ± 1.96 sd wouldn't do, such as one near a bound. `budget` holds what was added to the estimator's
+    own covariance, line by line.
     """
 
     model: Model
@@ -70,10 +104,51 @@ class Fit:
     intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     findings: tuple[Finding, ...] = ()
     """What there is to know about the search and what came out."""
+    budget: tuple[Contribution, ...] = ()
+    """What made the intervals wider than the estimator's own."""
+
+    def widened(self, line: Contribution) -> Fit:
+        """Return the fit with a line more in its budget: the covariance grows by that of the line, and the intervals with it.
+
+        An interval that lies unevenly about its value keeps its shape: each side grows as √(half² + (1.96 sd)²) does.
+        """
+        return replace(
+            self,
+            covariance=self.covariance + line.covariance,
+            intervals=IntervalsOnDemand(partial(self._grown, TWO_SIDED**2 * np.diag(line.covariance))),
+            budget=(*self.budget, line),
+        )
+
+    def without(self, source: str) -> Fit:
+        """Return the fit as it would be without the lines of a source in its budget."""
+        taken = sum((each.covariance for each in self.budget if each.source == source), np.zeros((1, 1)))
+        return replace(
+            self,
+            covariance=self.covariance - taken,
+            intervals=self._grown(-(TWO_SIDED**2) * np.diag(taken)) if taken.any() else self.intervals,
+            budget=tuple(each for each in self.budget if each.source != source),
+        )
+
+    def _grown(self, squares: Array) -> dict[str, tuple[float, float]]:
+        """The uneven intervals with so much more (P,) in the square of each side."""
+        grown = {}
+        for name, (low, high) in self.intervals.items():
+            at = self.model.names.index(name)
+            value = float(self.model.theta[at])
+            below, above = (
+                (side**2 + squares[at]) if squares[at] else side**2 for side in (value - low, high - value)
+            )
+            grown[name] = (value - max(below, 0.0) ** 0.5, value + max(above, 0.0) ** 0.5)
+        return grown
 
     def __getitem__(self, name: str) -> Estimate:
         """Return the estimate of a parameter, with its 95 % interval."""
         return self.estimates[name]
+
+    def sd(self, name: str) -> float:
+        """Return the standard deviation of a parameter, in its unit, without looking for its interval."""
+        at = self.model.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
 
     @property
     def estimates(self) -> dict[str, Estimate]:

@@ -87,13 +87,17 @@ def inverse(h: Array) -> Array:
     A parameter without any information (a zero on the diagonal) is left out: its row and column are zero. Other directions that
     the data say nothing about get a huge variance.
     """
-    informed = np.flatnonzero(np.diag(h) > 0)
-    out = np.zeros_like(h)
-    part = h[np.ix_(informed, informed)]
-    scale = 1.0 / np.sqrt(np.diag(part))
-    values, vectors = np.linalg.eigh(part * np.outer(scale, scale))
+    informed = np.flatnonzero(h.diagonal() > 0)
+    part = h if len(informed) == len(h) else h[np.ix_(informed, informed)]
+    scale = 1.0 / np.sqrt(part.diagonal())
+    weights = np.outer(scale, scale)
+    values, vectors = np.linalg.eigh(part * weights)
     values = np.maximum(values, 1e-14 * float(values.max(initial=1e-300)))
-    out[np.ix_(informed, informed)] = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    found = (vectors / values) @ vectors.T * weights
+    if part is h:
+        return np.asarray(found, dtype=np.float64)
+    out = np.zeros_like(h)
+    out[np.ix_(informed, informed)] = found
     return out
 
 
@@ -108,3 +112,15 @@ def long_run(s: Array, lag: int) -> Array:
     w = np.empty((len(s) + lag, s.shape[1]))
     kernels.moving_sums(s, lag, w)
     return np.asarray(w.T @ w / (lag + 1), dtype=np.float64)
+
+
+def effective_samples(residual: Array) -> float:
+    """Return how many samples of white noise residuals (N,) are worth: n/κ, κ their long-run variance over their variance.
+
+    Of n samples whose mean varies as that of n/κ white ones, n/κ count.
+    """
+    power = float(np.sum(residual**2))
+    if not power > 0:
+        return float(len(residual))
+    column = residual[:, None]
+    return len(residual) / max(float(long_run(column, andrews_lag(column))[0, 0]) / power, 1.0)

@@ -341,8 +341,8 @@ class Whitened:
         return self.structure.nuisance(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
-        """Those of the structure."""
-        return self.structure.bounds(data)
+        """Those of the structure for the records as they were: whitened ones don't show when the shaft first moves."""
+        return self.structure.bounds(self.data)
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Those of the structure."""

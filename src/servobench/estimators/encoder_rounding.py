@@ -22,6 +22,8 @@ from servobench.measurement.dataset import Dataset
 
 SINES = 8  # these have 93 % of Q²/12; the model doesn't know the path to a tenth of a step, as finer ones would need
 
+_BLOCK = 8192  # samples whose sines are held at once
+
 
 def is_rounded(data: Dataset) -> bool:
     """Return whether a record holds an encoder's positions as they were counted, with a quantum that is known."""
@@ -34,21 +36,22 @@ def shares(noise: float = 0.0) -> Array:
     return np.asarray(np.exp(-(periods**2) * noise) * 2 / periods**2, dtype=np.float64)
 
 
-def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) -> tuple[Array, Array]:
-    """Return what the sines of the rounding error make of C'e, and the covariance of what is white, for columns C (M, P).
+def rounding_sines(columns: Array, path: Array, quantum: float, noise: float) -> tuple[Array, float]:
+    """Return what the sines of the rounding error make of C'e for columns C (M, P), and the variance of what of it is white.
 
     The sines' part is S'n with S (16, P) and n standard normal. n belongs to the encoder and not to the record: pieces of one
     recording have it in common, and their S are to be added before they are squared. `path` (M,) is where the shaft was, `noise`
     the variance s²/Q² before the rounding.
     """
-    once = np.exp(2j * np.pi * path / quantum)
+    from servobench.estimators import kernels
+
     found = shares(noise)
-    turning, sines = np.ones_like(once), []
-    for share in found:
-        turning = turning * once
-        sines.append(np.sqrt(share) * np.column_stack([turning.real, turning.imag]).T @ columns)
+    sines = np.zeros((2 * SINES, columns.shape[1]))
+    for start in range(0, len(path), _BLOCK):
+        rows = slice(start, start + _BLOCK)
+        sines += kernels.harmonics(path[rows] / quantum, SINES) @ columns[rows]
     white = 1 / 12 + noise - float(found.sum())
-    return quantum * np.vstack(sines), quantum**2 * white * columns.T @ columns
+    return quantum * np.sqrt(np.repeat(found, 2))[:, None] * sines, quantum**2 * white
 
 
 def counts_in_place(

@@ -11,7 +11,7 @@ from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
 from servobench.estimators.covariance import conservative, inverse, plain, sandwich
-from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
+from servobench.estimators.least_squares import Layout, Minimum, information, minimise, squared
 from servobench.estimators.output_error import simulations
 from servobench.estimators.spectral.detection import DetectionLines
 from servobench.estimators.spectral.fitting import Settled, settled
@@ -100,7 +100,7 @@ def _with_unseen(found: Settled, layout: Layout, minimum: Minimum) -> Array:
     seen, count = found.seen, len(found.seen)
     if seen.all():
         return found.covariance
-    h, _ = normal_equations(layout, minimum.predictions)
+    h = information(layout, squared(layout, minimum.predictions))
     own, shown = np.flatnonzero(~seen), np.flatnonzero(seen)
     hidden = np.concatenate([own, np.arange(count, len(h))])
     part = h[np.ix_(hidden, hidden)]

@@ -27,6 +27,7 @@ from servobench.estimators.interval.bins import Bins
 from servobench.estimators.interval.noise import NoiseProfile, profiled
 from servobench.estimators.interval.search import Found, Near, searched
 from servobench.estimators.interval.wander import wandering
+from servobench.estimators.known_errors import Weighed, of_known_errors
 from servobench.estimators.least_squares import Layout, Minimum
 from servobench.estimators.output_error import best_minimum, remarks, simulations
 from servobench.finding import Finding, info, refusal, warning
@@ -180,10 +181,9 @@ def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[
     one; what the structure knows that it can't resolve is added.
     """
     best = noise.best
-    scores, shift = _scores_and_unmodelled(layout, near, said)
+    scores = _scores(near, said)
     found = noise.widened(conservative(inverse(best.information), sandwich(best.information, scores)))
-    moved = inverse(best.information) @ shift
-    found += moved @ moved.T
+    found += of_known_errors(layout.structure, _weighed(layout, near, said), inverse(best.information))
     everything = replace(near, free=np.ones_like(near.free)).at(best.change, best.s).information
     held = ~near.free
     found[held, held] = np.diag(inverse(everything))[held]
@@ -192,19 +192,30 @@ def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[
     return found
 
 
-def _scores_and_unmodelled(layout: Layout, near: Near, said: Sequence[Bins]) -> tuple[list[Array], Array]:
-    """The scores of each record over the joint vector, (M, P + ΣQ), and J'hE, E what the prediction may be wrong by."""
-    size = len(near.theta)
-    scores, shifts = [], []
-    for record, j, place, told in zip(layout.data, near.jacobians, near.places, said, strict=True):
-        score = np.zeros((len(j), size))
+def _scores(near: Near, said: Sequence[Bins]) -> list[Array]:
+    """The scores of each record over the joint vector, (M, P + ΣQ)."""
+    scores = []
+    for j, place, told in zip(near.jacobians, near.places, said, strict=True):
+        score = np.zeros((len(j), len(near.theta)))
         score[:, place] = j * told.score[:, None]
         scores.append(score * near.free)
-        errors = layout.structure.unmodelled(near.theta[place], record)
-        shift = np.zeros((size, errors.shape[1]))
-        shift[place] = (j * told.information[:, None]).T @ errors
-        shifts.append(shift)
-    return scores, np.hstack(shifts)
+    return scores
+
+
+def _weighed(layout: Layout, near: Near, said: Sequence[Bins]) -> list[Weighed]:
+    """The records at the maximum, each sample with what its bin tells."""
+    return [
+        Weighed(
+            data=record,
+            theta=near.theta[place],
+            place=place,
+            jacobian=j,
+            weight=told.information,
+            score=told.score,
+            used=np.ones(len(j), dtype=bool),
+        )
+        for record, j, place, told in zip(layout.data, near.jacobians, near.places, said, strict=True)
+    ]
 
 
 def _with_scores(records: Sequence[FittedRecord], said: Sequence[Bins]) -> tuple[FittedRecord, ...]:

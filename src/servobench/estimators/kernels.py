@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.compiled import compiled
@@ -80,24 +81,86 @@ def innovations(
 @compiled
 def autocovariances(x: Array, power: Array, product: Array) -> None:
     """Fill power (P,) with Σ x_k-1² and product (P,) with Σ x_k x_k-1 of each column of x (N, P)."""
-    for c in range(x.shape[1]):
-        squares = products = 0.0
-        before = x[0, c]
-        for k in range(1, len(x)):
-            squares += before * before
-            products += before * x[k, c]
-            before = x[k, c]
-        power[c], product[c] = squares, products
+    power[:] = 0.0
+    product[:] = 0.0
+    for k in range(1, len(x)):
+        for c in range(x.shape[1]):
+            power[c] += x[k - 1, c] * x[k - 1, c]
+            product[c] += x[k - 1, c] * x[k, c]
 
 
 @compiled
 def moving_sums(s: Array, lag: int, w: Array) -> None:
     """Fill w (N + lag, P) with the sums of lag + 1 neighbouring rows of s (N, P), those that reach beyond the ends included."""
-    for c in range(s.shape[1]):
-        total = 0.0
-        for k in range(len(w)):
+    total = np.zeros(s.shape[1])
+    for k in range(len(w)):
+        for c in range(s.shape[1]):
             if k < len(s):
-                total += s[k, c]
+                total[c] += s[k, c]
             if k > lag:
-                total -= s[k - lag - 1, c]
-            w[k, c] = total
+                total[c] -= s[k - lag - 1, c]
+            w[k, c] = total[c]
+
+
+@compiled
+def harmonics(periods: Array, count: int) -> Array:
+    """Return cosine and sine of each of so many harmonics in turn, as rows (2 count, M), for an angle in periods (M,)."""
+    out = np.empty((2 * count, len(periods)))
+    for k in range(len(periods)):
+        out[0, k], out[1, k] = math.cos(2 * math.pi * periods[k]), math.sin(2 * math.pi * periods[k])
+    for m in range(2, 2 * count, 2):
+        for k in range(len(periods)):
+            out[m, k] = out[m - 2, k] * out[0, k] - out[m - 1, k] * out[1, k]
+            out[m + 1, k] = out[m - 1, k] * out[0, k] + out[m - 2, k] * out[1, k]
+    return out
+
+
+@compiled
+def add_cycles(x: Array, places: NDArray[np.int64], out: Array, met: NDArray[np.bool_]) -> None:
+    """Add each row of x (N, P) to that row of out (M, P) where its place (N,) is in a cycle of M; met (M,) is set there."""
+    for k in range(len(x)):
+        row = places[k] % len(out)
+        met[row] = True
+        for c in range(x.shape[1]):
+            out[row, c] += x[k, c]
+
+
+@compiled
+def places_on_a_grid(t: Array, usual: float) -> NDArray[np.int64]:
+    """Return the place of each time t (M,) [s] on the even grid that suits them best (M,), from 0; `usual` is the median step."""
+    counted = np.zeros(len(t))
+    for k in range(1, len(t)):
+        counted[k] = counted[k - 1] + np.rint((t[k] - t[k - 1]) / usual)
+    middle, centre = counted.mean(), t.mean()
+    product = square = 0.0
+    for k in range(len(t)):
+        product += (counted[k] - middle) * (t[k] - centre)
+        square += (counted[k] - middle) ** 2
+    step = product / square
+    first = np.rint((t[0] - centre + step * middle) / step)
+    out = np.empty(len(t), dtype=np.int64)
+    for k in range(len(t)):
+        out[k] = np.int64(np.rint((t[k] - centre + step * middle) / step) - first)
+    return out
+
+
+@compiled
+def latest(t: Array, at: Array) -> NDArray[np.int64]:
+    """Return the number of the last of times t (N,) [s] that isn't beyond at (M,) [s], for each of those, or -1; both ascend."""
+    out, n = np.empty(len(at), dtype=np.int64), 0
+    for k in range(len(at)):
+        while n < len(t) and t[n] <= at[k]:
+            n += 1
+        out[k] = n - 1
+    return out
+
+
+@compiled
+def met(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the number of the first of places (N,) that is the same as wanted (M,), for each of those, or -1; both ascend."""
+    out, n = np.empty(len(wanted), dtype=np.int64), 0
+    for k in range(len(wanted)):
+        while n < len(places) and places[n] < wanted[k]:
+            n += 1
+        out[k] = n if n < len(places) and places[n] == wanted[k] else -1
+    return out

@@ -113,6 +113,10 @@ class Layout:
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and the upper bounds of the joint vector."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array]:
         lower, upper = self.structure.bounds(self.data)
         own = [p for record in self.data for p in self.structure.nuisance(record)]
         return np.append(lower, [p.lower for p in own]), np.append(upper, [p.upper for p in own])
@@ -211,11 +215,13 @@ def descent(
     point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
     for step in range(1, steps + 1):
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
-        active = np.flatnonzero(moves & ~at_bound & (np.diag(point.h) > _NOTHING))
+        active = np.flatnonzero(moves & ~at_bound & (point.h.diagonal() > _NOTHING))
         if not len(active):
             return _ended(point, None, True, "every parameter is at a bound")
         change = np.zeros_like(point.theta)
-        change[active] = _damped_step(point.h[active[:, None], active], point.g[active], damping)
+        every = len(active) == len(moves)
+        h, g = (point.h, point.g) if every else (point.h[active[:, None], active], point.g[active])
+        change[active] = _damped_step(h, g, damping)
         change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
         reached = np.minimum(np.maximum(layout.moved(point.theta, change), lower), upper)
         if _small(change, point, layout):
@@ -250,16 +256,22 @@ def at(layout: Layout, theta: Array) -> Point:
     return Point(theta=theta, h=h, g=g, cost=cost if sound else np.inf)
 
 
-def normal_equations(layout: Layout, predictions: Sequence[Prediction]) -> tuple[Array, Array]:
-    """Return J'J and J'r of all records, r = y - prediction, over the joint vector."""
+def information(layout: Layout, squares: Sequence[Array]) -> Array:
+    """Return J'J (P + ΣQ, P + ΣQ) of all records; `squares` are the records' own, as `squared` gives them."""
     places = layout.columns()
     size = int(places[-1][-1]) + 1
-    h, g = np.zeros((size, size)), np.zeros(size)
-    for record, prediction, place in zip(layout.data, predictions, places, strict=True):
-        own_h, own_g, _ = _sums(record, prediction)
-        h[np.ix_(place, place)] += own_h
-        g[place] += own_g
-    return h, g
+    h = np.zeros((size, size))
+    for square, place in zip(squares, places, strict=True):
+        h[place[:, None], place] += square
+    return h
+
+
+def squared(layout: Layout, predictions: Sequence[Prediction]) -> list[Array]:
+    """Return J'J (P + Q, P + Q) of each record."""
+    jacobians = [jacobian_and_residual(r, p)[0] for r, p in zip(layout.data, predictions, strict=True)]
+    # Far from any motor a pendulum's sensitivities may grow beyond all numbers.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return [jacobian.T @ jacobian for jacobian in jacobians]
 
 
 def jacobian_and_residual(record: Dataset, prediction: Prediction) -> tuple[Array, Array]:
@@ -302,7 +314,7 @@ def _after_a_rise(cost: float, before: float) -> float:
 
 def _damped_step(h: Array, g: Array, damping: float) -> Array:
     """The step of (H + λ diag H) s = g, in scaled parameters, so that their units don't matter."""
-    scale = 1.0 / np.sqrt(np.diag(h))
+    scale = 1.0 / np.sqrt(h.diagonal())
     scaled = (
         scale[:, None] * h * scale
     )  # in this order: the scales' product alone may be too large for a float

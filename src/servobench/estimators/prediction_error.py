@@ -4,13 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Abilities, Fit, FittedRecord, hindrance
+from servobench.estimators.base import (
+    ESTIMATORS,
+    Abilities,
+    Fit,
+    FittedRecord,
+    IntervalsOnDemand,
+    hindrance,
+)
 from servobench.estimators.disturbance import (
     WEIGHED,
     Blocks,
@@ -104,7 +112,9 @@ class PredictionError:
             status=minimum.status,
             residual_sd=float(np.sqrt(disturbance.variance)),
             disturbance=disturbance,
-            intervals=intervals_near_bounds(model, model.whitened_data, minimum, covariance),
+            intervals=IntervalsOnDemand(
+                partial(intervals_near_bounds, model, model.whitened_data, minimum, covariance)
+            ),
             records=records,
             findings=(*remarks(structure, data, minimum), _told(found, data[0])),
         )
@@ -130,6 +140,38 @@ def disturbance_test(fit: Fit) -> Profile | None:
     return _profiled(fit.model.structure, data, fit.vector)
 
 
+def linearised(
+    structure: Structure, data: Sequence[Dataset], theta: Array, noise: Disturbance | None
+) -> Linearised:
+    """Return the records near theta (P + ΣQ,), in blocks that are short beside τ and beside the memory of a noise model."""
+    layout = Layout(structure, tuple(data))
+    lower, upper = layout.bounds()
+    tau = time_constant(structure, theta)
+    blocks = tuple(
+        blocks_of(
+            record,
+            structure.sliding(theta[place], record),
+            longest_block(noise, tau, record),
+            variance_of_rest(record, noise),
+        )
+        for record, place in _each_record(layout)
+    )
+    columns = [_columns(structure, record, theta[place]) for record, place in _each_record(layout)]
+    return Linearised(
+        blocks=blocks,
+        columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
+        places=tuple(layout.columns()),
+        free=(theta > lower) & (theta < upper),
+        kind=data[0].kind,
+        sample_time=max(record.sample_time for record in data),
+    )
+
+
+def time_constant(structure: Structure, theta: Array) -> float:
+    """Return the time constant [s] in a vector (P + ΣQ,) of a structure that has one."""
+    return float(theta[[parameter.name for parameter in structure.parameters].index("time_constant")])
+
+
 def _profiled(
     structure: Structure, data: Sequence[Dataset], theta: Array, earlier: Profile | None = None
 ) -> Profile:
@@ -137,27 +179,12 @@ def _profiled(
 
     Blocks that are short beside τ may still be long beside the memory of the filter; then it is done again with shorter ones.
     """
-    tau = float(theta[[parameter.name for parameter in structure.parameters].index("time_constant")])
-    layout = Layout(structure, tuple(data))
-    lower, upper = layout.bounds()
-    columns = [_columns(structure, record, theta[place]) for record, place in _each_record(layout)]
-    sliding = [structure.sliding(theta[place], record) for record, place in _each_record(layout)]
+    tau = time_constant(structure, theta)
     noise = earlier.disturbance if earlier else None
     while True:
-        longest = [longest_block(noise, tau, record) for record in data]
-        blocks = tuple(
-            blocks_of(record, slides, length, variance_of_rest(record, noise))
-            for record, slides, length in zip(data, sliding, longest, strict=True)
-        )
-        near = Linearised(
-            blocks=blocks,
-            columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
-            places=tuple(layout.columns()),
-            free=(theta > lower) & (theta < upper),
-            kind=data[0].kind,
-            sample_time=max(record.sample_time for record in data),
-        )
+        near = linearised(structure, data, theta, noise)
         found = profile(near, tau, float(np.log(noise.ratio)) if noise else None)
+        longest = [longest_block(noise, tau, record) for record in data]
         finer = [longest_block(found.disturbance, tau, record) for record in data]
         if all(
             new >= 0.7 * old or old < 2 * record.sample_time

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,40 +30,53 @@ _ALIKE_IN_LENGTH = 0.9  # of the longer stretch
 _MET = 0.1  # of the samples have to meet one a period before; half of them do in two whole periods
 
 
-@dataclass(frozen=True, slots=True)
+Samples: TypeAlias = NDArray[np.int64] | slice
+
+
+@dataclass(frozen=True, eq=False)
 class Cycle:
     """The `places` (M,) of samples on an even grid of times, counted from the first, and the `length` of the period there."""
 
     places: NDArray[np.int64]
     length: int
 
-    def pairs(self) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    @cached_property
+    def pairs(self) -> tuple[Samples, Samples]:
         """Return the samples that have one a period before them, and those."""
-        before = np.arange(len(self.places))
-        now, met = _found(self.places, self.places + self.length)
-        return now[met], before[met]
+        from servobench.estimators import kernels
+
+        if (self.places == np.arange(len(self.places))).all():  # nothing is missing
+            return slice(self.length, None), slice(None, -self.length)
+        now = kernels.met(self.places, self.places + self.length)
+        before = np.flatnonzero(now >= 0)
+        return now[before], before
 
 
 def period(data: Dataset) -> Cycle | None:
     """Return after how much of a record's even grid its input repeats, twice at least; None where it doesn't."""
+    from servobench.estimators import kernels
+
     if len(data.t_output) < 4:
         return None
-    u, places = _input(data), _places(data.t_output)
-    if np.ptp(u) == 0:
+    u = _input(data)
+    spread = float(np.ptp(u))
+    if spread == 0:
         return None
+    places = kernels.places_on_a_grid(data.t_output, data.sample_time)
     half = (int(places[-1]) + 1) // 2
-    near = _SAME * float(np.ptp(u))
+    near = _SAME * spread
     for shift in _alike(u, places, _shifts(u, places, half, near), near):
         cycle = Cycle(places, int(shift))
-        now, before = cycle.pairs()
-        if len(now) >= _MET * len(u) and np.abs(u[now] - u[before]).max() <= near:
+        now, before = cycle.pairs
+        change = u[now] - u[before]
+        if len(change) >= _MET * len(u) and np.abs(change).max() <= near:
             return cycle
     return None
 
 
 def repeats(residual: Array, cycle: Cycle) -> bool:
     """Return whether a residual (M,) is alike in successive periods."""
-    later, earlier = cycle.pairs()
+    later, earlier = cycle.pairs
     now, before = residual[later], residual[earlier]
     power = float(np.sqrt(np.sum(now**2) * np.sum(before**2)))
     return power > 0 and float(now @ before) > _REPEATS * power
@@ -96,26 +111,20 @@ def _alike_from_start(one: Array, other: Array) -> bool:
 
 def folded(scores: Array, cycle: Cycle) -> Array:
     """Return scores (M, P) summed over the periods, a row for each place in the period of which there is a sample."""
-    seen, rows = np.unique(cycle.places % cycle.length, return_inverse=True)
-    out = np.zeros((len(seen), scores.shape[1]))
-    np.add.at(out, rows, scores)
-    return out
+    from servobench.estimators import kernels
+
+    out = np.zeros((cycle.length, scores.shape[1]))
+    met = np.zeros(cycle.length, dtype=bool)
+    kernels.add_cycles(scores, cycle.places, out, met)
+    return out if met.all() else out[met]
 
 
 def _input(data: Dataset) -> Array:
     """The input that holds from each sample of the output on, (M,); a time a thousandth of a step later is the same time."""
-    index = np.searchsorted(data.t_input, data.t_output + 1e-3 * data.sample_time, side="right") - 1
+    from servobench.estimators import kernels
+
+    index = kernels.latest(data.t_input, data.t_output + 1e-3 * data.sample_time)
     return np.where(index >= 0, data.u[np.maximum(index, 0)], data.input_before)
-
-
-def _places(t: Array) -> NDArray[np.int64]:
-    """The place of each time on the even grid that suits them all best, (M,), from 0."""
-    steps = np.diff(t)
-    counted = np.concatenate([[0.0], np.cumsum(np.round(steps / np.median(steps)))])
-    off, away = counted - counted.mean(), t - t.mean()
-    step = float(off @ away) / float(off @ off)
-    places = np.round((away - step * off[0]) / step).astype(np.int64)
-    return np.asarray(places - places[0], dtype=np.int64)
 
 
 def _shifts(u: Array, places: NDArray[np.int64], half: int, near: float) -> NDArray[np.int64]:

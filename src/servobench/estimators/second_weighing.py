@@ -11,19 +11,24 @@ difference for a test of the model; here it widens the intervals, docs/decisions
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
+from typing import Final
 
 import numpy as np
 
 from servobench.channels import Array
-from servobench.estimators.base import Fit
+from servobench.estimators.base import Fit, IntervalsOnDemand
+from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.covariance import conservative, sandwich_over
+from servobench.estimators.delay_prior import prior_of
 from servobench.estimators.disturbance import Disturbance, Whitened, blocks_of, longest_block
-from servobench.estimators.least_squares import Layout, Minimum, minimise, normal_equations
+from servobench.estimators.least_squares import Layout, Minimum, information, minimise, squared
 from servobench.estimators.near_bounds import intervals_near_bounds
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import Structure
 
+SOURCE: Final = "choice of noise model"
 _MEMORY = 0.1  # of τ: a first-order model need not be right within less
 _LAGS = 3.0  # τ: what a torque did to the speed is down to 5 % by then
 _ROUNDS = 4
@@ -41,12 +46,22 @@ def weighed_twice(fit: Fit) -> Fit:
     theta, covariance = _second(fit)
     difference = fit.model.theta - theta
     wide = conservative(fit.covariance, covariance + np.outer(difference, difference))
-    structure, data = fit.model.structure, tuple(record.data for record in fit.records)
+    reason = "weighed as under a random torque, the same data say something else"
+    line = Contribution(source=SOURCE, covariance=beyond(wide, fit.covariance), reason=reason)
+    wider = fit.widened(line)
     return replace(
-        fit,
-        covariance=wide,
-        intervals=intervals_near_bounds(structure, data, _minimum(fit), wide),
+        wider,
+        intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
         findings=(*fit.findings, _told(fit, theta)),
+    )
+
+
+def _near_bounds(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
+    """The intervals of parameters near a bound, with a wider covariance (P, P) than the fit's."""
+    data = [record.data for record in fit.records]
+    prior = prior_of(fit)
+    return intervals_near_bounds(
+        fit.model.structure, data, _minimum(fit), covariance, fit.residual_sd**2, prior
     )
 
 
@@ -81,7 +96,7 @@ def _covariance(model: Whitened, minimum: Minimum, tau: float) -> Array:
     layout = Layout(model, model.whitened_data)
     lower, upper = layout.bounds()
     free = (minimum.theta > lower) & (minimum.theta < upper)
-    h, _ = normal_equations(layout, minimum.predictions)
+    h = information(layout, squared(layout, minimum.predictions))
     scores, lags = [], []
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
         s = np.zeros((int(prediction.valid.sum()), len(minimum.theta)))
@@ -110,9 +125,10 @@ def _told(fit: Fit, theta: Array) -> Finding:
     first = fit.model.names[0]
     return info(
         "weighed-twice",
-        "No model of the noise explains what is left over, so that it is partly an error of the model. Weighed as under a random "
-        f"torque, the same data give a {first.replace('_', ' ')} of {value[first]:.4g} instead of {fit[first].value:.4g} and a "
-        f"time constant of {value['time_constant']:.4g} s instead of {fit['time_constant'].value:.4g} s; the intervals allow for "
+        "What is left over doesn't look like noise: a part of it is something that the motor does and the model doesn't. Fitted "
+        "instead as if a random torque caused it, the same data give a "
+        f"{first.replace('_', ' ')} of {value[first]:.4g} instead of {fit.model[first]:.4g} and a "
+        f"time constant of {value['time_constant']:.4g} s instead of {fit.model['time_constant']:.4g} s; the intervals allow for "
         "the difference.",
         parameters=("gain", "time_constant"),
     )

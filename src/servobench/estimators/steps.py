@@ -138,9 +138,9 @@ def time_at(t: Array, part: Array, level: float) -> float:
 def read_step(step: Step, t: Array, speed: Array, rule: Rule) -> Array:
     """Return gain, time constant [s] and lost input (3,) that one step of a speed (N,) at times t (N,) [s] shows."""
     first, last = (float(part.mean()) for part in step.steady(t, speed))
-    gain = (last - first) / (step.after - step.before)
-    if gain == 0:
+    if step.after == step.before or last == first:  # levels that differ by rounding only
         return np.full(3, np.nan)
+    gain = (last - first) / (step.after - step.before)
     here = step.samples(t)
     return np.array(
         [gain, rule(t[here] - step.start, (speed[here] - first) / (last - first)), step.after - last / gain]

@@ -6,6 +6,7 @@ from typing import Annotated, Literal, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
+from servobench.errors import UsageError
 from servobench.finding import Finding, info, warning
 from servobench.settings import (
     Angle,
@@ -34,6 +35,9 @@ Slew: TypeAlias = Annotated[float, In("V/s"), Field(gt=0)]
 Gain: TypeAlias = Annotated[float, In("rad/(s·V)"), Field(gt=0)]
 
 
+LONGEST_TIMEOUT = 0.5  # s; a motor that nobody drives runs on for as long
+
+
 class Outputs(Settings):
     """A value for each output of a device."""
 
@@ -46,10 +50,24 @@ class Outputs(Settings):
 class Watchdog(Outputs):
     """When a device that nobody drives any more is cut off, and what it is put to then."""
 
-    timeout: Annotated[Time, Field(ge=0.02, le=0.5)] = 0.1
+    timeout: Annotated[Time, Field(ge=0.02, le=LONGEST_TIMEOUT)] = 0.1
     """Longest time from one fresh actuation to the next: a voltage written after a new sample; 20 ms to 500 ms [s]."""
     light: Light = "red"
     """Light once it was cut off."""
+
+    def check_sample_time(self, sample_time: float) -> None:
+        """Raise `UsageError` for a sample time [s] of which it can't wait for two, as a loop in real time needs."""
+        if not 2 * sample_time > self.timeout:
+            return
+        asked = f"limits.watchdog.timeout is {self.timeout:g} s, and has to be two samples of {sample_time:g} s at least"
+        if 2 * sample_time <= LONGEST_TIMEOUT:
+            raise UsageError(
+                f"{asked}: raise it to {2 * sample_time:g} s, or take a sample time of at most {self.timeout / 2:g} s"
+            )
+        raise UsageError(
+            f"{asked}; it can be {LONGEST_TIMEOUT:g} s at most, so take a sample time of at most {LONGEST_TIMEOUT / 2:g} s "
+            f"in real time (at most {self.timeout / 2:g} s with this timeout)"
+        )
 
 
 class StallLimits(Settings):

@@ -12,6 +12,7 @@ from typing import Any, Self
 from pydantic import TypeAdapter, ValidationError, ValidationInfo, field_validator, model_validator
 from pydantic_core import ErrorDetails
 
+from servobench import toml
 from servobench.errors import ExperimentError, UsageError
 from servobench.experiment.experiment import (
     AnyController,
@@ -226,7 +227,7 @@ _OFTEN = (
 def parsed(text: str, name: str) -> dict[str, Any]:
     """Return the tables in a TOML text; raises `ExperimentError` with file and line where it is none."""
     try:
-        return tomllib.loads(text)
+        return toml.loads(text)
     except tomllib.TOMLDecodeError as error:
         said = str(error)
         place = re.search(r" \(at (?:line (\d+), column (\d+)|end of document)\)$", said)

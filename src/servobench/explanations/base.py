@@ -1,14 +1,15 @@
 """The kind `explanations`: causes that a bad fit may have, which are tried against each other on the data.
 
 Where the residuals of a fit object, or no fit was possible, each explanation says by how much it makes the motor's equation
-(`equation`) hold better. The best one is told, if it is a good one: then the user knows what to mend, and not only that something
-is wrong.
+(`equation`) hold better. The best one is told if a fit with it bears it out (`trial`): then the user knows what to mend, and not
+only that something is wrong. A cause is an accusation: without evidence of its own none is made
+(docs/decisions/0040-causes.md).
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TypeAlias
 
@@ -16,12 +17,15 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.explanations.equation import Motion, Regression, joined, motion, regression
+from servobench.explanations.trial import is_borne_out
 from servobench.finding import Finding, Severity
 from servobench.measurement.dataset import Dataset
 from servobench.registry import Registry
 
 _CONVINCING = 0.6  # of the misfit may be left where a cause is told
+_EXPLAINED_ALREADY = 90.0  # percent of the output: a model that simulates more is right enough for its intervals to hold the rest
 _CERTAIN = 0.3  # of the misfit may be left where no richer structure is tried
+_TRIALS = 3  # causes that are fitted, the most promising first
 _AS_GOOD = 1.15  # times the least misfit of all causes: that much is chance, and the simpler cause is told
 
 
@@ -65,12 +69,16 @@ class Explained:
     """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
 
     `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.
+    What a fit has to bear it out with is `remedy`, which takes the cause out of a record, or the name of a `structure` that has
+    it; without either the equation's word is enough.
     """
 
     finding: Finding
     misfit: float
     chosen: int = 1
     structural: bool = False
+    remedy: Callable[[Dataset], Dataset] | None = None
+    structure: str = ""
 
 
 Explain: TypeAlias = Callable[[Case], Explained | None]
@@ -130,7 +138,7 @@ EXPLANATIONS: Registry[Explain] = Registry("explanation", "servobench.explanatio
 def unexplained(findings: Sequence[Finding]) -> bool:
     """Return whether findings say that something is wrong with a fit, and none says what."""
     grave = {finding.code for finding in findings if finding.severity != Severity.INFO}
-    return bool(grave & _SYMPTOMS) and not grave & _CAUSES
+    return bool({finding.code for finding in findings} & _SYMPTOMS) and not grave & _CAUSES
 
 
 def names_a_cause(findings: Sequence[Finding]) -> bool:
@@ -149,7 +157,10 @@ def explain(records: Sequence[Dataset], simulated: float = np.nan) -> list[Findi
     `simulated` is what the simulation of the best fit explains of the output, in percent; NaN where there is no fit.
     """
     best = _best(records, _CONVINCING, simulated)
-    return [] if best is None else [best.finding]
+    if best is None:
+        return []
+    has_a_size = best.structural and simulated >= _EXPLAINED_ALREADY
+    return [replace(best.finding, severity=Severity.INFO) if has_a_size else best.finding]
 
 
 def is_damaged(records: Sequence[Dataset], simulated: float = np.nan) -> bool:
@@ -162,17 +173,31 @@ def is_damaged(records: Sequence[Dataset], simulated: float = np.nan) -> bool:
 
 
 def _best(records: Sequence[Dataset], most: float, simulated: float) -> Explained | None:
-    """The cause that leaves least of the misfit, and at most that part of it."""
+    """The cause that leaves least of the misfit, and at most that part of it, of those that a fit bears out."""
     motions = [found for found in map(motion, records) if found is not None]
     if not motions or len(motions) < len(records):
         return None
     case = Case(tuple(motions), simulated)
     found = [each for each in (member(case) for member in EXPLANATIONS) if each is not None]
     good = [each for each in found if each.misfit <= most * case.plain.misfit]
-    if not good:
-        return None
-    least = min(each.misfit for each in good)
-    return min(
-        (each for each in good if each.misfit <= _AS_GOOD * least),
-        key=lambda each: (each.chosen, each.misfit),
+    borne_out = (each for each in _ranked(good)[:_TRIALS] if _is_evident(each, records))
+    return next(borne_out, None)
+
+
+def _ranked(causes: Sequence[Explained]) -> list[Explained]:
+    """The causes that leave about the least first, the simplest of them before the others, then the rest."""
+    least = min((each.misfit for each in causes), default=0.0)
+    return sorted(
+        causes,
+        key=lambda each: (
+            (each.misfit > _AS_GOOD * least, each.chosen, each.misfit)
+            if each.misfit <= _AS_GOOD * least
+            else (True, 0, each.misfit)
+        ),
     )
+
+
+def _is_evident(cause: Explained, records: Sequence[Dataset]) -> bool:
+    if cause.remedy is None and not cause.structure:
+        return True
+    return is_borne_out(cause, records)

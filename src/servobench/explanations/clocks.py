@@ -2,21 +2,28 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
 
 from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
-from servobench.explanations.equation import Motion, Regression, input_at, regression
+from servobench.explanations.equation import Motion, Regression, input_at, regression, swept
 from servobench.finding import warning
+from servobench.measurement.dataset import Dataset
 
 _RATES = np.array([3e-4, 6e-4, 1e-3, 1.5e-3, 2e-3, 3e-3, 5e-3, 7e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])
+_SWEPT = (
+    6.0  # times through its range: of an input that changes once or twice, a lag that grows is any other lag
+)
 _AHEAD = 3.0  # sample times: an output that comes so much before its cause is out of step
 
 
 def _drift(case: Case) -> Explained | None:
-    """The best rate by which the input's clock goes wrong beside the output's."""
+    """The best rate by which the input's clock goes wrong beside the output's, where its changes can show a lag that grows."""
+    if max(swept(each.u) for each in case.motions) < _SWEPT:
+        return None
     tried = [(case.with_input(partial(_at_rate, rate=rate)), rate) for rate in (*-_RATES, *_RATES)]
     found, rate = min(tried, key=lambda each: each[0].misfit)
     longest = max(float(each.t[-1] - each.t[0]) for each in case.motions)
@@ -28,7 +35,14 @@ def _drift(case: Case) -> Explained | None:
         finding=warning("clock-drift", sentence, parameters=("delay", "time_constant", "gain")),
         misfit=found.misfit,
         chosen=1,
+        remedy=lambda data: _by_clock(data, rate),
     )
+
+
+def _by_clock(data: Dataset, rate: float) -> Dataset:
+    """A record whose input's times are those of the output's clock."""
+    start = float(data.t_output[0])
+    return replace(data, t_input=start + (data.t_input - start) / (1 + rate), reference=None)
 
 
 def _at_rate(m: Motion, rate: float) -> Array:
@@ -55,7 +69,10 @@ def _out_of_step(case: Case) -> Explained | None:
         "row was lost in one of them, or they were filtered differently). Shift one of them."
     )
     return Explained(
-        finding=warning("delay-negative", sentence, parameters=("delay",)), misfit=least, chosen=1
+        finding=warning("delay-negative", sentence, parameters=("delay",)),
+        misfit=least,
+        chosen=1,
+        remedy=lambda data: replace(data, t_input=data.t_input - ahead, reference=None),
     )
 
 

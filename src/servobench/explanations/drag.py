@@ -5,14 +5,20 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.explanations.equation import swept, with_extra
 from servobench.finding import warning
+from servobench.measurement.dataset import Dataset
 from servobench.models.search import smoothed_speed
 
 
 def _drag(case: Case) -> Explained | None:
     """Whether K c ω|ω| makes the equation hold, with a drag that brakes."""
-    # Behind a chain the measured speed is another than the one that the drag goes by.
-    if any(each.data.chain.linear for each in case.motions):
+    # Behind a chain the measured speed is another than the one that the drag goes by. Under one level from the first row on,
+    # the only speed that lasts is that one's, which says nothing of how drag grows.
+    if (
+        any(each.data.chain.linear for each in case.motions)
+        or max(swept(each.u) for each in case.motions) < 1.0
+    ):
         return None
     speeds = [np.interp(each.t, each.data.t_output, smoothed_speed(each.data)) for each in case.motions]
     found = case.with_columns(
@@ -33,7 +39,15 @@ def _drag(case: Case) -> Explained | None:
         structural=True,
         misfit=found.misfit,
         chosen=1,
+        remedy=lambda data: without_drag(data, factor),
     )
+
+
+def without_drag(data: Dataset, factor: float) -> Dataset:
+    """Return a record whose input is less by c ω|ω|, c in the unit of the input over the square of the speed's."""
+    speed = smoothed_speed(data)
+    lost = factor * speed * np.abs(speed)
+    return with_extra(data, lambda t, u: -np.interp(t, data.t_output, lost))
 
 
 EXPLANATIONS.member("drag")(_drag)

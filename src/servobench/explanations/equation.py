@@ -13,8 +13,8 @@ as well.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,6 +27,10 @@ _MOST = 6000  # points of the grid
 _NOISE = 0.02  # of the filtered acceleration may be noise
 _SETTLED = 8.0  # filter times until the start is forgotten
 _PER_TIME = 4.0  # rows of the regression in a filter time
+_ONE = 0.9  # of an input's power in one line of its spectrum: a sine
+_JUMP = 0.2  # of the input's range: a change in one step of the grid that is as good as at once
+_SWEPT = 3.0  # times through its range
+_PERIODS = 3  # of a sine in a record: fewer are a step or a ramp
 _UNSEEN = 0.3  # of the input's standard deviation may pass between two points of the grid
 
 
@@ -138,6 +142,36 @@ def input_at(data: Dataset, t: Array) -> Array:
     """Return the input that holds at times t (N,) [s]; a time that misses a sample by a rounding error is that sample's."""
     held = np.searchsorted(data.t_input, t + 1e-6 * data.sample_time, side="right") - 1
     return np.asarray(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before), dtype=np.float64)
+
+
+def swept(u: Array) -> float:
+    """Return how often an input u (N,) goes through its range: the sum of its changes over it, 1 for a step or a ramp."""
+    reach = float(np.ptp(u)) if len(u) else 0.0
+    return float(np.abs(np.diff(u)).sum()) / reach if reach > 0 else 0.0
+
+
+def rings(u: Array) -> bool:
+    """Return whether an input u (N,) on an even grid would make a shaft ring: a jump, or many changes; a ramp doesn't.
+
+    One sine doesn't show it either: it tells two numbers, and no order of a system.
+    """
+    reach = float(np.ptp(u)) if len(u) else 0.0
+    jumps = reach > 0 and float(np.abs(np.diff(u)).max()) > _JUMP * reach
+    return (jumps or swept(u) >= _SWEPT) and not is_one_sine(u)
+
+
+def is_one_sine(u: Array) -> bool:
+    """Return whether nearly all of an input u (N,) on an even grid is one sine: that tells two numbers, and no order."""
+    power = np.abs(np.fft.rfft((u - u.mean()) * np.hanning(len(u)))) ** 2
+    at = int(np.argmax(power))
+    return bool(at >= _PERIODS and power[at - 2 : at + 3].sum() > _ONE * power.sum())
+
+
+def with_extra(data: Dataset, extra: Callable[[Array, Array], Array]) -> Dataset:
+    """Return a record with an input that has `extra`(t, u) (N,) more at the times t (N,) of input and output together."""
+    t = np.union1d(data.t_input, data.t_output)
+    u = input_at(data, t)
+    return replace(data, t_input=t, u=u + extra(t, u), reference=None)
 
 
 def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
@@ -25,7 +27,10 @@ def _gain_falls(case: Case) -> Explained | None:
         "that."
     )
     return Explained(
-        finding=warning("gain-falls", sentence, parameters=("gain",)), misfit=found.misfit, chosen=1
+        finding=warning("gain-falls", sentence, parameters=("gain",)),
+        misfit=found.misfit,
+        chosen=1,
+        remedy=lambda data: replace(data, u=np.clip(data.u, -limit, limit), reference=None),
     )
 
 

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.explanations.equation import swept
 from servobench.finding import warning
 
+_SWEPT = 3.0  # times through its range: a play shows where the input turns round, more than once
 _WIDTHS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 
 
 def _hysteresis(case: Case) -> Explained | None:
     """The best half width of a play that the input goes through."""
+    if max(swept(each.u) for each in case.motions) < _SWEPT:
+        return None
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     tried = [
         (case.with_input(lambda m, width=width: play(m.u, width)), width)  # type: ignore[misc]
@@ -29,6 +35,7 @@ def _hysteresis(case: Case) -> Explained | None:
         finding=warning("hysteresis", sentence, parameters=("gain", "time_constant")),
         misfit=found.misfit,
         chosen=1,
+        remedy=lambda data: replace(data, u=play(data.u, width), reference=None),
     )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
@@ -19,9 +21,11 @@ def _level(case: Case) -> Explained | None:
     if not _FEWEST <= len(levels) <= _MOST_LEVELS:
         return None
     tried = []
-    for level in levels[counts > _SHARE * len(inputs)]:
+    for level in levels[(counts > _SHARE * len(inputs)) & (levels != 0)]:  # at none, friction holds the shaft
         extra = [each.caused(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
         tried.append((case.with_columns(extra), float(level)))
+    if not tried:
+        return None
     found, level = min(tried, key=lambda each: each[0].misfit)
     really = level + found.coefficients[-1] / found.coefficients[1]
     unit = case.motions[0].data.input_unit
@@ -30,7 +34,10 @@ def _level(case: Case) -> Explained | None:
         "label is wrong, or the supply couldn't hold it. Correct it, or leave it out."
     )
     return Explained(
-        finding=warning("level-disagrees", sentence, parameters=("gain",)), misfit=found.misfit, chosen=2
+        finding=warning("level-disagrees", sentence, parameters=("gain",)),
+        misfit=found.misfit,
+        chosen=2,
+        remedy=lambda data: replace(data, u=np.where(data.u == level, really, data.u), reference=None),
     )
 
 

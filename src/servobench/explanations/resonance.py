@@ -7,11 +7,12 @@ from numpy.typing import NDArray
 
 from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
-from servobench.explanations.equation import Motion, filter_time, filtered, regression
+from servobench.explanations.equation import Motion, filter_time, filtered, regression, rings
 from servobench.finding import warning
 
 _DAMPED = 0.3  # of critical damping: with more, nobody would call it a swing
 _NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
+_PERIODS = 5  # in the record: what swings fewer times is anything slow
 _LAGS = 5  # of the filter, so that the fourth derivative is proper
 
 
@@ -24,8 +25,11 @@ def _resonance(case: Case) -> Explained | None:
     without, found = regression(columns[:, :5], speed), regression(columns, speed)
     tau, second, third = (float(found.coefficients[k]) for k in (0, 5, 6))
     swinging = _swinging(np.roots([third, second, tau, 1.0]).astype(np.complex128))
+    if not any(rings(each.u) for each in case.motions):
+        return None
     fastest = _NYQUIST / max(each.step for each in case.motions)
-    if swinging is None or not 0 < swinging < fastest or without.misfit == 0:
+    slowest = _PERIODS / max(each.t[-1] - each.t[0] for each in case.motions)
+    if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
         return None
     sentence = (
         f"The shaft swings at about {swinging:.2g} Hz, as two masses do that are coupled by something that gives (a long shaft, "
@@ -37,6 +41,7 @@ def _resonance(case: Case) -> Explained | None:
         structural=True,
         misfit=case.plain.misfit * found.misfit / without.misfit,
         chosen=4,
+        structure="rational_3_2_integrator_delay",
     )
 
 

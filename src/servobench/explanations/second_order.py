@@ -6,11 +6,14 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
+from servobench.explanations.equation import rings
 from servobench.finding import warning
 
 
 def _second_order(case: Case) -> Explained | None:
     """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
+    if not any(rings(each.u) for each in case.motions):
+        return None
     found = case.with_columns(_bent(case))
     tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
     if squared == 0:
@@ -29,6 +32,7 @@ def _second_order(case: Case) -> Explained | None:
         structural=True,
         misfit=found.misfit,
         chosen=3,
+        structure="rational_2_0_integrator_delay",
     )
 
 

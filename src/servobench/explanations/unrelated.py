@@ -25,7 +25,7 @@ def _unrelated(case: Case) -> Explained | None:
     sentence = (
         f"{name}: the output doesn't follow this input: knowing the input tells "
         f"{100 * (1 - np.sqrt(case.plain.misfit / without.misfit)):.0f} % of what moves the output. It is another column, "
-        "another motor's, or another recording's. Name the voltage of this motor with --input COL:UNIT; if the file has "
+        "another motor's, or another recording's. Name the voltage of this motor with `input=COL:UNIT`; if the file has "
         "none, the input wasn't recorded."
     )
     return Explained(finding=refusal("input-unrelated", sentence), misfit=0.25 * case.plain.misfit, chosen=1)

@@ -12,13 +12,15 @@ from typing import Any
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP, SMALLEST_VALUE, Array
 from servobench.errors import FormatError, NotIdentifiable, UsageError
 from servobench.estimators.base import Estimate
-from servobench.result import SCHEMA, Result
+from servobench.interop import handed_over
+from servobench.result import SCHEMA, SCHEMAS, Result
 from servobench.transfer_function import TransferFunction
 
 _LARGEST = 50_000_000  # bytes; a result has some ten thousand
+_LARGEST_NUMBER = LARGEST_VALUE**2  # a variance is the square of a value
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -28,7 +30,7 @@ class Answer:
     `structure` is the name of its model structure. The rows of the covariance stand in the order of `estimates`; NaN stands
     where it isn't known. `input_range` holds the smallest and the largest input of the data. `comment` is what a file without
     findings of its own should say: where the motor comes from, and the verdict's reasons. `document` is the whole result as
-    plain data of the schema `servobench.result/1`.
+    plain data of the schema `servobench.result/2`.
     """
 
     estimates: Mapping[str, Estimate]
@@ -71,11 +73,11 @@ class Answer:
 
     @classmethod
     def from_document(cls, document: Any, name: str) -> Answer:
-        """Return what plain data of the schema `servobench.result/1` say; `name` is what messages call them.
+        """Return what plain data of the schema `servobench.result/2` say; `name` is what messages call them.
 
         Raises `FormatError` for what is no such result, `NotIdentifiable` for one that was refused.
         """
-        if not isinstance(document, dict) or document.get("schema") != SCHEMA:
+        if not isinstance(document, dict) or document.get("schema") not in SCHEMAS:
             found = document.get("schema") if isinstance(document, dict) else type(document).__name__
             raise FormatError(f"{name} is no result: expected the schema {SCHEMA!r}, found {found!r}")
         if document.get("verdict") == "refused" or document.get("transfer_function") is None:
@@ -84,7 +86,7 @@ class Answer:
             )
         try:
             return cls._of(document)
-        except (KeyError, TypeError, ValueError, AttributeError) as error:
+        except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
             raise FormatError(f"{name} isn't whole: {error!r} while reading {SCHEMA}") from None
 
     @classmethod
@@ -98,13 +100,14 @@ class Answer:
             raise ValueError(f"a covariance of {names} beside the parameters {list(estimates)}")
         system = document["transfer_function"]
         low, high = (_number(end) for end in document["operating_range"]["input"])
+        _sample_times(document)
         return cls(
             estimates=estimates,
             covariance=matrix,
             transfer_function=TransferFunction(
-                numerator=tuple(map(float, system["numerator"])),
-                denominator=tuple(map(float, system["denominator"])),
-                delay=float(system["delay"]),
+                numerator=tuple(map(_coefficient, system["numerator"])),
+                denominator=tuple(map(_coefficient, system["denominator"])),
+                delay=_number(system["delay"]),
                 output=str(system["output"]),
                 unit=str(system["unit"]),
             ),
@@ -120,6 +123,38 @@ class Answer:
         """The units of position and input, such as `rad` and `V`, which the unit of the gain is made of."""
         position, _, rest = self.transfer_function.unit.partition("/(s·")
         return position, rest.removesuffix(")")
+
+    @property
+    def model(self) -> TransferFunction:
+        """The transfer function that is exported as a model: `interop.handed_over` says which delay it has."""
+        return self._handed_over[0]
+
+    @property
+    def model_comment(self) -> tuple[str, ...]:
+        """The comment, and a sentence more where the delay is left out of the model."""
+        sentence = self._handed_over[1]
+        return (*self.comment, sentence) if sentence else self.comment
+
+    @property
+    def _handed_over(self) -> tuple[TransferFunction, str]:
+        delay = self.estimates.get("delay")
+        return handed_over(self.transfer_function, delay.interval if delay else None)
+
+    @property
+    def sample_time(self) -> float | None:
+        """The sample time of the data [s] that the result was made from, of several records the shortest; None if not stated."""
+        known = _sample_times(self.document)
+        return float(f"{min(known):.9g}") if known else None  # what rounding the times left
+
+
+def _sample_times(document: Mapping[str, Any]) -> list[float]:
+    """The sample times of the data [s], as far as they are stated; raises `ValueError` for one that no recording has."""
+    stated = [(each.get("sample_time") or {}).get("median") for each in document.get("records", [])]
+    known = [_number(each) for each in stated if each is not None]
+    for each in known:
+        if not SHORTEST_STEP <= each <= LONGEST_STEP:
+            raise ValueError(f"a sample time of {each:g} s")
+    return known
 
 
 def _comment(document: Mapping[str, Any]) -> tuple[str, ...]:
@@ -154,10 +189,21 @@ def _estimate(plain: Mapping[str, Any]) -> Estimate:
     )
 
 
+def _coefficient(value: object) -> float:
+    """A coefficient of a transfer function: zero, or of a size that a motor's can have."""
+    number = _number(value)
+    if number != 0 and not SMALLEST_VALUE <= abs(number) <= LARGEST_VALUE:
+        raise ValueError(f"a coefficient of {number:g}")
+    return number
+
+
 def _number(value: object) -> float:
     """A number of JSON; null, which stands for one that isn't known, is NaN."""
     if value is None:
         return math.nan
     if isinstance(value, bool) or not isinstance(value, int | float):
         raise TypeError(f"{value!r} where a number belongs")
-    return float(value)
+    number = float(value)
+    if math.isfinite(number) and abs(number) > _LARGEST_NUMBER:
+        raise ValueError(f"{number:g}, which is no number of a motor")
+    return number

@@ -84,16 +84,16 @@ def export(
 def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
     said = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
     if extra := sorted(said - target.wishes):
-        can = ", ".join(sorted(option(each) for each in target.wishes)) or "none"
+        can = ", ".join(sorted(keyword(each) for each in target.wishes)) or "none"
         raise UsageError(
-            f"{name} has no use for {', '.join(option(each) for each in extra)}; options that it follows: {can}"
+            f"{name} has no use for {', '.join(keyword(each) for each in extra)}; what it follows: {can}"
         )
     for each in ("sample_time", "inertia", "closed_loop", "counts_per_rev", "voltage_limit"):
         value = getattr(wishes, each)
         if value is not None and not 0.0 < value < float("inf"):
-            raise UsageError(f"{option(each)} is {value!r}; expected a positive number")
+            raise UsageError(f"{keyword(each)} is {value!r}; expected a positive number")
 
 
-def option(wish: str) -> str:
-    """Return a wish as the option of a command line that says it."""
-    return f"--{wish.replace('_', '-')}"
+def keyword(wish: str) -> str:
+    """Return a wish as messages name it: by its field of `Wishes`."""
+    return f"`{wish}=...`"

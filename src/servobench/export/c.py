@@ -15,7 +15,7 @@ from servobench.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import FirstOrderMotor
-from servobench.export.tuning import Tuning, tuned
+from servobench.export.tuning import Tuning, smoothing, tuned
 from servobench.units import convert
 
 _TICKS = 240  # of the test vectors
@@ -134,7 +134,7 @@ static float {name}_speed({name}_state *state, int32_t counts)
 class C:
     """One C99 file: a PI speed controller with feedforward and anti-windup in single precision, and its test vectors.
 
-    With --counts-per-rev also the speed from an encoder's counts. --sample-time is needed.
+    With `counts_per_rev=...` also the speed from an encoder's counts. `sample_time=...` is needed.
     """
 
     suffix: ClassVar[str] = ".c"
@@ -154,17 +154,21 @@ class C:
             )
         if wishes.sample_time is None:
             raise UsageError(
-                "c needs the time between two calls of the controller: say --sample-time, such as 2ms"
+                "c needs the time between two calls of the controller: say `sample_time=...`, such as 2ms"
             )
         motor = FirstOrderMotor.of(answer, "c", wishes.unit)
         tau = motor.time_constant.value
         if wishes.sample_time > tau:
             raise UsageError(
-                f"--sample-time {wishes.sample_time:g}: between two samples the motor does all that it will, as its time "
+                f"`sample_time={wishes.sample_time:g}`: between two samples the motor does all that it will, as its time "
                 f"constant is {tau:.3g} s; give less than that, a tenth of it or less is usual"
             )
         gains = tuned(
-            motor, wishes.sample_time, wishes.closed_loop, filtered=wishes.counts_per_rev is not None
+            motor,
+            wishes.sample_time,
+            wishes.closed_loop,
+            filtered=wishes.counts_per_rev is not None,
+            integral_lag=1,
         )
         controller = _Controller.of(motor, gains, wishes, _limit(answer, wishes))
         return {f"{stem}.c": _text(answer, motor, gains, controller, stem).encode()}
@@ -201,7 +205,7 @@ class _Controller:
             offset=np.float32(motor.offset_voltage.value if motor.offset_voltage else 0.0),
             limit=np.float32(limit),
             speed_per_count=per_count,
-            filter=np.float32(-math.expm1(-period / gains.filter)) if gains.filter else np.float32(1.0),
+            filter=np.float32(smoothing(period, gains.filter)),
         )
 
     def step(
@@ -235,7 +239,7 @@ def _limit(answer: Answer, wishes: Wishes) -> float:
         return wishes.voltage_limit
     limit = max(map(abs, answer.input_range))
     if not 0 < limit < math.inf:
-        raise UsageError("c: the data have no voltage to take as the limit; say --voltage-limit")
+        raise UsageError("c: the data have no voltage to take as the limit; say `voltage_limit=...`")
     return limit
 
 
@@ -244,7 +248,9 @@ def _turn(unit: str) -> float:
     try:
         return convert(1.0, "rev", unit)
     except ValueError:
-        raise UsageError(f"--counts-per-rev: the position is in {unit}, which has no revolutions") from None
+        raise UsageError(
+            f"`counts_per_rev=...`: the position is in {unit}, which has no revolutions"
+        ) from None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -295,7 +301,7 @@ def _text(answer: Answer, motor: FirstOrderMotor, gains: Tuning, controller: _Co
     speed = f"{name}_speed(&state, (int32_t)inputs[k][1])" if counted else "(float)inputs[k][1]"
     return _TEXT.format(
         **{key: value for key, value in names.items() if key not in {"speed_per_count", "filter"}},
-        comment="\n".join(f" * {line.replace('*/', '* /')}" for line in answer.comment),
+        comment="\n".join(f" * {line.replace('*/', '* /')}" for line in motor.comment(answer)),
         gain=f"{motor.gain.value:.6g}",
         tau=f"{motor.time_constant.value:.6g}",
         delay=f"{motor.delay:.3g}",

@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
+from servobench.interop import PADE_ORDER
 
 _TEXT = '''{comment}
 """The identified motor as systems of python-control, and its parameters with their intervals.
@@ -28,12 +29,12 @@ PARAMETERS = {{
 }}
 
 
-def motor(position=False, pade_order=2):
+def motor(position=False, pade_order={order}):
     """Return the transfer function, to the position or else to the speed."""
     denominator = [*DENOMINATOR, 0.0] if position else DENOMINATOR
     output = "position" if position else "speed"
     rational = control.tf(NUMERATOR, denominator, inputs="input", outputs=output)
-    if DELAY <= 0 or pade_order == 0:
+    if DELAY == 0:
         return rational
     late = control.tf(*control.pade(DELAY, pade_order), inputs="input", outputs="delayed")
     return control.tf(control.series(late, rational), inputs="input", outputs=output)
@@ -49,20 +50,21 @@ class Control:
 
     def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file."""
-        system = answer.transfer_function
+        system = answer.model
         position, driven_by = answer.units
         rows = [
             f"    {name!r}: ({_known(e.value)}, {_known(e.sd)}, ({_known(e.interval[0])}, {_known(e.interval[1])}), {e.unit!r}),"
             for name, e in answer.estimates.items()
         ]
         text = _TEXT.format(
-            comment="\n".join(f"# {line}" for line in answer.comment),
+            comment="\n".join(f"# {line}" for line in answer.model_comment),
             input="voltage" if driven_by == "V" else "input",
             input_unit=driven_by,
             position=position,
             numerator=list(system.numerator),
             denominator=list(system.denominator),
-            delay=max(system.delay, 0.0),
+            delay=system.delay,
+            order=PADE_ORDER,
             parameters="\n".join(rows),
         )
         return {f"{stem}.py": text.encode()}

@@ -43,7 +43,7 @@ class FirstOrderMotor:
         if not {"gain", "time_constant"} <= told.keys() or len(answer.transfer_function.denominator) > 2:
             raise UsageError(
                 f"{target} takes a first-order motor (gain and time constant), and this result is of the structure "
-                f"{answer.structure}; identify with --structure first_order_coulomb"
+                f"{answer.structure}; identify with `structure=first_order_coulomb`"
             )
         position, driven_by = answer.units
         if driven_by != "V":
@@ -68,6 +68,10 @@ class FirstOrderMotor:
             one_way="one_way" in answer.structure,
             moments=moments * np.outer(scale, scale),
         )
+
+    def comment(self, answer: Answer) -> tuple[str, ...]:
+        """Return what a file with gains for this motor should say: they allow for its delay as estimated, below zero for none."""
+        return answer.comment if self.delay else answer.model_comment
 
     def draws(self, count: int) -> Array:
         """Return parameters (count, 3), K, τ and d, as the data leave them open; the same ones each time.
@@ -131,4 +135,4 @@ def _factor(position: str, wanted: str) -> float:
             raise UnitError(f"{wanted} is no unit of a position")
         return convert(1.0, position, wanted)
     except UnitError as error:
-        raise UsageError(f"--unit {wanted}: the result's position is in {position}: {error}") from None
+        raise UsageError(f"`unit={wanted}`: the result's position is in {position}: {error}") from None

@@ -12,7 +12,7 @@ from servobench.export.base import TARGETS, Wishes
 
 @TARGETS.member("json")
 class Json:
-    """The result, all of it, in the schema `servobench.result/1`, which is part of the package."""
+    """The result, all of it, in the schema `servobench.result/2`, which is part of the package."""
 
     suffix: ClassVar[str] = ".json"
     wishes: ClassVar[frozenset[str]] = frozenset()

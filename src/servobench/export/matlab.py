@@ -51,7 +51,7 @@ class Matlab:
         return {f"{stem}.m": self._script(answer, stem).encode(), f"{stem}.mat": _variables(answer)}
 
     def _script(self, answer: Answer, stem: str) -> str:
-        system = answer.transfer_function
+        system = answer.model
         position, driven_by = answer.units
         lines = [
             f"parameters.{name} = [{e.value!r}, {_number(e.sd)}, {_number(e.interval[0])}, {_number(e.interval[1])}]; % {e.unit}"
@@ -59,12 +59,12 @@ class Matlab:
         ]
         return _TEXT.format(
             stem=stem,
-            comment="\n".join(f"% {line}" for line in answer.comment),
+            comment="\n".join(f"% {line}" for line in answer.model_comment),
             input_unit=driven_by,
             position=position,
             numerator=", ".join(map(repr, system.numerator)),
             denominator=", ".join(map(repr, system.denominator)),
-            delay=repr(max(system.delay, 0.0)),
+            delay=repr(system.delay),
             parameters="\n".join(lines),
         )
 
@@ -72,11 +72,11 @@ class Matlab:
 def _variables(answer: Answer) -> bytes:
     from scipy.io import savemat
 
-    system = answer.transfer_function
+    system = answer.model
     motor: dict[str, Any] = {
         "numerator": np.array([system.numerator]),
         "denominator": np.array([system.denominator]),
-        "delay": max(system.delay, 0.0),
+        "delay": system.delay,
         "unit": system.unit,
         "structure": answer.structure,
         "verdict": answer.verdict,
@@ -86,7 +86,7 @@ def _variables(answer: Answer) -> bytes:
         },
         "covariance": answer.covariance,
         "covariance_of": np.array([[name] for name in answer.estimates], dtype=object),
-        "notes": np.array([[line] for line in answer.comment], dtype=object),
+        "notes": np.array([[line] for line in answer.model_comment], dtype=object),
     }
     content = io.BytesIO()
     savemat(content, {"motor": motor}, long_field_names=True)

@@ -46,7 +46,7 @@ _TINY = 1e-9  # of the armature: a body must have some inertia
 
 @TARGETS.member("mujoco")
 class Mujoco:
-    """An MJCF file with one joint that moves as the motor does; --inertia says how much turns."""
+    """An MJCF file with one joint that moves as the motor does; `inertia=...` says how much turns."""
 
     suffix: ClassVar[str] = ".xml"
     wishes: ClassVar[frozenset[str]] = frozenset({"inertia", "sample_time"})
@@ -64,7 +64,7 @@ class Mujoco:
         motor = FirstOrderMotor.of(answer, "mujoco")
         if wishes.inertia is None:
             raise UsageError(
-                "mujoco needs an inertia, which voltage and motion alone don't tell: say --inertia, such as --inertia 2.1e-5 "
+                "mujoco needs an inertia, which voltage and motion alone don't tell: say `inertia=...`, such as `inertia=2.1e-5` "
                 f"({kinds[position][1]}, of all that moves)"
             )
         damping = wishes.inertia / motor.time_constant.value
@@ -84,7 +84,7 @@ class Mujoco:
             position=position,
             inertia=repr(wishes.inertia),
             inertia_unit=kinds[position][1],
-            delay=repr(motor.delay),
+            delay=repr(answer.model.delay),
             offset=f"\n    Subtract the offset of {offset!r} V from the control." if offset else "",
             timestep=repr(wishes.sample_time or 0.001),
             kind=kinds[position][0],
@@ -99,4 +99,4 @@ class Mujoco:
 
 def _comment(answer: Answer) -> list[str]:
     """The comment's lines, as they may stand in XML, where two hyphens end nothing well."""
-    return [escape(line).replace("--", "- -") for line in answer.comment]
+    return [escape(line).replace("--", "- -") for line in answer.model_comment]

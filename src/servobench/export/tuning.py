@@ -4,10 +4,13 @@ The SIMC rules (Skogestad 2003, Journal of Process Control 13): of a closed loop
 dead time θ, the speed loop of K/(τ s + 1) gets k_p = τ / (K (λ + θ)), T_i = min(τ, 4 (λ + θ)), the position loop of
 K/(s (τ s + 1)) gets k_p = 1 / (K (λ + θ)), k_d = τ k_p. θ is the motor's delay and one sample time: half for the output that is
 held, half for a speed that is differenced; and a filter's time constant where there is one.
+
+The margins are those of the loop as it runs, tick by tick, with the speed as a difference of the position over a tick.
 """
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +18,7 @@ import numpy as np
 from servobench.channels import Array
 from servobench.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
-from servobench.margins import Margins, margins
+from servobench.sampled_loop import SampledLaw, law_in_z, sampled_loop, sampled_margins
 from servobench.transfer_function import TransferFunction
 
 _DRAWS = 400
@@ -30,7 +33,7 @@ class Tuning:
 
     `speed_gain` [V/(unit/s)], `speed_integral` [V/unit], `position_gain` [V/unit], `position_derivative` [V/(unit/s)];
     `closed_loop` λ, `dead_time` θ and the speed filter's time constant `filter` [s]; `phase_margin` [rad] and `delay_margin`
-    [s] of the speed loop with its integral part are (value, low, high).
+    [s] of the sampled speed loop with its integral part are (value, low, high).
     """
 
     speed_gain: float
@@ -45,12 +48,18 @@ class Tuning:
 
 
 def tuned(
-    motor: FirstOrderMotor, sample_time: float, closed_loop: float | None = None, *, filtered: bool = False
+    motor: FirstOrderMotor,
+    sample_time: float,
+    closed_loop: float | None = None,
+    *,
+    filtered: bool = False,
+    integral_lag: int = 0,
 ) -> Tuning:
     """Return gains for a controller that runs every `sample_time` [s]; `closed_loop` [s] is λ, 2 θ or τ/4 where it isn't said.
 
-    A speed that is `filtered` goes through a low-pass filter of λ/5. Raises `UsageError` for a closed loop that is wished
-    faster than the dead time allows.
+    A speed that is `filtered` goes through a low-pass filter of λ/5. `integral_lag` is the number of ticks after which an error
+    is in the integral: 0 where it is added before the voltage is computed, 1 where after. Raises `UsageError` for a closed loop
+    that is wished faster than the dead time allows.
     """
     gain, tau = motor.gain.value, motor.time_constant.value
     dead_time = motor.delay + sample_time
@@ -58,17 +67,14 @@ def tuned(
     lag = _FILTER * wished if filtered else 0.0
     if wished < dead_time:
         raise UsageError(
-            f"--closed-loop {wished:g}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
+            f"`closed_loop={wished:g}`: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
             f"(the motor's delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); wish for {dead_time:.3g} s or more"
         )
     dead_time += lag
     position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)
-    left = np.array(
-        [
-            _margins(k, t, d + sample_time + lag, speed_gain, integral)
-            for k, t, d in [(gain, tau, motor.delay), *motor.draws(_DRAWS)]
-        ]
-    )
+    law = _speed_law(speed_gain, integral, sample_time, smoothing(sample_time, lag), integral_lag)
+    motors = [(gain, tau, motor.delay), *motor.draws(_DRAWS)]
+    left = np.array([_margins(law, k, t, d, sample_time) for k, t, d in motors])
     return Tuning(
         speed_gain=speed_gain,
         speed_integral=integral,
@@ -89,17 +95,29 @@ def simc(gain: float, tau: float, closed_loop: float, dead_time: float) -> tuple
     return position_gain, speed_gain, speed_gain / min(tau, 4 * (closed_loop + dead_time))
 
 
+def smoothing(sample_time: float, filter_time: float) -> float:
+    """Return which share of a new value a low-pass filter takes at each tick; times in s, 1 for a filter time of 0."""
+    return -math.expm1(-sample_time / filter_time) if filter_time else 1.0
+
+
+def _speed_law(
+    proportional: float, integral: float, sample_time: float, share: float, integral_lag: int
+) -> SampledLaw:
+    """From the position to the voltage, its sign turned round: difference, filter and PI, each in z."""
+    added = [integral * sample_time, 0.0] if integral_lag == 0 else [0.0, integral * sample_time]
+    pi = [proportional + added[0], added[1] - proportional]  # over z - 1
+    return law_in_z(([share, 0.0], [1.0, -1.0], pi), ([sample_time, 0.0], [1.0, share - 1.0], [1.0, -1.0]))
+
+
 def _margins(
-    gain: float, tau: float, dead_time: float, proportional: float, integral: float
+    law: SampledLaw, gain: float, tau: float, delay: float, sample_time: float
 ) -> tuple[float, float]:
-    loop: Margins = margins(
-        TransferFunction(
-            numerator=(gain * proportional, gain * integral), denominator=(tau, 1.0, 0.0), delay=dead_time
-        )
-    )
-    return loop.phase_margin, loop.delay_margin
+    position = TransferFunction(numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay)
+    found = sampled_margins(sampled_loop(law, position, sample_time, "speed"))
+    return found.phase_margin, found.delay_margin
 
 
 def _with_interval(values: Array) -> tuple[float, float, float]:
-    low, high = np.quantile(values[1:], (0.025, 0.975))
+    # An infinite margin has no value between it and another: of the draws the nearest counts.
+    low, high = np.quantile(values[1:], (0.025, 0.975), method="nearest")
     return float(values[0]), float(low), float(high)

@@ -39,7 +39,7 @@ class Wpilib:
             )
         gains = tuned(motor, wishes.sample_time or _PERIOD, wishes.closed_loop)
         document = {
-            "from": list(answer.comment),
+            "from": list(motor.comment(answer)),
             "unit": motor.unit,
             "feedforward": {name: _plain(e) for name, e in feedforward(motor).items()},
             "notes": _notes(motor),

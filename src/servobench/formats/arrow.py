@@ -16,7 +16,7 @@ from servobench.finding import info
 from servobench.formats import arrow_table
 from servobench.formats.arrow_messages import next_message, uncompressed_size
 from servobench.formats.base import FORMATS
-from servobench.formats.matfile import MOST_BYTES
+from servobench.formats.unpacking import most_bytes
 from servobench.recording.recording import Recording
 
 _MAGIC = b"ARROW1"
@@ -52,7 +52,7 @@ class Arrow:
             )
         stream, whole = _stream(data)
         with arrow_table.told_as_format_error(path.name, "Arrow"):
-            end = _checked_end(stream)
+            end = _checked_end(stream, most_bytes(path))
             whole = whole and end == len(stream)
             options = pa.ipc.IpcReadOptions(use_threads=False)
             reader = pa.ipc.open_stream(pa.py_buffer(stream[:end]), options=options)
@@ -82,14 +82,16 @@ def _stream(data: bytes) -> tuple[bytes, bool]:
     return (data[8:end], True) if footer > 0 and end >= 8 else (data[8:], False)
 
 
-def _checked_end(stream: bytes) -> int:
+def _checked_end(stream: bytes, most: int) -> int:
     """The end of the last message that is whole; raises `ValueError` where the messages claim more than is read."""
     total = at = 0
     while at < len(stream) and (message := next_message(stream, at)) is not None:
         if not message.metadata:  # the end of the stream; what comes after it doesn't belong to it
             return len(stream)
         total += uncompressed_size(message, stream)
-        if total > MOST_BYTES:
-            raise ValueError(f"its batches come to more than {MOST_BYTES} bytes")
+        if total > most:
+            raise ValueError(
+                f"its batches come to more than {most} bytes; if it is sound, write it without compression"
+            )
         at = message.end
     return at

@@ -25,8 +25,8 @@ from servobench.formats.columns import (
     with_unit,
 )
 from servobench.formats.extras import library
-from servobench.formats.matfile import MOST_BYTES
 from servobench.formats.times import in_words
+from servobench.formats.unpacking import MOST_BYTES
 from servobench.recording.recording import Recording, Source
 
 _OURS = b"servobench"  # the entry of the schema's metadata with all that a recording knows beside its samples

@@ -66,16 +66,16 @@ def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     symbol = symbol or said
     if role in _MEANING and _holds_the_times(series):
         raise UsageError(
-            f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say --{role} with another of "
+            f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with another of "
             f"{long_columns(recording)}"
         )
     if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
         symbol = "V"
-        sentence = f"`{name}` is taken in V by convention; if it isn't say --input {typed(f'{name}:UNIT')}."
+        sentence = f"`{name}` is taken in V by convention; if it isn't say `input={typed(f'{name}:UNIT')}`."
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
         example = typed(f"{name}:{_EXAMPLE[role]}")
-        return f"the unit of the {role} `{name}`: say --{role} {typed(f'{name}:UNIT')}, such as {example}"
+        return f"the unit of the {role} `{name}`: say `{role}={typed(f'{name}:UNIT')}`, such as {example}"
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
     _check_unit(recording, role, series, symbol)
@@ -144,14 +144,14 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]
     if candidates:
-        options = " or ".join(f"--{role} {_with_unit(recording, name)}" for name in candidates)
+        options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         return f"which column is the {role}, as {quoted(candidates)} may be: say {options}"
     columns = (
         f"the only column is {quoted(names)}"
         if len(names) == 1
         else f"the columns are {long_columns(recording)}"
     )
-    sentence = f"which column is the {role}, {_MEANING[role]}: say --{role} COL:UNIT; {columns}"
+    sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
     if role == "input":
         sentence += ". Without an input nothing can be identified; one in another file is FILE#COL"
     return sentence

@@ -78,7 +78,7 @@ def heading(text: str) -> Heading:
 
     What stands in brackets and is no unit stays a part of the name.
     """
-    text = _printable(" ".join(text.split()))
+    text = printable(" ".join(text.split()))
     bracket = _bracket(text)
     if bracket is not None:
         name, inside = bracket
@@ -95,7 +95,7 @@ def heading(text: str) -> Heading:
 
 def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
     """Return a heading with the unit that a file has for it beside its name; with a finding where that is no unit known here."""
-    text = _printable(" ".join(text.split()))
+    text = printable(" ".join(text.split()))
     if not text:
         return name, ()
     if text in {"-", "–"}:
@@ -169,13 +169,13 @@ def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]
 
 def quoted(names: Iterable[str], most: int = 12) -> str:
     """Return names as a list for a sentence; what goes beyond `most` is only counted."""
-    names = [_printable(name) for name in names]
+    names = [printable(name) for name in names]
     more = f" and {len(names) - most} more" if len(names) > most else ""
     return ", ".join(f"`{name}`" for name in names[:most]) + more
 
 
-def _printable(text: str) -> str:
-    """A text without control characters, which a file must not send to a terminal."""
+def printable(text: str) -> str:
+    """Return a text of a file's without control characters and line ends: a name must not steer a terminal, or forge a line."""
     return "".join(letter if letter.isprintable() else "?" for letter in text)
 
 
@@ -194,7 +194,7 @@ def recording_of(
     up (`t`).
     `rows` (N,) are the rows of the file that the samples stand in, where those are not 1 to N.
     """
-    names, told = distinct([column.heading.name for column in columns])
+    names, told = distinct([printable(column.heading.name) for column in columns])
     columns = [
         replace(each, heading=replace(each.heading, name=new))
         for each, new in zip(columns, names, strict=True)
@@ -269,7 +269,7 @@ def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[lis
     for (folder, _), alike in candidates.items():
         names = [column.heading.name for column in alike]
         if len(alike) > 1:
-            sentence = f"Each of {quoted(names)} may be the time; say which with --time COL:UNIT."
+            sentence = f"Each of {quoted(names)} may be the time; say which with `time=COL:UNIT`."
             findings.append(info("time-ambiguous", sentence))
             continue
         symbol = time_unit(alike[0].heading) or "s"
@@ -286,7 +286,7 @@ def _told_time(heading: Heading, symbol: str, t: Array) -> Finding:
     step = time_base(t).median_step
     sentence = f"`{heading.name}` is taken as the time, in {symbol}: its median step is {step:.4g} s."
     if heading.unit is None:
-        sentence += f" That is by convention; if it is wrong say --time {heading.name}:ms, or what it is."
+        sentence += f" That is by convention; if it is wrong say `time={heading.name}:ms`, or what it is."
     return info("time-recognised", sentence)
 
 

@@ -57,7 +57,12 @@ class Csv:
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recordings in a text table, one for each of its blocks; raises `FormatError` where it can't be read."""
-        text, findings = text_table.decoded(path.read_bytes(), path.name)
+        data = path.read_bytes()
+        # What a recording of ours knows of itself stands in the first line, however much it is.
+        text_table.check_lines(
+            data, path.name, data.find(b"\n") + 1 if data.startswith(_MARK.encode()) else 0
+        )
+        text, findings = text_table.decoded(data, path.name)
         if text.startswith(_MARK):
             return (_own(text, path.name),)
         table = text_table.parsed(text, path.name, self.separator, self.decimal)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.channels import Array, measurable
 from servobench.errors import MissingInformation, UsageError
 from servobench.finding import Finding
 from servobench.formats.columns import TIME_NAMES, heading, time_unit
@@ -170,7 +170,7 @@ def _channel(series: Series, times: int | None) -> ChannelDescription:
         minimum=float(levels[0]) if len(levels) else None,
         maximum=float(levels[-1]) if len(levels) else None,
         levels=len(levels),
-        quantum=_step_of(levels),
+        quantum=quantum(finite),
         repeated=float(np.mean(finite[1:] == finite[:-1])) if len(finite) > 1 else None,
         times=times,
     )
@@ -182,6 +182,7 @@ def quantum(values: Array) -> float | None:
     It is the smallest step between two different values, or a half or a third of it, and counts where nearly all other steps are
     whole numbers of it.
     """
+    values = measurable(values)
     return _step_of(np.unique(values[np.isfinite(values)]))
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
+from servobench.channels import Array, measurable
 from servobench.formats.roles import quantity_of
 from servobench.formats.times import GAP
 from servobench.recording.recording import Series
@@ -36,10 +36,15 @@ class Intervals:
         return len(self.counts) == 1 and not self.beyond
 
 
+def _finite(x: Array) -> Array:
+    """The values (N,) that a channel can have."""
+    x = measurable(x)
+    return x[np.isfinite(x)]
+
+
 def intervals(t: Array) -> Intervals | None:
     """Return how the intervals between times t (N,) [s] are spread; None where no time is later than another."""
-    with np.errstate(over="ignore", invalid="ignore"):
-        steps = np.diff(t[np.isfinite(t)])
+    steps = np.diff(_finite(t))
     steps = steps[np.isfinite(steps) & (steps > 0)]
     if not len(steps):
         return None
@@ -74,7 +79,7 @@ class Extremes:
 
 def extremes(series: Series) -> Extremes | None:
     """Return how long a channel sits at its ends; None where it has no finite value, or never changes."""
-    values = series.values[np.isfinite(series.values)]
+    values = _finite(series.values)
     if not len(values) or values.min() == values.max():
         return None
     low, high = float(values.min()), float(values.max())

@@ -42,7 +42,9 @@ class Lvm:
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return a recording for each run of segments that go on; raises `FormatError` where the file can't be read."""
-        text, findings = text_table.decoded(path.read_bytes(), path.name)
+        data = path.read_bytes()
+        text_table.check_lines(data, path.name)
+        text, findings = text_table.decoded(data, path.name)
         file = File.read(text, path.name)
         segments = [segment for segment in file.segments(path.name) if segment.columns]
         if not segments:

@@ -7,12 +7,12 @@ from __future__ import annotations
 
 import json
 import os
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any
 
+from servobench import toml
 from servobench.errors import MissingInformation, UnknownName, UsageError
 from servobench.finding import Finding, info
 from servobench.formats.choice import Chosen, chosen, spec_of
@@ -84,7 +84,7 @@ def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:
     name, symbol = series.channel.name, series.channel.unit or ""
     if unit(symbol).si not in {"counts", "counts/s"}:
         raise UsageError(
-            f"{counts_per_rev:g} counts in a turn are said, but the output `{name}` is in {symbol}; say --output {name}:counts "
+            f"{counts_per_rev:g} counts in a turn are said, but the output `{name}` is in {symbol}; say `output={name}:counts` "
             "where it holds counts, and leave them out where it doesn't"
         )
     channel = replace(series.channel, counts_per_rev=counts_per_rev)
@@ -202,7 +202,7 @@ class Mapping:
     def read(cls, path: str | os.PathLike[str]) -> Mapping:
         """Return the mapping in a TOML file; raises `UsageError` where it says anything else than a mapping can."""
         try:
-            content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+            content = toml.loads(Path(path).read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError) as error:
             raise UsageError(f"the mapping {os.fspath(path)} can't be read: {error}") from None
         several = content.pop(_EACH, {})

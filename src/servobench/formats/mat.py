@@ -15,7 +15,7 @@ from servobench.errors import FormatError
 from servobench.finding import Finding, info
 from servobench.formats import matfile, metadata, objectstore
 from servobench.formats.base import FORMATS
-from servobench.formats.columns import LARGEST_TABLE, Column, heading, quoted, recording_of
+from servobench.formats.columns import LARGEST_TABLE, Column, heading, printable, quoted, recording_of
 from servobench.formats.matfile import Matrix, Skipped, Variable
 from servobench.formats.matobjects import Objects, objects
 from servobench.recording.recording import Recording, Series, Source
@@ -200,10 +200,10 @@ def _within(name: str, taken: set[str]) -> bool:
 def _renamed(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
     """The series, those whose names are taken with a number behind."""
     for each in series:
-        name, number = each.channel.name, 1
+        name, number = (plain := printable(each.channel.name)), 1
         while name in taken:
             number += 1
-            name = f"{each.channel.name}_{number}"
+            name = f"{plain}_{number}"
         taken.add(name)
         yield replace(each, channel=replace(each.channel, name=name))
 

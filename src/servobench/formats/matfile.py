@@ -7,6 +7,7 @@ Source: MathWorks, "MAT-File Format": level 5 in its first chapter, level 4 in i
 
 from __future__ import annotations
 
+import mmap
 import struct
 import zlib
 from collections.abc import Iterator
@@ -19,12 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.errors import FormatError
+from servobench.formats.unpacking import most_bytes
 
 Matrix: TypeAlias = NDArray[Any]
 Order: TypeAlias = Literal["<", ">"]
-
-MOST_BYTES = 2**30
-"""The most bytes that the variables of a file may come to, decompressed and as the floats of a recording."""
 
 NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
 _TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
@@ -34,6 +33,8 @@ _NUMBERS = range(6, 16)
 _OTHER = {_CELL: "a cell array", 3: "an object", 5: "a sparse matrix", 16: "a function", _OPAQUE: "an object"}
 _COMPLEX = 0x0800
 _DEEPEST = 16  # structs inside structs
+_SAVE_PLAIN = "If it is sound, save it without compression (save -v7 -nocompression)"
+_HEAP = b"GCOL\x01\0\0\0"  # what a heap of texts in HDF5 begins with
 _LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
 
 
@@ -58,14 +59,20 @@ def variables(path: Path) -> tuple[Variable, ...]:
     with path.open("rb") as file:
         head = file.read(128)
         data = b"" if is_level_7(head) else head + file.read()
-    read = _level_7(path) if is_level_7(head) else _level_5(data) if is_level_5(head) else _level_4(data)
+    most = most_bytes(path)
+    if is_level_7(head):
+        read = _level_7(path, most)
+    else:
+        read = _level_5(data, most) if is_level_5(head) else _level_4(data)
     try:
         found = tuple(read)
     except (struct.error, zlib.error, ValueError, OverflowError) as error:
         raise FormatError(f"{path.name} is no MAT file, or a damaged one: {error}") from None
     numbers = sum(each.value.size for each in found if isinstance(each.value, np.ndarray))
-    if 8 * numbers > MOST_BYTES:
-        raise FormatError(f"{path.name} has {numbers} numbers; more than {MOST_BYTES // 8} aren't read")
+    if 8 * numbers > most:
+        raise FormatError(
+            f"{path.name} has {numbers} numbers; of a file of its size no more than {most // 8} are read. {_SAVE_PLAIN}"
+        )
     return found
 
 
@@ -159,21 +166,21 @@ def _text_of(codes: Matrix) -> str:
     return "\n".join("".join(map(chr, row)) for row in known.tolist())
 
 
-def _level_5(data: bytes) -> Iterator[Variable]:
+def _level_5(data: bytes, most: int) -> Iterator[Variable]:
     """Elements one after the other behind 128 bytes of header, each a variable."""
     order: Order = "<" if data[126:128] == b"IM" else ">"
-    for _, kind, body in unpacked(data, order):
+    for _, kind, body in unpacked(data, order, most):
         if kind != _MATRIX:
             _damaged(f"an element of type {kind} stands where a variable should be")
         yield from _matrix(body, order, None, 0)
 
 
-def unpacked(data: bytes, order: Order) -> Iterator[tuple[int, int, memoryview]]:
+def unpacked(data: bytes, order: Order, most: int) -> Iterator[tuple[int, int, memoryview]]:
     """Yield place, type and bytes of each element of a file of version 5, decompressed where it is compressed.
 
-    Raises `ValueError`, `struct.error` or `zlib.error` where the file is damaged, or has more than `MOST_BYTES`.
+    Raises `ValueError`, `struct.error` or `zlib.error` where the file is damaged, or comes to more than `most` bytes.
     """
-    view, at, left = memoryview(data), 128, MOST_BYTES
+    view, at, left = memoryview(data), 128, most
     while at < len(data):
         place = at
         kind, body, at = element(view, at, order)
@@ -182,7 +189,7 @@ def unpacked(data: bytes, order: Order) -> Iterator[tuple[int, int, memoryview]]
             plain = unpacker.decompress(body, left)
             left -= len(plain)
             if left <= 0:
-                _damaged(f"its variables come to more than {MOST_BYTES} bytes")
+                _damaged(f"its variables come to more than {most} bytes. {_SAVE_PLAIN}")
             if not unpacker.eof:
                 _damaged("a compressed variable is cut short")
             kind, body, _ = element(memoryview(plain), 0, order)
@@ -288,18 +295,41 @@ def _fields(body: memoryview, at: int, order: Order, name: str, count: int, dept
             yield from _matrix(inner, order, f"{which}.{field}", depth)
 
 
-def _level_7(path: Path) -> Iterator[Variable]:
+def _level_7(path: Path, most: int) -> Iterator[Variable]:
     import h5py
 
+    _check_heaps(path)
     try:
         with h5py.File(path, "r") as file:
-            yield from _members(file, "", 0)
+            yield from _members(file, "", 0, most)
     except Exception as error:  # HDF5 tells of damage by errors of a dozen types
         raise ValueError(str(error)) from error
 
 
-def _members(group: Any, name: str, depth: int) -> Iterator[Variable]:
-    """The variables in an HDF5 group. Links to elsewhere aren't followed: they may lead out of the file."""
+def _check_heaps(path: Path) -> None:
+    """Raise `ValueError` where a heap of texts in an HDF5 file has free space of no size: HDF5 2.0 would walk it for ever.
+
+    Source: HDF5 File Format Specification 3.0, III.E "Disk Format: Level 1E - Global Heap".
+    """
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
+        heap = data.find(_HEAP)
+        while heap >= 0:
+            at, end = heap + 16, min(heap + int.from_bytes(data[heap + 8 : heap + 16], "little"), len(data))
+            while at + 16 <= end:
+                index, _, size = struct.unpack_from("<HH4xQ", data, at)
+                if index == 0:  # what is left is free
+                    if size == 0:
+                        _damaged(f"the heap at byte {heap} has free space of no size")
+                    break
+                at += 16 + size + -size % 8
+            heap = data.find(_HEAP, heap + 8)
+
+
+def _members(group: Any, name: str, depth: int, most: int) -> Iterator[Variable]:
+    """The variables in an HDF5 group, of no more than `most` bytes each.
+
+    Links to elsewhere aren't followed: they may lead out of the file.
+    """
     import h5py
 
     for key in group:
@@ -316,10 +346,10 @@ def _members(group: Any, name: str, depth: int) -> Iterator[Variable]:
             and h5py.check_ref_dtype(item.dtype)
             and _class(item) is None
         ):
-            for k, reference in enumerate(_checked(item)[()].ravel(), 1):
-                yield from _item(item.file[reference], f"{name}_{k}.{key}", depth)
+            for k, reference in enumerate(_checked(item, most)[()].ravel(), 1):
+                yield from _item(item.file[reference], f"{name}_{k}.{key}", depth, most)
         else:
-            yield from _item(item, inner, depth)
+            yield from _item(item, inner, depth, most)
 
 
 def _class(item: Any) -> str | None:
@@ -328,7 +358,7 @@ def _class(item: Any) -> str | None:
     return said.decode("latin-1") if isinstance(said, bytes) else None
 
 
-def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
+def _item(item: Any, name: str, depth: int, most: int) -> Iterator[Variable]:
     import h5py
 
     kind = _class(item)
@@ -339,7 +369,7 @@ def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
         elif depth >= _DEEPEST:
             yield Variable(name=name, value=Skipped(what="nested too deep"))
         else:
-            yield from _members(item, name, depth + 1)
+            yield from _members(item, name, depth + 1, most)
     elif "MATLAB_empty" in item.attrs:
         yield Variable(name=name, value=Skipped(what="empty"))
     elif "MATLAB_object_decode" in item.attrs or item.dtype.kind not in "biuf":
@@ -349,14 +379,14 @@ def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
     elif item.is_virtual or item.external:
         yield Variable(name=name, value=Skipped(what="kept in another file"))
     else:
-        matrix = _checked(item)[()].T
+        matrix = _checked(item, most)[()].T
         yield Variable(name=name, value=_text_of(np.atleast_2d(matrix)) if kind == "char" else matrix)
 
 
-def _checked(dataset: Any) -> Any:
+def _checked(dataset: Any, most: int) -> Any:
     """A dataset that isn't larger than it may be; only what is stored can be read, but what isn't is filled in."""
-    if dataset.size is None or 8 * dataset.size > MOST_BYTES:
+    if dataset.size is None or 8 * dataset.size > most:
         _damaged(
-            f"{dataset.name} says that it has {dataset.size} numbers; more than {MOST_BYTES // 8} aren't read"
+            f"{dataset.name} says that it has {dataset.size} numbers; of a file of its size no more than {most // 8} are read"
         )
     return dataset

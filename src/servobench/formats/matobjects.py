@@ -10,7 +10,7 @@ import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,14 @@ from servobench.channels import Array, Channel
 from servobench.finding import Finding, info, warning
 from servobench.formats.columns import Column, Heading, heading, quoted
 from servobench.formats.objectstore import check
+from servobench.formats.signal_streams import (
+    SAMPLE_TYPES,
+    StreamedSignal,
+    UnreadSignal,
+    fields,
+    is_logged_signal,
+    samples,
+)
 from servobench.formats.times import time_findings
 from servobench.recording.recording import Series
 from servobench.units import is_unit
@@ -29,6 +37,10 @@ _SECONDS = {
     "milliseconds": 1e-3, "microseconds": 1e-6, "nanoseconds": 1e-9,
 }  # fmt: skip
 """The units that a timeseries can have its times in."""
+
+
+Held: TypeAlias = Series | Column | StreamedSignal | UnreadSignal
+"""What is found in a variable, before streams are read."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -54,7 +66,7 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
     try:
         check(path)
         content, doubts = _loaded(path, variables)
-        series, columns = _held(content)
+        series, columns, unread = _contents(content, path)
     except Exception as error:  # mat-io tells of what it can't read by errors of any type
         said = str(error).splitlines()[0][:120] if str(error) else repr(error)
         sentence = f"Objects of MATLAB in {quoted(names)} aren't read, as they are damaged or of a kind that isn't known: {said}."
@@ -66,6 +78,11 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
         )
     if not series and not columns:
         sentence = f"The objects in {quoted(names)} hold no signal: only timeseries, timetable and table do."
+        findings.append(info("object-skipped", sentence))
+    if unread:
+        sentence = (
+            f"Logged signals that aren't single real numbers at even times aren't read: {quoted(unread)}."
+        )
         findings.append(info("object-skipped", sentence))
     different = {each.t.tobytes(): each.t for each in series if each.t is not None}
     findings.extend(finding for t in different.values() for finding in time_findings(t))
@@ -89,16 +106,19 @@ def _loaded(path: Path, variables: Sequence[str]) -> tuple[dict[str, Any], list[
     return content, [" ".join(str(each.message).split())[:200] for each in told]
 
 
-def _held(content: Mapping[str, Any]) -> tuple[list[Series], list[Column]]:
-    series: list[Series] = []
-    columns: list[Column] = []
-    for name, value in content.items():
-        for each in _walk(name, value, 0):
-            (series if isinstance(each, Series) else columns).append(each)  # type: ignore[arg-type]
-    return series, columns
+def _contents(content: Mapping[str, Any], path: Path) -> tuple[list[Series], list[Column], list[str]]:
+    """The series and the columns in the variables, and the names of signals that can't be read."""
+    found = [each for name, value in content.items() for each in _walk(name, value, 0)]
+    series = [each for each in found if isinstance(each, Series)]
+    streamed = [each for each in found if isinstance(each, StreamedSignal)]
+    return (
+        [*series, *samples(path, streamed)],
+        [each for each in found if isinstance(each, Column)],
+        [each.name for each in found if isinstance(each, UnreadSignal)],
+    )
 
 
-def _walk(name: str, value: Any, depth: int) -> Iterator[Series | Column]:
+def _walk(name: str, value: Any, depth: int) -> Iterator[Held]:
     """The channels in a value: an object, a table, or a struct or a cell array with some inside."""
     import pandas as pd  # type: ignore[import-untyped]
 
@@ -112,6 +132,8 @@ def _walk(name: str, value: Any, depth: int) -> Iterator[Series | Column]:
         yield from _timeseries(name, value.properties)
     elif isinstance(getattr(value, "properties", None), dict):
         yield from _in_object(name, value, depth)
+    elif is_logged_signal(value):
+        yield from _logged(name, fields(value))
     elif isinstance(value, np.ndarray) and value.dtype.hasobject:
         items = value.ravel().tolist()
         for k, item in enumerate(items, 1):
@@ -123,10 +145,10 @@ def _walk(name: str, value: Any, depth: int) -> Iterator[Series | Column]:
                 yield from _walk(which, item, depth + 1)
 
 
-def _in_object(name: str, value: Any, depth: int) -> Iterator[Series | Column]:
+def _in_object(name: str, value: Any, depth: int) -> Iterator[Held]:
     """The channels in an object of another class: what it holds, or in one of Simulink's what the signals in it are called."""
     own = _text(value.properties.get("Name"))
-    for key, inner in value.properties.items():
+    for key, inner in _properties(value).items():
         if not str(value.classname).startswith("Simulink."):
             yield from _walk(f"{name}.{key}", inner, depth + 1)
         elif key == "Values" and own:
@@ -136,6 +158,54 @@ def _in_object(name: str, value: Any, depth: int) -> Iterator[Series | Column]:
                 yield from _walk(name, each, depth + 1)
         else:
             yield from _walk(name, inner, depth + 1)
+
+
+def _properties(value: Any) -> Mapping[str, Any]:
+    """The properties of an object; a class that saves itself in its own way has a struct, which mat-io calls `any`, for them."""
+    saved = fields(value.properties.get("any"))
+    return (
+        {**{key: inner for key, inner in value.properties.items() if key != "any"}, **saved}
+        if saved
+        else value.properties
+    )
+
+
+def _logged(name: str, signal: Mapping[str, Any]) -> Iterator[StreamedSignal | UnreadSignal]:
+    """A signal that Simulink logged, called after itself or the block that it comes from."""
+    name = f"{name}.{_signal_name(signal)}"
+    about = fields(signal["Values"])
+    kind = fields(about.get("SignalAttributes"))
+    sample_type, width = _text(kind.get("ClassName")), _numbers(kind, "Dimension")
+    times, stream = _numbers(about, "CompressedTime"), _number(about, "DataR2")
+    factor = _SECONDS.get(_text(fields(about.get("TimeUnits")).get("Value")) or "seconds")
+    is_scalar = sample_type in SAMPLE_TYPES and width is not None and width.prod() == 1
+    if (
+        not is_scalar
+        or _number(kind, "Complexity")
+        or times is None
+        or times.size != 3
+        or stream is None
+        or factor is None
+    ):
+        yield UnreadSignal(name=name)
+        return
+    start, step, count = times.ravel().tolist()
+    unit = _text(fields(about.get("DataUnits")).get("Value"))
+    yield StreamedSignal(
+        channel=Channel(name=name, unit=unit if unit and is_unit(unit) else None),
+        stream=int(stream),
+        sample_type=sample_type,
+        start=start * factor,
+        step=step * factor,
+        count=int(count),
+    )
+
+
+def _signal_name(signal: Mapping[str, Any]) -> str:
+    """The name of a logged signal; of one without a name, the last part of the path of its block."""
+    blocks = signal["BlockPath"]
+    block = blocks.ravel()[0] if isinstance(blocks, np.ndarray) and blocks.size else ""
+    return _text(signal.get("Name")) or _text(block).rpartition("/")[2] or "signal"
 
 
 def _timeseries(name: str, properties: Mapping[str, Any]) -> Iterator[Series]:

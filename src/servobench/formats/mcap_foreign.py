@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from servobench.channels import Channel
 from servobench.errors import FormatError
 from servobench.finding import Finding, info, warning
-from servobench.formats.columns import LARGEST_TABLE, distinct, quoted
+from servobench.formats.columns import LARGEST_TABLE, distinct, printable, quoted
 from servobench.formats.mcap_messages import Message, Reading, Topic, messages
 from servobench.recording.recording import Recording, Series, Source
 
@@ -191,6 +191,7 @@ def _series(topics: Sequence[_Gathered]) -> tuple[list[Series], list[str]]:
             sorting = np.argsort(rank[at], kind="stable")
             unit = _JOINT_UNITS.get(name.rpartition(".")[2]) if each.is_of_joints else None
             full = name if each.is_of_joints and one_of_joints else f"{each.topic.name}.{name}".rstrip(".")
+            full = printable(full)
             channel = Channel(name=full, unit=unit)
             series.append(Series(channel=channel, values=np.array(values)[sorting], t=t[at][sorting]))
     return series, back

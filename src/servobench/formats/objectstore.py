@@ -15,7 +15,8 @@ from typing import Any, NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.formats.matfile import MOST_BYTES, NUMERIC, Order, element, is_level_7, unpacked
+from servobench.formats.matfile import NUMERIC, Order, element, is_level_7, unpacked
+from servobench.formats.unpacking import most_bytes
 
 _INT32, _UINT32, _MATRIX = 5, 6, 14
 _NAMES = (1, 16)
@@ -26,6 +27,7 @@ _MOST_DIMENSIONS = 32
 _DEEPEST = 32
 _STORE = b"FileWrapper__"
 _OBJECTS = 0xDD000000  # what an array of objects begins with
+_SHORTEST_REFERENCE = 3  # mat-io 1.0, subsystem/subsys.py, is_valid_mcos_object: a shorter array is data
 
 
 def is_there(path: Path) -> bool:
@@ -51,7 +53,7 @@ def check(path: Path) -> None:
         return
     order: Order = "<" if data[126:128] == b"IM" else ">"
     (store,) = struct.unpack_from(f"{order}Q", data, 116)
-    for place, _, body in unpacked(data, order):
+    for place, _, body in unpacked(data, order, most_bytes(path)):
         _check_matrix(body, order, 0)
         if place == store:
             _check_store(body, order)
@@ -113,7 +115,7 @@ def _check_numbers(body: memoryview, at: int, order: Order, count: int) -> int:
         _refuse(f"{count} numbers of type {kind} stand in {len(numbers)} bytes")
     if kind == _UINT32:
         values = np.frombuffer(numbers, f"{order}u4")
-        if len(values) and values[0] == _OBJECTS:
+        if _refers_to_objects(values):
             check_objects(values)
     return at
 
@@ -182,6 +184,14 @@ def _content(body: memoryview, order: Order) -> tuple[int, memoryview]:
     return kind, content
 
 
+def _refers_to_objects(numbers: NDArray[np.uint32]) -> bool:
+    """Return whether the library looks objects up by these numbers (N,).
+
+    MATLAB also keeps the mark alone, as the beginning of a handle to a function: each timeseries has one, as its interpolation.
+    """
+    return len(numbers) >= _SHORTEST_REFERENCE and numbers[0] == _OBJECTS
+
+
 def check_objects(numbers: NDArray[np.uint32]) -> None:
     """Raise `ValueError` where an array of objects, `numbers` (N,), has more dimensions, or more elements, than it has objects.
 
@@ -211,6 +221,7 @@ def _check_hdf5(path: Path) -> None:
     """Go through all data sets: none may be kept elsewhere, and together they mustn't claim more than is read."""
     import h5py
 
+    most = most_bytes(path)
     with h5py.File(path, "r") as file:
         claimed: list[int] = []
 
@@ -219,14 +230,14 @@ def _check_hdf5(path: Path) -> None:
                 if item.is_virtual or item.external:
                     _refuse("some of it is kept in another file")
                 claimed.append(8 * (item.size or 0))
-                if item.dtype == np.uint32 and item.size and claimed[-1] <= MOST_BYTES:
+                if item.dtype == np.uint32 and item.size and claimed[-1] <= most:
                     numbers = item[()].ravel()
-                    if numbers[0] == _OBJECTS or "MATLAB_object_decode" in item.attrs:
+                    if _refers_to_objects(numbers) or "MATLAB_object_decode" in item.attrs:
                         check_objects(numbers)
 
         file.visititems(visit)
-        if sum(claimed) > MOST_BYTES:
-            _refuse(f"it claims {sum(claimed)} bytes; more than {MOST_BYTES} aren't read")
+        if sum(claimed) > most:
+            _refuse(f"it claims {sum(claimed)} bytes; more than {most} aren't read")
         store = file.get("#subsystem#/MCOS")
         if isinstance(store, h5py.Dataset) and store.size and h5py.check_ref_dtype(store.dtype):
             check_lists(file[store[()].ravel()[0]][()].tobytes(), "<")

@@ -8,8 +8,8 @@ from typing import ClassVar, final
 
 from servobench.formats import arrow_table
 from servobench.formats.base import FORMATS
-from servobench.formats.matfile import MOST_BYTES
 from servobench.formats.parquet_pages import uncompressed_size
+from servobench.formats.unpacking import most_bytes
 from servobench.recording.recording import Recording
 
 _ROWS = 65536  # that are decoded at once
@@ -44,8 +44,11 @@ class Parquet:
             found = arrow_table.leaves(file.schema_arrow, path.name)
             wanted = [leaf for leaf in found if not leaf.skipped]
             arrow_table.check_size(file.metadata.num_rows, len(wanted))
-            if uncompressed_size(data, {leaf.name for leaf in wanted}) > MOST_BYTES:
-                raise ValueError(f"its pages come to more than {MOST_BYTES} bytes")
+            most = most_bytes(path)
+            if uncompressed_size(data, {leaf.name for leaf in wanted}) > most:
+                raise ValueError(
+                    f"its pages come to more than {most} bytes; if it is sound, write it without compression"
+                )
             batches = list(
                 file.iter_batches(batch_size=_ROWS, columns=[leaf.name for leaf in wanted], use_threads=False)
             )

@@ -45,7 +45,9 @@ class _Entry:
         ]
 
 
-def proposal(recordings: Sequence[Recording], command: str = "servobench identify FILE") -> str:
+def proposal(
+    recordings: Sequence[Recording], command: str = "servobench identify FILE --mapping THIS.toml"
+) -> str:
     """Return the text of a mapping file for the recordings of a file.
 
     What is known or recognised is set. What isn't stands there as a comment with a question and with what may be meant; who
@@ -74,7 +76,7 @@ def _head(recording: Recording, command: str) -> list[str]:
     source = recording.source
     return [
         *_comment(f"What is what in {source.name} ({source.format}), as far as it can be recognised."),
-        *_comment(f"Edit it, then use it: {command} --mapping THIS.toml"),
+        *_comment(f"Edit it, then use it: {command}"),
         *_comment(
             "A line that begins with # says nothing: take the # away from what is right, and put in what is missing. COL is a "
             "column's name, or its number counted from 1; UNIT is one such as V, %, rad, deg/s, rpm, counts."

@@ -125,7 +125,7 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
         if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
             symbol = "V"
             told += ", and taken in V by convention"
-        sentence = f"{told}; if that is wrong say --{role} COL:UNIT."
+        sentence = f"{told}; if that is wrong say `{role}=COL:UNIT`."
         found.append(Recognised(name=name, unit=symbol, finding=info(f"{role}-recognised", sentence)))
     return tuple(found)
 
@@ -212,7 +212,7 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
     hint = f" (did you mean {' or '.join(near)}?)" if near else ""
     # rev/2048, counts/1024 and the like: an encoder's resolution, which has a place of its own.
     turn = (
-        f"; for an encoder: {column}:counts, with --counts-per-rev N"
+        f"; for an encoder: {column}:counts, with `counts_per_rev=N`"
         if any(c.isdecimal() for c in tail)
         else ""
     )

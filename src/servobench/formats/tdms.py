@@ -33,7 +33,7 @@ from servobench.formats.columns import (
     with_unit,
 )
 from servobench.formats.extras import library
-from servobench.formats.matfile import MOST_BYTES
+from servobench.formats.unpacking import MOST_BYTES
 from servobench.recording.recording import Recording, Source
 
 _OURS = "servobench"  # the property of the file with all that recordings know beside their samples

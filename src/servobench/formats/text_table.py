@@ -8,7 +8,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -41,7 +41,11 @@ _EXCEL = re.compile(r"sep=(.)", re.IGNORECASE)
 _SAMPLE = 300  # rows that the layout is found from, spread over the file
 _FIRST = 1000  # rows by which the numbers must have begun
 _BLOCK = 8192  # rows that are parsed at once; where that fails each of them is looked at by itself
+_FEW_OPEN, _SHARE_OPEN = 10, 0.01  # rows with a quote that isn't closed, which cost only themselves
 _NO_NUMBER = "cell-not-a-number"
+LONGEST_LINE = 2**20
+"""The most bytes of a line: a thousand columns, the most that a table may have, of a thousand characters each."""
+
 _UNIT_SEPARATOR = "\x1f"  # of ASCII; stands between cells that had quotes
 
 
@@ -111,6 +115,20 @@ class _Names:
     cells: list[str]
 
 
+def check_lines(data: bytes, name: str, begin: int = 0) -> None:
+    """Raise `FormatError` where a line of a file's bytes, from the place `begin` on, is longer than any row of a table is."""
+    while len(data) - begin > LONGEST_LINE:
+        end = begin + LONGEST_LINE
+        ended = max(data.rfind(b"\n", begin, end), data.rfind(b"\r", begin, end))
+        if ended < 0:
+            row = data.count(b"\n", 0, begin) + 1
+            raise FormatError(
+                f"{name}: row {row} has more than {LONGEST_LINE} characters, which no row of a table has; "
+                "is it another kind of file, or are its line ends lost?"
+            )
+        begin = ended + 1
+
+
 def decoded(data: bytes, name: str) -> tuple[str, tuple[Finding, ...]]:
     """Return the text in the bytes of a file, its lines ended by newlines alone; raises `FormatError` where it's no text."""
     findings: tuple[Finding, ...] = ()
@@ -142,6 +160,7 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
         lines = replace(lines, content=lines.content[1:], rows=lines.rows[1:])
     if not lines.content:
         raise FormatError(f"{name} has no rows: its lines are blank or comments")
+    _check_quotes(lines, name)
     layout = _layout(lines.content, name, separator, decimal)
     start = _with_ragged_rows(lines.content, _first_row_of_numbers(lines.content, layout, name), layout)
     begin = int(lines.rows[start])
@@ -197,13 +216,28 @@ def _sorted_out(text: str) -> _Lines:
     if ";" in text and any(";" in line and not line.startswith(_COMMENTS) for line in bare):
         marks = _COMMENTS[:-1]
     comments = {k + 1: line.lstrip("#%/; \t") for k, line in enumerate(bare) if line.startswith(marks)}
-    content = [k for k, line in enumerate(bare) if line and k + 1 not in comments]
+    rows = _rows(k for k, line in enumerate(bare, 1) if line and k not in comments)
     return _Lines(
-        content=[lines[k] for k in content],
-        rows=np.array(content, dtype=np.int64) + 1,
+        content=[lines[row - 1] for row in rows],
+        rows=rows,
         comments=comments,
-        blank=np.array([k for k, line in enumerate(bare) if not line], dtype=np.int64) + 1,
+        blank=_rows(k for k, line in enumerate(bare, 1) if not line),
     )
+
+
+def _rows(numbers: Iterable[int]) -> NDArray[np.int64]:
+    """Row numbers as an array, without a list of them: a file may have nothing but blank rows, one a byte."""
+    return np.fromiter(numbers, dtype=np.int64)
+
+
+def _check_quotes(lines: _Lines, name: str) -> None:
+    """Raise `FormatError` where quotes stay open in more rows than a slip or two: nobody can tell where their cells end."""
+    is_open = np.fromiter((line.count('"') % 2 for line in lines.content), dtype=np.bool_)
+    if is_open.sum() > max(_FEW_OPEN, _SHARE_OPEN * len(is_open)):
+        raise FormatError(
+            f"{name}: a quote is opened and not closed in {in_words(lines.rows[is_open])}; "
+            "close the quotes, or export the file without them"
+        )
 
 
 def _spread(content: Sequence[str]) -> list[str]:
@@ -551,7 +585,7 @@ def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: 
     for code, left_out in faults.rows.items():
         findings.append(_finding(warning, code, sentences[code], rows[left_out]))
     for code, by_column in faults.cells.items():
-        where = rows[sorted({k for found in by_column.values() for k in found})]
+        where = rows[np.unique(np.concatenate([np.array(found) for found in by_column.values()]))]
         columns = ", ".join(str(c + 1) for c in sorted(by_column)[:12])
         findings.append(_finding(info, code, sentences[code], where, f", in column {columns}"))
     if faults.remarks:

@@ -18,6 +18,9 @@ UNEVEN = 0.05
 """Steps are uneven where the 1st and the 99th percentile lie further apart than this share of the median."""
 
 
+_LONGEST = float(np.finfo(np.float64).max) / 4
+
+
 @dataclass(frozen=True, kw_only=True)
 class TimeBase:
     """What the times of a channel of so many `samples` are like, of which some are `non_finite`.
@@ -85,9 +88,9 @@ def time_findings(t: Array, rows: NDArray[np.int64] | None = None) -> tuple[Find
 
 
 def _steps(t: Array) -> Array:
-    """The steps between finite times; one too long for a float, as only a damaged file has it, is as long as can be."""
+    """The steps between finite times; one too long for a float, as only a damaged file has it, is as long as can be averaged."""
     with np.errstate(over="ignore"):
-        return np.nan_to_num(np.diff(t))
+        return np.clip(np.diff(t), -_LONGEST, _LONGEST)
 
 
 def _about_steps(steps: Array, later: NDArray[np.int64]) -> list[Finding]:

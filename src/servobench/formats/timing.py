@@ -8,7 +8,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.channels import LONGEST_STEP, SHORTEST_STEP, Array
 from servobench.errors import UsageError
 from servobench.finding import Finding, info
 from servobench.formats.choice import long_columns
@@ -26,8 +26,11 @@ def seconds(given: object) -> float:
             f'the sample time is {given!r}; expected seconds such as 0.02, or a text such as "20 ms"'
         )
     seconds = quantity(given, "s")
-    if not 0.0 < seconds < np.inf:
-        raise UsageError(f"the sample time is {given!r}; expected a positive number of seconds such as 0.02")
+    if not SHORTEST_STEP <= seconds <= LONGEST_STEP:
+        raise UsageError(
+            f"the sample time is {given!r}; expected a positive number of seconds such as 0.02, "
+            f"{SHORTEST_STEP:g} to {LONGEST_STEP:g}"
+        )
     return seconds
 
 
@@ -57,7 +60,7 @@ def timed(
     has_times = [each.t is not None for each in series.values()]
     if all(has_times or [any(each.t is not None for each in recording.series)]):
         return dict(series), []
-    sentence = "the times: say --sample-time 0.02, in s, or whatever it is; or --time COL:UNIT"
+    sentence = "the times: say `sample_time=0.02`, in s, or whatever it is; or `time=COL:UNIT`"
     if len(recording.series) > 1:
         sentence += f", one of {long_columns(recording)}"
     why = [
@@ -77,11 +80,11 @@ def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec:
     symbol = spec.unit or column.channel.unit
     if symbol is None and (symbol := time_unit(heading(name))) is not None:
         sentence = (
-            f"`{name}` is taken in {symbol} by convention; if it isn't say --time {typed(f'{name}:UNIT')}."
+            f"`{name}` is taken in {symbol} by convention; if it isn't say `time={typed(f'{name}:UNIT')}`."
         )
         findings.append(info("time-recognised", sentence))
     if symbol is None:
-        return f"the unit of the time `{name}`: say --time {typed(f'{name}:s')}, or :ms, or what it is"
+        return f"the unit of the time `{name}`: say `time={typed(f'{name}:s')}`, or :ms, or what it is"
     if quantity_of(symbol) != "time":
         raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
     with np.errstate(over="ignore"):

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
+from servobench.channels import LONGEST_STEP, SHORTEST_STEP, Array, measurable
 from servobench.errors import FormatError
 from servobench.finding import Finding, info, warning
 from servobench.formats.roles import Role
@@ -20,6 +20,7 @@ _MOST_LEFT_OUT = (
 )
 _MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
 _MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
+_LONGEST_RECORDING = 1e12  # sample times; thirty years at a kilohertz
 _RUN = 10  # samples that follow a jump far back before it is another run
 
 
@@ -32,7 +33,8 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
     checked: list[tuple[Array, NDArray[np.bool_]]] = []
     kept: dict[Role, Series] = {}
     for role, each in series.items():
-        t: Array = np.asarray(each.t, dtype=np.float64)
+        t = measurable(np.asarray(each.t, dtype=np.float64))
+        values = measurable(each.values)
         keep = next(
             (keep for known, keep in checked if known is t or np.array_equal(known, t, equal_nan=True)), None
         )
@@ -41,22 +43,45 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
             checked.append((t, keep))
             findings.extend(_about_times(name, t, keep))
         _check_not_rounded(name, each, t, keep)
-        finite = np.isfinite(each.values)
+        _check_step(name, t[keep])
+        _check_span(name, t[keep])
+        finite = np.isfinite(values)
         if not finite[keep].all():
             findings.append(_left_out(role, each.channel.name, keep & ~finite))
         keep = keep & finite
         if keep.sum() < 2:
             raise FormatError(
-                f"{name}: the {role} `{each.channel.name}` has {int(keep.sum())} samples with a time and a finite value; "
+                f"{name}: the {role} `{each.channel.name}` has {int(keep.sum())} samples with a time and a possible value; "
                 "at least two are needed"
             )
-        kept[role] = each if keep.all() else replace(each, values=each.values[keep], t=t[keep])
+        kept[role] = replace(each, values=values[keep], t=t[keep])
     return kept, findings
+
+
+def _check_step(name: str, t: Array) -> None:
+    """Raise `FormatError` where the steps of times t (N,) [s] aren't those of any motor's samples."""
+    if len(t) < 2:
+        return
+    step = float(np.median(np.diff(t)))
+    if not SHORTEST_STEP <= step <= LONGEST_STEP:
+        raise FormatError(
+            f"{name}: the samples are {step:.3g} s apart; expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s. Name the right "
+            "column and unit with `time=COL:UNIT`, or give the sample time with `sample_time=...`"
+        )
+
+
+def _check_span(name: str, t: Array) -> None:
+    """Raise `FormatError` where increasing times t (N,) [s] lie further apart than any recording is long."""
+    if len(t) > 1 and t[-1] - t[0] > _LONGEST_RECORDING * np.median(np.diff(t)):
+        raise FormatError(
+            f"{name}: the times go from {t[0]:g} s to {t[-1]:g} s, more than {_LONGEST_RECORDING:g} sample times: one of them is "
+            "wrong. Correct it, or give the sample time with `sample_time=...`"
+        )
 
 
 def _left_out(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
     samples = np.flatnonzero(which) + 1
-    sentence = f"The {role} `{name}` has no finite value and is left out: {in_words(samples, 'sample')}."
+    sentence = f"The {role} `{name}` has no value, or an impossible one, and is left out: {in_words(samples, 'sample')}."
     # Of an input that isn't known it isn't known either what it did; an output may well come now and then.
     severity = warning if role == "input" else info
     return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
@@ -69,7 +94,7 @@ def _about_times(name: str, t: Array, keep: NDArray[np.bool_]) -> list[Finding]:
     finite = np.flatnonzero(np.isfinite(t))
     if len(finite) > 1 and (t[finite] == t[finite[0]]).all():
         raise FormatError(
-            f"{name}: all times are {t[finite[0]]:g} s; name the right column with --time COL:UNIT"
+            f"{name}: all times are {t[finite[0]]:g} s; name the right column with `time=COL:UNIT`"
         )
     _check_one_run(name, t[finite], keep[finite])
     samples = np.flatnonzero(~keep) + 1
@@ -91,13 +116,14 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
         raise FormatError(
             f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. "
-            "Several runs, or a counter that wrapped, have to be cut into one file for each; or name another column with --time"
+            "Several runs, or a counter that wrapped, have to be cut into one file for each; or name another column with "
+            "`time=...`"
         )
 
 
 def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.bool_]) -> None:
     """Raise `FormatError` where most samples have the time of the one before but not its value: times too coarse to be used."""
-    values = np.asarray(series.values, dtype=np.float64)
+    values = measurable(np.asarray(series.values, dtype=np.float64))
     # A row that a logger repeats as it was loses nothing where it is left out.
     same = np.diff(t) == 0
     changed = same & np.isfinite(np.diff(values)) & (np.diff(values) != 0)
@@ -106,7 +132,7 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
     step = (t[keep][-1] - t[keep][0]) / (len(t) - 1)
     raise FormatError(
         f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one before: the "
-        f"times are rounded. Where the samples are evenly spaced say so: --sample-time {step:.4g}, in s, would be near"
+        f"times are rounded. Where the samples are evenly spaced say so: `sample_time={step:.4g}`, in s, would be near"
     )
 
 

@@ -14,7 +14,7 @@ axes that are scaled so that one which is known less well than a tenth of the sc
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +25,7 @@ from servobench.estimators.base import Fit
 _AXES = ("gain", "time_constant", "coulomb_voltage")
 _EXPLAINED = 0.9  # of the scatter; below that no single cause is named
 _AS_GOOD = 0.02  # shares that are nearer can't be told apart
+_STILL = 0.05  # the probability of so little scatter by chance
 _DIM = 0.1  # of the scatter's variance: noise of an axis that is as large halves what the axis counts
 _KNOWN = 5.0  # standard deviations that a parameter has to be away from zero, for its logarithm
 _COPPER = 0.0039  # 1/K, change of copper's resistance
@@ -76,10 +77,11 @@ _SIGNATURES: Mapping[str, tuple[tuple[float, float, float], str]] = {
 }
 
 
-def causes(fits: Sequence[Fit]) -> tuple[Cause, ...]:
+def causes(fits: Sequence[Fit], different: Collection[str]) -> tuple[Cause, ...]:
     """Return what explains the scatter between fits of one structure, the best first; several that can't be told apart.
 
-    None where no single cause explains nine tenths of it.
+    `different` are the parameters that scatter by more than is stated: a cause has to move each of them, and no other parameter
+    by so much that it would have to scatter as well. None where no such cause explains nine tenths of the scatter.
     """
     logs, noise = _logarithms(fits)
     scattered = (logs - logs.mean(axis=0)).T @ (logs - logs.mean(axis=0)) / (len(logs) - 1) - noise
@@ -92,7 +94,7 @@ def causes(fits: Sequence[Fit]) -> tuple[Cause, ...]:
     for name, (direction, words) in _SIGNATURES.items():
         v = np.array(direction, dtype=np.float64)[: logs.shape[1]]
         along = weights * v
-        if not v.any():
+        if not v.any() or not _fits_all(v, logs, noise, different):
             continue
         share = float(along @ scattered @ along) / (float(along @ v) * whole)
         known_best = v / np.diag(noise)
@@ -101,9 +103,28 @@ def causes(fits: Sequence[Fit]) -> tuple[Cause, ...]:
             Cause(name=name, share=min(share, 1.0), changes=tuple(map(float, changes)), sentence=words)
         )
     found.sort(key=lambda cause: -cause.share)
-    if found[0].share < _EXPLAINED:
+    if not found or found[0].share < _EXPLAINED:
         return ()
     return tuple(cause for cause in found if cause.share > found[0].share - _AS_GOOD)
+
+
+def _fits_all(v: Array, logs: Array, noise: Array, different: Collection[str]) -> bool:
+    """Whether a cause that moves the axes by v (D,) moves all that differ, and leaves the others as still as they are.
+
+    Its size is what the axis that differs most needs. Of an axis that doesn't differ, a variance s² of n runs is too small for
+    what is stated and the cause's part together, σ², where (n - 1) s²/σ² is below the 5 % point of χ² with n - 1 degrees of
+    freedom.
+    """
+    from scipy.stats import chi2
+
+    variance, stated = np.var(logs, axis=0, ddof=1), np.diag(noise)
+    differs = np.array([name in different for name in _AXES[: len(v)]])
+    if (differs & (v == 0)).any():
+        return False
+    size = max((variance - stated)[differs] / v[differs] ** 2, default=0.0)
+    freedom = len(logs) - 1
+    still = freedom * variance >= float(chi2.ppf(_STILL, freedom)) * (stated + size * v**2)
+    return bool(still[~differs & (v != 0)].all())
 
 
 def warming(cause: Cause) -> float:

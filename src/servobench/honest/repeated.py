@@ -9,6 +9,7 @@ from typing import Any
 
 import numpy as np
 
+from servobench.channels import Array
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info, warning
@@ -19,6 +20,7 @@ from servobench.measurement.dataset import Dataset
 
 SCHEMA = "servobench.honest/1"
 _CHANCE = 0.05  # that runs of one motor are said to differ in any parameter
+_SHAPE = 0.25  # of the largest input: a ramp and a step differ by more in mean size, two ways in their ends
 _FEW = 5  # runs below which little can be said
 
 
@@ -87,8 +89,9 @@ def honest(
     Each dataset is a run of its own, in the order in which they were made; all get the same structure, with "auto" the one that
     most of them need. `beside` are values that went with the runs, such as a temperature, to see whether the motor follows them;
     the number of the run, the size of the input and the angle at the start are looked at always.
-    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run and for values beside that
-    don't match the runs.
+    Tests of one procedure that stand in one file, such as a ramp and a step each way, are no runs of one experiment.
+    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run, for values beside that
+    don't match the runs, and for tests of one procedure.
     """
     for what, values in (beside or {}).items():
         if len(values) != len(data):
@@ -97,13 +100,14 @@ def honest(
         raise UsageError(
             f"{len(data)} run, and two at least are needed to hold them against each other: give more recordings of the motor"
         )
+    _check_repeated(data)
     fits = _fits(data, structure, estimator)
     used = [n for n, fit in enumerate(fits) if fit is not None]
     known = [fit for fit in fits if fit is not None]
     if len(known) < 2:
         raise NotIdentifiable(
             f"{len(known)} of {len(data)} runs support a model; at least two are needed to hold them against each other: "
-            "record more runs, or name a structure (--structure)"
+            "record more runs, or name a structure (`structure=...`)"
         )
     found = _scatters(known)
     different = [each.name for each in found if each.differs]
@@ -112,7 +116,7 @@ def honest(
         "the size of the input": [float(np.abs(data[n].u).max()) for n in used],
         **{what: [float(values[n]) for n in used] for what, values in (beside or {}).items()},
     }
-    why = causes(known) if different else ()
+    why = causes(known, different) if different else ()
     follows = trends(different, known, apart) + follows_the_angle(different, known)
     return Honesty(
         runs=tuple(data[n].name for n in used),
@@ -126,6 +130,30 @@ def honest(
             *_told(found, why, follows, [data[n] for n in used]),
         ),
     )
+
+
+def _check_repeated(data: Sequence[Dataset]) -> None:
+    """Raise `UsageError` where recordings of one file had inputs of different shapes: then they are different tests."""
+    for n, one in enumerate(data):
+        for other in data[:n]:
+            same_file = bool(one.source.sha256) and one.source.sha256 == other.source.sha256
+            if same_file and not _alike(one, other):
+                raise UsageError(
+                    f"{other.name} and {one.name} are different tests of one procedure, and no runs of one experiment: "
+                    "their inputs differ in shape. Repeat the whole procedure and compare the same test of each, or fit the "
+                    "tests together with identify"
+                )
+
+
+def _alike(one: Dataset, other: Dataset) -> bool:
+    """Whether two inputs have the same shape, whatever their size: their ends and mean size over the largest value."""
+    return bool(np.abs(_shape(one) - _shape(other)).max() <= _SHAPE)
+
+
+def _shape(data: Dataset) -> Array:
+    largest = float(np.abs(data.u).max()) or 1.0
+    u = data.u / largest
+    return np.array([u.min(), u.max(), np.abs(u).mean()])
 
 
 def _fits(data: Sequence[Dataset], structure: str, estimator: str) -> list[Fit | None]:

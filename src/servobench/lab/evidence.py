@@ -114,14 +114,13 @@ class Evidence(Mapping[str, Fact]):
     def _found(self) -> dict[str, Fact]:
         """The identified parameters, and the lag of the chain."""
         from servobench.measurement.cost import lag_of
+        from servobench.uncertainty.model_error import SOURCE
 
-        fit = self._identified.fit
-        if fit is None:
+        if self._identified.fit is None:
             return {}
-        found = {
-            name: Fact(value=e.value, half=0.5 * (e.interval[1] - e.interval[0]))
-            for name, e in fit.estimates.items()
-        }
+        # What other motors teach of a recording with one event would let an answer pass that is a third off.
+        fit = self._identified.fit.without(SOURCE)
+        found = {name: Fact(value=e.value, half=e.half_width) for name, e in fit.estimates.items()}
         tau = found.get("time_constant")
         if tau is not None:
             found[_LAG] = Fact(value=lag_of(self._chain, tau.value) if self._chain else 0.0)

@@ -93,6 +93,8 @@ class Blank(Settings):
     """What helps somebody whose answer is wrong."""
     mistakes: tuple[Mistake, ...] = ()
     """Wrong answers that are known."""
+    by_table: bool = False
+    """Whether it can only be read off a study's table. Students who are assessed get no studies, and aren't asked it."""
 
     @model_validator(mode="after")
     def _can_be_checked(self) -> Self:

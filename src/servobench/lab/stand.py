@@ -133,11 +133,10 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
     chosen = _in_virtual_time(device) if device.name == TWIN else device
 
     def carry_out(experiment: Experiment) -> Recording:
-        from servobench.loop.run import run
+        from servobench.loop.live import run_where_its_time_passes
 
         asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
-        with _connected(asked.device) as motor:
-            recording = run(asked, motor)
+        recording = run_where_its_time_passes(asked, _connected(asked.device))
         if recording.stopped.reason == "interrupted":
             raise KeyboardInterrupt(recording.stopped.sentence)  # who stops a run doesn't want the next one
         return recording

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from servobench.errors import UsageError
+from servobench.errors import NotIdentifiable
 
 if TYPE_CHECKING:
     from servobench.recording.recording import Recording
@@ -40,17 +40,16 @@ def truth_if_known(recording: Recording) -> Truth | None:
 def truth_of(recording: Recording) -> Truth:
     """Return the true figures of the simulated motor behind a recording, from the settings that it was connected with.
 
-    Raises `UsageError` for another device, whose truth nobody knows.
+    Raises `NotIdentifiable` for another motor, whose true parameters nobody knows.
     """
     from servobench.devices.twin import TwinSettings
     from servobench.motor.physics import Physics
 
     info = recording.info
     if info is None or info.name != "twin":
-        name = "no device" if info is None else repr(info.name)
-        raise UsageError(
-            f"{recording.name} is a recording of {name}, whose truth nobody knows; this study holds estimates against the "
-            "simulated motor's, so expected 'twin'"
+        raise NotIdentifiable(
+            f"this compares estimates with the motor's true parameters, and nobody knows those of the motor in {recording.name}; "
+            "do the exercise with the simulated one"
         )
     given = {name: value for name, value in info.settings if name in TwinSettings.model_fields}
     settings = TwinSettings.model_validate(given)

@@ -8,6 +8,7 @@ from servobench.channels import Timing
 from servobench.clock import Tick
 from servobench.finding import Finding, info, warning
 from servobench.loop.pace import Spans, pace
+from servobench.rounding import milliseconds
 
 MANY_MISSED = 0.01  # of all ticks
 
@@ -59,7 +60,7 @@ class Account:
             findings.append(
                 info(
                     "samples-late",
-                    f"{self.late} of {self.done} samples were late, by up to {1000 * self.worst:.3g} ms; "
+                    f"{self.late} of {self.done} samples were late, by up to {milliseconds(self.worst)} ms; "
                     f"their actual times are recorded, and used",
                 )
             )

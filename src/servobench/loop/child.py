@@ -6,23 +6,27 @@ program that started it is gone. Its exit status is 0 where the run began, and t
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import sys
 import threading
 import time
 from contextlib import ExitStack
+from dataclasses import dataclass, replace
 from types import FrameType
 
 from servobench.channels import DeviceInfo
 from servobench.clock import Clock, Tick, clock_for
 from servobench.clock.wake_up import wake_ups
 from servobench.control.running import prepare
-from servobench.devices.base import connect
+from servobench.devices.base import connect, error_text
 from servobench.devices.faulty import with_faults
 from servobench.devices.guarded import Guarded
+from servobench.devices.observed import Observed
 from servobench.errors import DeviceError, ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
+from servobench.finding import Finding, warning
 from servobench.loop.account import Account
 from servobench.loop.attendants import (
     LOOK_EVERY,
@@ -33,11 +37,13 @@ from servobench.loop.attendants import (
     RecorderWatch,
 )
 from servobench.loop.clock_steps import ClockSteps
-from servobench.loop.messages import Notice, ending_to_json, info_to_json
+from servobench.loop.last_resort import CallsInRing, LastResort
+from servobench.loop.messages import NOT_CLOSED, Notice, ending_to_json, info_to_json
 from servobench.loop.missed import MissedFault, MissedRule
 from servobench.loop.opening import RowMaker, opening, row_maker
 from servobench.loop.place import Place
 from servobench.loop.references import References
+from servobench.loop.requests import requests_here
 from servobench.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
 from servobench.loop.schedule import real_time
 from servobench.loop.spec import ASKED, COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
@@ -65,6 +71,7 @@ class ToRing:
 
 def main() -> int:
     """Carry out the run that standard input asks for; return the exit status."""
+    logging.disable(logging.WARNING)  # the program that started this one gives the same ones
     # Ctrl-C in a terminal reaches all its processes; the program that asked says what it means.
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     spec = LoopSpec.from_line(sys.stdin.readline())
@@ -89,6 +96,16 @@ def main() -> int:
     return 0
 
 
+@dataclass(frozen=True)
+class _Ending:
+    """Why a run ended, at which tick, what was found, and the error that ended it, if it was one."""
+
+    stopped: Stopped
+    tick: Tick | None
+    findings: tuple[Finding, ...]
+    error: BaseException | None
+
+
 class _Loop:
     """One run in this process."""
 
@@ -109,16 +126,26 @@ class _Loop:
         _ended_like_ctrl_c()
         threading.Thread(target=self._await_the_end_of_input, daemon=True).start()
         experiment = read_experiment(self._spec.experiment, "the experiment")
-        with Guarded(
-            with_faults(
-                connect(experiment.device.name, **experiment.device.settings), experiment.device.faults
-            ),
-            experiment.limits,
-            when_faulted=self._spec.when_faulted,
-        ) as device:
-            self._driven(experiment, device)
+        device = with_faults(
+            connect(experiment.device.name, **experiment.device.settings), experiment.device.faults
+        )
+        observer = CallsInRing(self._rows, experiment.sample_time, LastResort())
+        guarded = Guarded(Observed(device, observer), experiment.limits, when_faulted=self._spec.when_faulted)
+        ending: _Ending | None = None
+        try:
+            with guarded:
+                ending = self._driven(experiment, guarded)
+        except BaseException as error:
+            if ending is None:
+                raise
+            ending = replace(ending, findings=(*ending.findings, _not_closed(error)))
+        # Only now is it known how the device took the last stop, and whether it could be closed.
+        found = (*ending.findings, *guarded.findings())
+        self.tell("ended", ending.tick, **ending_to_json(ending.stopped, found))
+        if ending.error is not None and not isinstance(ending.error, DeviceError):
+            raise ending.error
 
-    def _driven(self, experiment: Experiment, device: Guarded) -> None:
+    def _driven(self, experiment: Experiment, device: Guarded) -> _Ending:
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)
@@ -130,7 +157,6 @@ class _Loop:
         self.tell("opened", info=info_to_json(device.info), pid=os.getpid())
         self._await_the_recorder()
         prepare()  # a switch of the controller mustn't wait for the compiler
-        device.start(experiment.sample_time, experiment.seed)
         scheduling = real_time(cpu=self._spec.cpu) if self._spec.real_time else None
         woken = wake_ups(
             experiment.sample_time, round(min(200, max(1, WAKE_UP_TIME / experiment.sample_time)))
@@ -149,12 +175,12 @@ class _Loop:
                 reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
             )
 
+        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        device.start(experiment.sample_time, experiment.seed)
         stopped, error = outcome(carry_out, device)
-        found = (*opened.findings, *device.findings(), *steps.findings(), *account.findings())
+        found = (*opened.findings, *steps.findings(), *account.findings())
         found = (*found, *(scheduling.findings() if scheduling else ()), *woken.findings())
-        self.tell("ended", account.last, **ending_to_json(stopped, found))
-        if error is not None and not isinstance(error, DeviceError):
-            raise error
+        return _Ending(stopped, account.last, found, error)
 
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps
@@ -215,9 +241,16 @@ def _ended_like_ctrl_c() -> None:
     def interrupt(number: int, frame: FrameType | None) -> None:
         raise KeyboardInterrupt(f"{signal.Signals(number).name}, which was sent to the loop's process")
 
-    for name in ("SIGTERM", "SIGHUP", "SIGBREAK"):
-        if hasattr(signal, name):
-            signal.signal(getattr(signal, name), interrupt)
+    for request in requests_here():
+        signal.signal(request, interrupt)
+
+
+def _not_closed(error: BaseException) -> Finding:
+    return warning(
+        NOT_CLOSED,
+        f"The device could not be closed ({error_text(error)}), after it had been told to stop. Look at its driver, and unplug "
+        "it before the next run where it stays in use.",
+    )
 
 
 if __name__ == "__main__":

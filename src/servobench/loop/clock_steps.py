@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from servobench.finding import Finding, warning
 from servobench.loop.place import Place
+from servobench.rounding import milliseconds
 
 
 class ClockSteps:
@@ -36,7 +37,7 @@ class ClockSteps:
         at, by = self.found[0]
         more = f", and {len(self.found) - 1} more times" if len(self.found) > 1 else ""
         sentence = (
-            f"The device's clock jumped by {1000 * by:.4g} ms at {at:g} s{more}: by the samples' numbers no time was missing. "
+            f"The device's clock jumped by {milliseconds(by)} ms at {at:g} s{more}: by the samples' numbers no time was missing. "
             "The times from there on are recorded as they came; identify the part before it, or repeat the run."
         )
         return (warning("clock-stepped", sentence),)

@@ -14,16 +14,17 @@ from servobench.experiment import read_experiment
 from servobench.finding import Finding, info
 from servobench.loop.drain import (
     EVENTS_MISSED,
-    LOOP_DIED,
     MOST_ROWS,
     ROWS_MISSED,
     SILENT,
     Drain,
+    loop_died,
     part_of,
 )
 from servobench.loop.messages import ending_from_json
 from servobench.loop.recording_process import Recorded, RecorderSpec
 from servobench.loop.ring import RECORDER_STATE, MessageRing, RowRing
+from servobench.recording.mcap_file import kept_elsewhere, place_beside
 from servobench.recording.reader import read
 from servobench.recording.recording import Recording
 
@@ -36,11 +37,13 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
     Rows are told apart by their numbers, so none stands twice and what the rings have lost is counted: `rows-not-recorded`.
     The recording has the finding `recorder-died`. The part is removed once the file is whole, unless it can't be read and the
     rings don't hold the whole run any more.
-    Raises `StorageError` where it can't be written; the part is kept then.
+    Raises `StorageError` where it can't be written; the part is kept then. So it does where the folder was removed meanwhile:
+    what the rings held is then in another one, which the error names.
     """
     part = part_of(spec.path)
     found = _readable(part)
-    target = Path(spec.path)
+    asked = Path(spec.path)
+    target = asked if asked.parent.is_dir() else place_beside(asked.absolute())
     if rows.get(RECORDER_STATE) and target.exists() and not part.exists():
         # It died after it had finished: what it had begun has its name already.
         return Recorded(path=spec.path, rows=_rows_in(read(target)[0]))
@@ -59,7 +62,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
             _copy(found, drain)
         had = drain.rows
         drain.take()
-        stopped, findings = drain.ended or (SILENT, (LOOP_DIED,))
+        stopped, findings = drain.ended or (SILENT, (loop_died(rows),))
         if not drain.end(stopped, (*findings, _died(had, drain.rows))):
             return Recorded(path=None, rows=0)
     finally:
@@ -71,6 +74,8 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
     os.replace(new, target)
     if found is not None or drain.rows == rows.written:  # or else it may hold what nobody could read yet
         part.unlink(missing_ok=True)
+    if target != asked:
+        raise StorageError(kept_elsewhere(asked, target))
     return Recorded(path=spec.path, rows=drain.rows)
 
 

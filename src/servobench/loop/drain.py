@@ -11,10 +11,10 @@ from typing import Any
 from servobench.channels import Array
 from servobench.errors import StorageError, UsageError
 from servobench.experiment import Experiment
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, danger, info, warning
 from servobench.loop.messages import ending_from_json, info_from_json
 from servobench.loop.opening import opening
-from servobench.loop.ring import RECORD_UNTIL, MessageReader, MessageRing, RowReader, RowRing
+from servobench.loop.ring import RECORD_UNTIL, ZERO_VOLTS, MessageReader, MessageRing, RowReader, RowRing
 from servobench.recording.mcap_file import PART
 from servobench.recording.recording import Event, Recording, Stopped
 from servobench.recording.writer import RecordingWriter, Together
@@ -26,12 +26,25 @@ ROWS_MISSED = "rows-missed"
 EVENTS_MISSED = "events-missed"
 """The kinds of the events that the recorder itself adds: so many rows, or events, are missing here."""
 
+LOOP_DIED = "loop-died"
+"""The code of the finding that the loop's process ended without a word."""
+
 SILENT = Stopped(reason="error", sentence="the loop's process ended without a word")
-LOOP_DIED = warning(
-    "loop-died",
-    "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last "
-    "voltage. Switch off the supply, then look at the device's own watchdog.",
-)
+
+
+def loop_died(rows: RowRing) -> Finding:
+    """Return the finding that the loop's process ended without a word, and what its ring says of the motor."""
+    if rows.get(ZERO_VOLTS):
+        return info(
+            LOOP_DIED,
+            "The loop's process ended without a word, at zero volts: the device had taken them, or a stop, last. Look for what "
+            "ended it before the next run.",
+        )
+    return danger(
+        LOOP_DIED,
+        "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last "
+        "voltage. Switch off the supply, then look at the device's own watchdog.",
+    )
 
 
 class Drain:
@@ -125,7 +138,7 @@ class Drain:
             self._writer.close()
             return True
         self._writer.abandon()
-        part_of(self._path).unlink()
+        part_of(self._path).unlink(missing_ok=True)
         return False
 
     def abandon(self) -> None:

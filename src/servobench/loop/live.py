@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+import math
 import os
 import time
 from collections.abc import Callable
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Literal
 
+from servobench.devices.base import Device
 from servobench.experiment import Experiment
 from servobench.loop.process import LoopProcess
 from servobench.loop.recorder import InMemory
-from servobench.loop.run import LOOK_INTERVAL, WATCH_INTERVAL, Look, Progress, Watch
+from servobench.loop.run import LOOK_INTERVAL, WATCH_INTERVAL, Look, Progress, Watch, run
 from servobench.loop.ticks import stopped_by
 from servobench.recording.recording import Recording, Stopped
 
@@ -22,21 +26,48 @@ def run_live(
     watch: Watch | None = None,
     look: Look | None = None,
     say: Callable[[str], None] | None = None,
+    over: Callable[[str], None] | None = None,
+    alarm: Callable[[str], None] | None = None,
     real_time: bool = True,
 ) -> Recording:
     """Carry out an experiment on the device that it names, in a process of its own, recorded to the native file `to`.
 
     As `run`, but nothing in this process can hold the loop up: `watch` and `look` see what the loop handed on; `say` is
-    told what is waited for at the end. Ctrl-C stops the
-    motor, and is a result. Raises what `run` raises, and `DeviceError` where the loop's process can't be begun.
+    told what is waited for at the end, `over` that the motor is stopped before its time, `alarm` at once what somebody beside
+    the motor has to know (on standard error without).
+    Ctrl-C stops the motor, and is a result. Raises what `run` raises, `DeviceError` where the loop's process can't be begun, and
+    `DeviceSilent` where a call of the device doesn't return.
     """
-    with LoopProcess(experiment, record=to, real_time=real_time) as loop:
-        onlooker = _Onlooker(loop, watch, look)
+    with LoopProcess(experiment, record=to, real_time=real_time, alarm=alarm) as loop:
+        onlooker: Callable[[], None] | None = _Onlooker(loop, watch, look)
         while True:
             try:
-                return loop.wait(onlooker, say=say)
+                return loop.wait(onlooker, say=say, over=over)
             except KeyboardInterrupt as interrupt:
                 loop.stop(stopped_by(interrupt))
+                onlooker = None  # what comes now is the end
+                if say is not None:
+                    say("stopping the motor")
+
+
+def run_where_its_time_passes(
+    experiment: Experiment,
+    device: Device,
+    *,
+    to: str | os.PathLike[str] | None = None,
+    alarm: Callable[[str], None] | None = None,
+) -> Recording:
+    """Carry out an experiment on the device that it names: here where its time is computed, otherwise in its own process.
+
+    `device` is that device, not yet connected. Without `to` the recording is kept in memory. Raises as `run` and `run_live`.
+    """
+    if device.info.timing == "virtual":
+        with device as motor:
+            return run(experiment, motor, to=to)
+    if to is not None:
+        return run_live(experiment, to=to, alarm=alarm)
+    with TemporaryDirectory(prefix="servobench-") as folder:
+        return run_live(experiment, to=Path(folder) / "recording.mcap", alarm=alarm)
 
 
 class _Onlooker:
@@ -49,6 +80,7 @@ class _Onlooker:
         self._next_watch = self._next_look = time.monotonic()
         self._seen = _Seen(loop) if look is not None else None
         self._told = False
+        self._shown = 0
 
     def __call__(self) -> None:
         now = time.monotonic()
@@ -61,11 +93,16 @@ class _Onlooker:
 
     def _watched(self, watch: Watch) -> str | None:
         ring = self._loop.ring
+        if ring.written == self._shown:  # the loop doesn't go on, so there is no progress
+            return None
+        self._shown = ring.written
         rows = ring.reader(max(0, ring.written - 1)).read(1)
         if not len(rows):
             return None
         names = [series.channel.name for series in self._loop.recording.series]
         value = dict(zip(names, rows[0, 1:], strict=False))
+        if not math.isfinite(value["counts"]):  # the sample that ends the run
+            return None
         sample_time = self._loop.experiment.sample_time
         return watch(
             Progress(

@@ -19,6 +19,9 @@ from servobench.recording.recording import Stopped
 from servobench.settings import Settings
 from servobench.signals.base import AnySignal, Signal
 
+NOT_CLOSED = "close-failed"
+"""The code of the finding of a device that raised an error when it was closed."""
+
 
 class Command(Settings):
     """What a running loop is told: what is given changes at the next tick, what is left out stays.

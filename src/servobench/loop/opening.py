@@ -16,10 +16,12 @@ from servobench.experiment import Experiment
 from servobench.loop.place import Place
 from servobench.recording.recording import Recording, Series, Source
 
+_SENSORS = ("tachometer", "current", "held_since")  # fields of a sample, beside its counts
+
 
 def sensors(device: DeviceInfo) -> tuple[str, ...]:
     """The fields of a sample, beside its counts, that the device has."""
-    return tuple(name for name in ("tachometer", "current") if device.channel(name))
+    return tuple(name for name in _SENSORS if device.channel(name))
 
 
 def opening(
@@ -28,9 +30,9 @@ def opening(
     """Return the recording of a run without its samples: a series for each column of its rows, after the time.
 
     A run with a controller, and one that takes commands meanwhile (`commanded_live`), has the reference [V, rad or rad/s] too;
-    the latter also the number of the last command in force. One by the host's clock (`timing`) notes when the device was given
-    each voltage and when it had taken it [s]; and, in the device's own count, when one that keeps the host's time latched each
-    sample [s].
+    the latter also the number of the last command in force. One in real time (`timing`) notes when the device was given each
+    voltage and when it had taken it [s], by the host's clock. Where the device keeps the time, the host's time at which each
+    sample was received [s] is noted, too; where it keeps the host's, when it latched each sample, in its own count [s].
     """
     voltage = device.channel("voltage") or Channel(name="voltage", unit="V")
     controlled = not isinstance(experiment.controller, OpenLoop)
@@ -43,10 +45,12 @@ def opening(
         _flag("late"),
         _flag("saturated"),
     ]
-    if timing == "host":
+    if timing != "virtual":
         channels += [Channel(name="handed", unit="s"), Channel(name="written", unit="s")]
         if device.timing == "host":
             channels.append(Channel(name="latched", unit="s"))
+        elif device.timing == "device":
+            channels.append(Channel(name="received", unit="s"))
     if controlled or commanded_live:
         channels.append(Channel(name="reference", unit=experiment.controller.reference_unit))
     if commanded_live:
@@ -85,9 +89,10 @@ class RowMaker:
     """Makes the row of a tick: its time [s] and a value for each channel, in the channels' order."""
 
     def __init__(self, channels: tuple[str, ...]) -> None:
-        self._sensors = tuple(name for name in ("tachometer", "current") if name in channels)
+        self._sensors = tuple(name for name in _SENSORS if name in channels)
         self._written = "written" in channels
         self._latched = "latched" in channels
+        self._received = "received" in channels
         self._reference = "reference" in channels
         self._command = "command" in channels
 
@@ -104,6 +109,8 @@ class RowMaker:
             row += (place.handed, place.written)
         if self._latched:
             row += (sample.time,)
+        if self._received:
+            row += (place.received,)
         if self._reference:
             row += (place.reference,)
         if self._command:

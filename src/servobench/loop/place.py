@@ -12,8 +12,9 @@ from servobench.clock import Tick
 class Place:
     """A tick that is done: the `reference` followed, the voltages commanded and `applied` [V].
 
-    `saturated` says that the two differ, as a limit stood in between. `handed` and `written` are when the device was given the
-    voltage and when it had taken it, in the clock's own count [s], or NaN. `command` is the number of the last command in force.
+    `saturated` says that the two differ, as a limit stood in between. `received` is when the host had the sample, `handed` and
+    `written` are when the device was given the voltage and when it had taken it, all three in the count of the clock's `elapsed`
+    [s]. `command` is the number of the last command in force.
     """
 
     tick: Tick
@@ -21,6 +22,7 @@ class Place:
     commanded: float
     applied: float
     saturated: bool
+    received: float = math.nan
     handed: float = math.nan
     written: float = math.nan
     command: int = 0

@@ -8,6 +8,7 @@ import sys
 import time
 from collections.abc import Callable
 from contextlib import ExitStack, suppress
+from dataclasses import replace
 from pathlib import Path
 from threading import Lock
 from types import TracebackType
@@ -15,10 +16,31 @@ from typing import IO, Any, Literal, Self
 
 import servobench.errors as errors
 from servobench.channels import DeviceInfo
-from servobench.errors import DeviceError, DeviceLost, ServobenchError, StorageError, UsageError
+from servobench.devices.base import DEVICES
+from servobench.errors import (
+    DeviceError,
+    DeviceLost,
+    DeviceSilent,
+    ServobenchError,
+    StorageError,
+    UsageError,
+)
 from servobench.experiment import Experiment
+from servobench.finding import Finding, Severity
+from servobench.loop.chatter import Chatter
 from servobench.loop.completion import complete
-from servobench.loop.messages import Command, Notice, info_of, info_to_json, stopped_of
+from servobench.loop.drain import LOOP_DIED, loop_died
+from servobench.loop.exit_status import ended_how
+from servobench.loop.messages import (
+    NOT_CLOSED,
+    Command,
+    Notice,
+    ending_from_json,
+    ending_to_json,
+    info_of,
+    info_to_json,
+    stopped_of,
+)
 from servobench.loop.opening import opening
 from servobench.loop.recording_process import PATIENCE, Late, RecorderProcess, RecorderSpec
 from servobench.loop.ring import (
@@ -27,19 +49,27 @@ from servobench.loop.ring import (
     RECORD_UNTIL,
     RECORDER_STATE,
     ROWS_KEPT,
+    ZERO_VOLTS,
     MessageReader,
     MessageRing,
     RowReader,
     RowRing,
 )
-from servobench.loop.spec import ASKED, COLUMNS, FAILED, STARTING, LoopSpec, WhenFaulted
+from servobench.loop.silence import DEVICE_SILENT, Silence, silence_of, urgent
+from servobench.loop.spec import ASKED, COLUMNS, FAILED, NO_RECORDER, STARTING, LoopSpec, WhenFaulted
+from servobench.loop.ticks import stopped_by
 from servobench.recording.recording import Recording, Stopped
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
 COMMAND_SLOTS = 1024
 START_PATIENCE = 120.0  # s; a second interpreter and its kernels, on a busy machine
-END_PATIENCE = 10.0  # s; how long a loop that was told to stop may take, before it is killed
+END_PATIENCE = (
+    10.0  # s; how long a loop that was told to stop may take, as long as it goes on, before it is killed
+)
+TERM_PATIENCE = 0.4  # s; how long a loop that is silent has for what SIGTERM makes it do, before it is killed
+DEATH_PATIENCE = 0.5  # s; a process in the middle of a system call may not even die
 LOOK_INTERVAL = 0.02  # s
+COMPLETING = "completing the recording"
 WAITS_FOR_RECORDER = (
     f"the motor is stopped; waiting for the recorder to finish the file (at most {PATIENCE:g} s)"
 )
@@ -70,6 +100,7 @@ class LoopProcess:
         missed_go_on: bool = False,
         real_time: bool = True,
         cpu: int | None = None,
+        alarm: Callable[[str], None] | None = None,
     ) -> None:
         if not isinstance(experiment, Experiment):
             raise UsageError(
@@ -95,23 +126,58 @@ class LoopProcess:
         self._ready: RecorderProcess | None = None  # a recorder that waits to be needed
         self._readying = Lock()
         self._over = False
+        self._alarm = alarm or _to_standard_error
+        self._alarmed: list[str] = []
+        self._begun = self._given_up = self._undead = False
+        self._process_begun = self._over_for_good = False
+        self._last_silence: Silence | None = None  # the one in which it was ended
+        self._danger = ""
+        self._confirmed = False
+        self._silence: Silence | None = None  # the longest one, where it was told
+        self._silence_when_interrupted: Silence | None = None
+        self._zero_volts_at_the_end = False
+        self._end_asked = False
+        self._ending = Lock()
+        self._resting = Lock()
 
     def __enter__(self) -> Self:
         """Start it, and wait until the run begins."""
+        try:
+            self._begin()
+        except KeyboardInterrupt as interrupt:
+            silence = self._silence_when_interrupted or self._silence
+            if silence is None:
+                raise
+            silence = replace(silence, zero_volts=self._zero_volts_at_the_end)
+            raise DeviceError(f"{silence.sentence}; {stopped_by(interrupt)} before it began") from None
+        return self
+
+    def _begin(self) -> None:
+        asked = self.experiment
+        if getattr(
+            DEVICES[asked.device.name], "drives", True
+        ):  # before anything is started, let alone opened
+            asked.limits.watchdog.check_sample_time(asked.sample_time)
         with ExitStack() as stack:
             self.ring = stack.enter_context(RowRing.create(COLUMNS, SLOTS))
             self._commands = stack.enter_context(MessageRing.create(COMMAND_SLOTS))
             self._events = stack.enter_context(MessageRing.create())
             self._heard = self._events.reader(0)
+            stack.callback(self._let_go)
+            self._begun = True
             self.here()
             self._process = self._started_loop()
+            self._process_begun = True
             self._recording = self._started_recorder(stack)
             stack.callback(self._end)  # before the recorder's own end, which waits for this
             stack.callback(self._dismiss_the_ready)
-            self.info = self._opened()
+            try:
+                self.info = self._opened()
+            except KeyboardInterrupt:
+                self._silence_when_interrupted = self._silence  # the end may wake what was silent
+                raise
             self.recording = opening(self.experiment, self.info, commanded_live=True, timing=self.info.timing)
             self._stack = stack.pop_all()
-        return self
 
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
@@ -143,7 +209,40 @@ class LoopProcess:
         self, sentence: str, reason: Literal["finished", "interrupted", "error"] = "interrupted"
     ) -> None:
         """Tell it to end with that sentence; `wait` sees the end."""
+        self._end_asked = True
         self.command(Command(stop=sentence, reason=reason))
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What `alarm` was told so far, after a look whether there is something new; also while it is being entered."""
+        if self._begun:
+            with suppress(UsageError):  # another thread has closed the ring just now
+                self._look_for_silence()
+        return tuple(self._alarmed)
+
+    def give_up(self) -> None:
+        """Let whoever is entering it, in another thread, get a `DeviceError` instead of waiting for the device."""
+        self._given_up = True
+
+    def rest(self) -> None:
+        """End the loop at once, from any thread; the context's end tidies up after it. A loop that is silent is killed.
+
+        It also ends one that is being entered: whoever enters it gets a `DeviceError`.
+        """
+        self.give_up()
+        with suppress(UsageError):  # another thread has closed the ring just now: it has ended
+            if self._begun and self._process_begun:
+                self._end_loop()
+
+    @property
+    def danger(self) -> str:
+        """What is wrong at the motor after the end, in capitals, with what to do; empty where nothing is."""
+        return self._danger
+
+    @property
+    def zero_volts(self) -> bool:
+        """Whether zero volts were confirmed at the end."""
+        return self._confirmed
 
     def here(self) -> None:
         """Show that the operator is there."""
@@ -210,36 +309,78 @@ class LoopProcess:
     def ended(self) -> Stopped | None:
         """Why it ended; None while it goes on."""
         self._listen()
-        if self._ended is not None:
-            return stopped_of(self._ended)
-        if self._process.poll() is None:
-            return None
-        self._listen()  # what it said last
-        if self._ended is not None:
-            return stopped_of(self._ended)
-        return Stopped(reason="error", sentence=self._last_words())
+        if self._ended is None and (self._undead or self._process.poll() is not None):
+            self._say_its_last_word()
+        return None if self._ended is None else stopped_of(self._ended)
+
+    def _say_its_last_word(self) -> None:
+        """Say in place of a loop that is dead how it ended, if it didn't, for everybody who listens."""
+        with self._ending:
+            if self._ended is None:
+                self._listen()  # what it said last
+            if self._ended is not None:
+                return
+            silence = self._silence
+            silence = silence and self._as_known_now(silence)
+            found: Finding = loop_died(self.ring) if silence is None else silence.finding()
+            if silence is not None:
+                stopped = Stopped(reason="device_lost", sentence=f"the device failed: {silence.sentence}")
+            else:
+                stopped = Stopped(reason="error", sentence=self._last_words())
+            if silence is None and found.severity is Severity.DANGER:
+                self._warn(urgent(f"{stopped.sentence}; zero volts were not confirmed"))
+            self._ended = Notice(kind="ended", about=ending_to_json(stopped, (found,)))
+            if self.ring.written:  # otherwise there is nothing to be recorded
+                self._events.push(self._ended.to_text())
 
     def wait(
-        self, meanwhile: Callable[[], None] | None = None, *, say: Callable[[str], None] | None = None
+        self,
+        meanwhile: Callable[[], None] | None = None,
+        *,
+        say: Callable[[str], None] | None = None,
+        over: Callable[[str], None] | None = None,
     ) -> Recording:
         """Wait for the end, calling `meanwhile` fifty times a second, and return the recording.
 
-        `say` is told what is waited for, once the motor stands and the file still takes its time.
+        `say` is told what is waited for, once the motor stands and the file still takes its time. `over` is told at once that
+        the motor is stopped, where the run was ended before its time.
 
-        Raises as `run` does: `DeviceLost`, which carries the recording, and `StorageError`. Raises `UsageError` where nothing was
-        recorded.
+        Raises as `run` does: `DeviceLost`, which carries the recording, and `StorageError`; and `DeviceSilent`, a `DeviceLost`,
+        where a call of the device didn't return. Raises `UsageError` where nothing was recorded.
         """
         while (stopped := self.ended) is None:
             self._miss_the_recorder()
+            silence = self._look_for_silence()
+            if silence is not None and (self._end_asked or silence.too_long):
+                self._kill()
+                continue
             if meanwhile is not None:
                 meanwhile()
             self._process_waits()
+        self._warn_of_danger()
+        if say is not None:
+            say(COMPLETING)
+        if (
+            over is not None
+            and stopped.reason != "finished"
+            and self.ring.get(ZERO_VOLTS)
+            and not self._alarmed
+        ):
+            over(self._at_rest())
         if self._recording is None:
             raise UsageError("this run wasn't recorded: give `record`")
         recording = self._recorded(*self._recording, stopped, say)
+        if self._silence is not None:
+            raise DeviceSilent(self._as_known_now(self._silence).sentence, recording)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
+
+    def _at_rest(self) -> str:
+        """That the motor is stopped, and from when on, as far as the loop told it."""
+        ended = self._ended
+        when = "" if ended is None or ended.tick < 0 else f" from {ended.time:.2f} s on"
+        return f"the motor is stopped (zero volts{when})"
 
     def _recorded(
         self,
@@ -268,6 +409,59 @@ class LoopProcess:
             self._missed_recorder = True
             self.stop("the recorder's process ended; the motor was stopped", "error")
 
+    def _look_for_silence(self) -> Silence | None:
+        """Return what the loop waits for, if it is silent, and warn of it; once more where more is known of the motor."""
+        if self._over_for_good:  # what its ring says of a call is no longer so
+            return None
+        silence = silence_of(self.ring, self.experiment.sample_time)
+        # Kept before it is told: whoever reads the words may press Ctrl-C before the telling has returned.
+        before, self._silence = self._silence, silence
+        if silence is not None and (before is None or silence.zero_volts != before.zero_volts):
+            self._warn(silence.warning)
+        return silence
+
+    def _as_known_now(self, silence: Silence) -> Silence:
+        """A silence with what is known of the motor by now: what ended it may have put out zero volts."""
+        return replace(silence, zero_volts=bool(self.ring.get(ZERO_VOLTS)))
+
+    def _warn_of_danger(self) -> None:
+        """Say at once what the loop found that somebody has to act on."""
+        _, findings = ending_from_json(self._ended.about) if self._ended is not None else (None, ())
+        for finding in sorted(findings, key=lambda each: each.severity is not Severity.DANGER):
+            told = finding.code in (LOOP_DIED, DEVICE_SILENT)
+            if finding.code == NOT_CLOSED or (finding.severity is Severity.DANGER and not told):
+                self._warn(finding.sentence)
+
+    def _found_danger(self) -> str:
+        """What somebody has to see to at the motor, by what the loop's end and its ring say; empty for nothing."""
+        if self._last_silence is not None:
+            return replace(self._last_silence, zero_volts=self._confirmed).warning
+        _, findings = ending_from_json(self._ended.about) if self._ended is not None else (None, ())
+        for finding in findings:
+            if finding.code == NOT_CLOSED or finding.severity is Severity.DANGER:
+                return finding.sentence
+        if self._told_open is None or self._confirmed:
+            return ""
+        return urgent("the loop has ended; zero volts were not confirmed")
+
+    def _let_go(self) -> None:
+        self._begun = False  # the rings are about to be closed
+        self._zero_volts_at_the_end = bool(self.ring.get(ZERO_VOLTS))
+
+    def _warn(self, sentence: str) -> None:
+        if sentence not in self._alarmed:
+            self._alarmed.append(sentence)
+            self._alarm(sentence)
+
+    def _kill(self) -> None:
+        """End the process: by SIGTERM, which breaks many a wait and stops the motor, and where that doesn't help at once."""
+        for end, patience in ((self._process.terminate, TERM_PATIENCE), (self._process.kill, DEATH_PATIENCE)):
+            end()
+            with suppress(subprocess.TimeoutExpired):
+                self._process.wait(patience)
+                return
+        self._undead = True  # in a system call that nothing interrupts; nobody waits for that
+
     def _process_waits(self) -> None:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(LOOK_INTERVAL)
@@ -285,7 +479,7 @@ class LoopProcess:
         )
         return stack.enter_context(RecorderProcess(spec)), spec
 
-    def _started_loop(self) -> subprocess.Popen[str]:
+    def _started_loop(self) -> subprocess.Popen[bytes]:
         spec = LoopSpec(
             experiment=self.experiment.to_toml(),
             rows=self.ring.name,
@@ -298,11 +492,13 @@ class LoopProcess:
             # -P: nothing that lies in the user's folder is taken for a module.
             [sys.executable, "-P", "-m", "servobench.loop.child"],
             stdin=subprocess.PIPE,
-            stderr=subprocess.PIPE,
-            text=True,
+            # A driver that prints must neither wait for a full pipe nor get into what this process puts out.
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
         )
-        _standard_input(process).write(spec.to_line())
-        _standard_input(process).flush()
+        self._chatter = Chatter(_pipe(process.stdout), _show_chatter)
+        _pipe(process.stdin).write(spec.to_line().encode())
+        _pipe(process.stdin).flush()
         return process
 
     def _opened(self) -> DeviceInfo:
@@ -310,14 +506,28 @@ class LoopProcess:
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
             self.here()  # who waits for the run to begin is there
+            silence = self._look_for_silence()
+            if silence is not None and silence.too_long:
+                raise DeviceError(f"{silence.sentence}; nothing was begun")
+            if self._given_up:
+                raise DeviceError("it was ended before the run began; nothing was moved")
             self._listen_for_a_beginning()
             if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
                 return info_of(self._told_open)
+            self._check_recorder()
             if self._process.poll() is not None:
                 self._listen()  # what it said last
                 raise DeviceError(self._last_words())
             self._process_waits()
         raise DeviceError(f"the loop's process wasn't there after {START_PATIENCE:g} s; nothing was moved")
+
+    def _check_recorder(self) -> None:
+        """Raise `StorageError` where the recorder died before it was ready, for which the loop waits before anything moves."""
+        recorder = None if self._recording is None else self._recording[0]
+        if recorder is None or recorder.running or self.ring.get(RECORDER_STATE) != NO_RECORDER:
+            return
+        self.ring.set(RECORDER_STATE, FAILED)  # so that the loop gives up, too
+        raise StorageError(f"{recorder.wait().error}; nothing was moved")
 
     def _listen_for_a_beginning(self) -> None:
         """Listen; raises what kept the run from beginning, the recorder's own word where it is what failed."""
@@ -344,32 +554,62 @@ class LoopProcess:
 
     def _last_words(self) -> str:
         """A sentence about a process that ended without one."""
-        said = self._process.stderr.read().strip().splitlines() if self._process.stderr else []
-        reason = f": {said[-1]}" if said else ""
-        return f"the loop's process ended without a word, with status {self._process.returncode}{reason}"
+        reason = f": {self._chatter.last}" if self._chatter.last else ""
+        return f"the loop's process ended without a word, {ended_how(self._process.returncode)}{reason}"
+
+    def _end_loop(self) -> None:
+        """End the process, whatever it is doing, and note whether it was silent; one thread at a time, and once."""
+        with self._resting:
+            if not self._over_for_good:
+                self._end_asked = True
+                self._last_silence = self._ended_process()
+                self._over_for_good = True
+
+    def _ended_process(self) -> Silence | None:
+        """End the process; return the silence in which it was ended. The end of its input tells it that nobody is there."""
+        # One that is silent now counts as a device that failed, though the end of its input may wake it.
+        silence = None if self._process.poll() is not None else self._look_for_silence()
+        with suppress(OSError):
+            _pipe(self._process.stdin).close()
+        # On Windows this would be the end at once, of a device that is open.
+        if self.ring.get(LOOP_STATE) == STARTING and sys.platform != "win32":
+            self._process.terminate()  # nothing turns yet, and what it does until then may take long
+        deadline = time.monotonic() + END_PATIENCE
+        while self._process.poll() is None:
+            silence = silence or self._look_for_silence()
+            if silence is not None or time.monotonic() > deadline:
+                self._kill()
+                break
+            self._process_waits()
+        return silence
 
     def _end(self) -> None:
-        """End the process, whatever it is doing; the end of its input tells it that nobody is there."""
-        with suppress(OSError):
-            _standard_input(self._process).close()
-        try:
-            self._process.wait(END_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.terminate()
-            try:
-                self._process.wait(END_PATIENCE)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
-        if self._process.stderr is not None:
-            self._process.stderr.close()
+        """End the process, and take note of what is known of the motor then."""
+        self._end_loop()
+        if self.ring.written and self._process.poll() is not None:
+            with suppress(ServobenchError):  # what it failed by was told, or nobody waits for it
+                self._say_its_last_word()
+        self._warn_of_danger()
+        self._confirmed = bool(self.ring.get(ZERO_VOLTS))
+        self._danger = self._found_danger()
+        self._chatter.end()
 
 
-def _standard_input(process: subprocess.Popen[str]) -> IO[str]:
+def _to_standard_error(sentence: str) -> None:
+    with suppress(OSError, ValueError):  # nobody reads it
+        sys.stderr.write(f"{sentence}\n")
+        sys.stderr.flush()
+
+
+def _show_chatter(line: str) -> None:
+    _to_standard_error(f"from the device's driver: {line}")
+
+
+def _pipe(end: IO[bytes] | None) -> IO[bytes]:
     """The end of a pipe that a process was started with."""
-    if process.stdin is None:
-        raise DeviceError("the loop's process was started without a standard input")
-    return process.stdin
+    if end is None:
+        raise DeviceError("the loop's process was started without its pipes")
+    return end
 
 
 def _error(event: Notice) -> ServobenchError:

@@ -35,6 +35,10 @@ class Recorder(Protocol):
         """Let go of everything; what is in a file stays there. Never raises."""
         ...
 
+    def discard(self) -> None:
+        """Let go of everything, and remove the file: there was no run. Never raises."""
+        ...
+
 
 class InMemory:
     """Keeps the rows in memory. `opening` is what is known of the recording, with empty series."""
@@ -61,6 +65,10 @@ class InMemory:
     def abandon(self) -> None:
         """Forget the rows."""
         self._blocks.clear()
+
+    def discard(self) -> None:
+        """Forget the rows."""
+        self.abandon()
 
 
 class ToFile:
@@ -114,6 +122,12 @@ class ToFile:
             self._thread.join(timeout=1.0)
         if not self._thread.is_alive():  # closing would wait for a disk that hangs, as the thread does
             self._writer.abandon()
+
+    def discard(self) -> None:
+        """Close the part of the file, and remove it."""
+        self.abandon()
+        with suppress(OSError):
+            self._path.with_name(f"{self._path.name}.part").unlink()
 
     def _check(self) -> None:
         if self._failure is not None:

@@ -9,6 +9,7 @@ words of the ring of rows, at which the loop looks: where nothing can be written
 from __future__ import annotations
 
 import json
+import logging
 import math
 import os
 import select
@@ -27,7 +28,7 @@ from typing import IO, Any, Protocol, Self, cast
 from servobench.errors import ServobenchError, UsageError
 from servobench.experiment import Experiment, read_experiment
 from servobench.finding import Finding, warning
-from servobench.loop.drain import LOOP_DIED, SILENT, Drain
+from servobench.loop.drain import SILENT, Drain, loop_died
 from servobench.loop.messages import info_from_json
 from servobench.loop.opening import opening
 from servobench.loop.ring import (
@@ -146,7 +147,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         stopped = _followed(drain, rows, signs, patience)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
-        found = (LOOP_DIED,) if stopped is SILENT else (ENDED_EARLY,)
+        found = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
         is_there = drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, found)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
@@ -192,7 +193,8 @@ def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopp
     """Write what comes until the loop says how it ended, or will never say it; return what to say then in its place.
 
     `patience` is for how many looks its last word is waited for: after it ended, after the recorder was asked to end, and where
-    nothing comes and nobody is left to say anything.
+    nothing comes and nobody is left to say anything. Where the loop is gone, whoever started it says the last word, if they are
+    still there.
     """
     looks = patience
     while looks and drain.ended is None and not drain.complete:
@@ -201,9 +203,10 @@ def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopp
         before = drain.taken
         drain.take()
         _publish(drain, rows)
-        if drain.ended is not None or drain.complete or gone:
+        alone = signs.alone()
+        if drain.ended is not None or drain.complete or (gone and alone):
             break
-        if over or signs.end_wanted() or (signs.alone() and drain.taken == before):
+        if gone or over or signs.end_wanted() or (alone and drain.taken == before):
             looks -= 1
         else:
             looks = patience
@@ -285,6 +288,7 @@ def _first_line() -> bytes:
 
 def main() -> int:
     """Record as the line on standard input says; say in one line how it went, and return the exit status."""
+    logging.disable(logging.WARNING)  # the program that started this one gives the same ones
     _load()
     line = _first_line()
     if not line:  # nothing was to be recorded

@@ -26,6 +26,8 @@ OPERATOR_HEARTBEAT = 3  # monotonic time [ns]
 LOOP_STATE = 4  # 0 starting, 1 running, 2 ended
 FAULT = 5  # 0 or 1
 RECORD_UNTIL = 6  # the number of the first row that a late recorder leaves out; 0: none is set
+CALL = 7  # what the loop's thread is doing since when: eight times the monotonic time [ns], plus a `Call`; 0: nothing to wait for
+ZERO_VOLTS = 8  # 1 where the device's output is known to be zero
 
 
 class Ring:

@@ -64,9 +64,10 @@ def run(
 
     Each tick latches sample k at t_k, asks the controller, and writes u[k], which holds to t_k+1. The reference is the signal at
     the scheduled time. The recording has `commanded` (the controller's word), `applied` (what the device says it put out),
-    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), by
-    the host's clock `handed` and `written` (when the device was given the voltage, and had taken it) and `latched` (the device's
-    own time of the sample), and with a controller its `reference`, all at the samples' actual times.
+    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), in
+    real time `handed` and `written` (when the device was given the voltage, and had taken it, by the host's clock), `latched`
+    (the device's own time of the sample, where the host keeps the time) or `received` (the host's, where the device does), and
+    with a controller its `reference`, all at the samples' actual times.
 
     With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
     it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
@@ -85,14 +86,15 @@ def run(
     if look is not None and device.info.timing != "virtual":
         raise UsageError(
             f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
-            "its loop up: run without `look` (--until), and longer"
+            "its loop up: run without `look` (`until=...`), and longer"
         )
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
     keeper = _keeper(clock, device.info, experiment)
     references = References(experiment.signal, experiment.sample_time)
     opened = opening(experiment, device.info, timing=keeper.timing)
+    steps = ClockSteps(experiment.sample_time)
     try:
-        device.start(experiment.sample_time, experiment.seed)
+        drive = Drive(experiment, device, references)
         recorder = _recorder(opened, to, keeper)
     except BaseException:
         stop(device)
@@ -104,18 +106,21 @@ def run(
         block_of(experiment.sample_time),
         None if look is None else InMemory(opened),
     )
-    steps = ClockSteps(experiment.sample_time)
     attendants = (
         *((steps,) if keeper.timing != "host" else ()),
         MissedRule(experiment.sample_time),
         *_attendants(experiment, log, watch, look),
     )
     try:
+        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        device.start(experiment.sample_time, experiment.seed)
+    except BaseException:
+        stop(device)
+        recorder.discard()
+        raise
+    try:
         stopped, error = outcome(
-            lambda: _carry_out(
-                experiment, device, keeper, Drive(experiment, device, references), log, attendants
-            ),
-            device,
+            lambda: _carry_out(experiment, device, keeper, drive, log, attendants), device
         )
         if isinstance(error, StorageError):
             raise error

@@ -7,23 +7,24 @@ own (128 bytes: Apple's lines, and the pairs of lines that x86 fetches), so that
 from __future__ import annotations
 
 import atexit
+import errno
 import os
 import secrets
 import shutil
 import sys
-import time
 from collections.abc import Iterator, Sized
 from contextlib import contextmanager, suppress
 from multiprocessing import resource_tracker
 from multiprocessing.shared_memory import SharedMemory
-from pathlib import Path
-from threading import Lock
+from threading import RLock
 from typing import TypeAlias, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.errors import FormatError, StorageError, UsageError
+from servobench.loop.leftovers import FOLDER, sweep
+from servobench.recording.lease import share
 
 Memory: TypeAlias = NDArray[np.int64]
 
@@ -32,23 +33,30 @@ LINE = 16  # integers, 128 bytes
 MAGIC, VERSION, KIND, SLOTS, WIDTH = 0, 1, 2, 3, 4
 HEAD = LINE
 FIRST_WORD = 2 * LINE
-WORDS = 8
+WORDS = 16
 HEADER = FIRST_WORD + WORDS * LINE
 
 SERVOBENCH = int.from_bytes(b"srvbench", "little")
-LAYOUT = 1
+LAYOUT = 2
 KINDS = {"rows": 1, "texts": 2}
 
-# Where Linux keeps shared memory. In a container it can be small, and to touch more than there is kills the process.
-_LINUX_FOLDER = "/dev/shm"
-_LEFT = 60.0  # s; the age from which on memory counts as left behind
-_attaching = Lock()
+# Reentrant: where a new segment can't grow to its size Python removes it while it is being made.
+_attaching = RLock()
 _ours: set[str] = set()
 """The names of what this process made and hasn't removed yet."""
 
 
 class Segment(SharedMemory):
-    """Shared memory that says nothing where somebody still holds an array in it: the mapping lives as long as that array."""
+    """Shared memory that says nothing where somebody still holds an array in it: the mapping lives as long as that array.
+
+    Each process that has it open shares a lock on it, by which the living are told from the dead (`leftovers`).
+    """
+
+    _fd: int
+
+    def fileno(self) -> int:
+        """Return the number of the open file that the memory is on POSIX, -1 elsewhere."""
+        return self._fd
 
     def close(self) -> None:
         """Let go of the memory, or leave that to the last array in it."""
@@ -74,18 +82,13 @@ def created(kind: str, slots: int, width: int) -> Segment:
     too little memory for it.
     """
     size = 8 * (HEADER + slots * width)
-    if os.path.isdir(_LINUX_FOLDER) and (free := shutil.disk_usage(_LINUX_FOLDER).free) < size:
+    if os.path.isdir(FOLDER) and (free := shutil.disk_usage(FOLDER).free) < size:
         raise StorageError(
-            f"{_LINUX_FOLDER}: {size} bytes of shared memory are needed, {free} are left; "
+            f"{FOLDER}: {size} bytes of shared memory are needed, {free} are left; "
             "give it more (in a container: --shm-size), or ask for fewer slots"
         )
-    _sweep()
-    while True:
-        # macOS takes no longer names.
-        name = f"servobench-{kind}-{os.getpid()}-{secrets.token_hex(2)}"
-        with suppress(FileExistsError):
-            segment = _untracked(name, create=True, size=size)
-            break
+    sweep()
+    segment = _new(kind, size)
     if not _ours:
         atexit.register(_remove_ours)
     _ours.add(segment.name)
@@ -120,35 +123,27 @@ def attached(kind: str, name: str) -> Segment:
     return segment
 
 
+def _new(kind: str, size: int) -> Segment:
+    """New shared memory under a name that nobody has."""
+    while True:
+        # macOS takes no longer names.
+        name = f"servobench-{kind}-{os.getpid()}-{secrets.token_hex(2)}"
+        try:
+            return _untracked(name, create=True, size=size)
+        except FileExistsError:
+            continue
+        except OSError as error:
+            # To the system shared memory is a file.
+            advice = "allow larger files (ulimit -f)" if error.errno == errno.EFBIG else "free some memory"
+            raise StorageError(
+                f"{size} bytes of shared memory can't be had: {error.strerror or error}; {advice}, then try again"
+            ) from error
+
+
 def integers(segment: Segment) -> Memory:
     """Return all of a segment as integers."""
     # Unlike np.ndarray(buffer=...), this array keeps the memory mapped: without it, using the array after the end would crash.
     return np.frombuffer(cast(memoryview, segment.buf), np.int64, count=segment.size // 8)
-
-
-def _sweep() -> None:
-    """Remove what runs have left of which every process was killed; Linux alone shows what there is.
-
-    What is new is left alone: where processes of several containers share memory, one may live that can't be seen from here.
-    """
-    if sys.platform != "linux":
-        return
-    for path in Path(_LINUX_FOLDER).glob("servobench-*-*-*"):
-        owner = path.name.split("-")[2]
-        with suppress(OSError):  # another user's, or gone by now
-            if owner.isdigit() and not _lives(int(owner)) and time.time() - path.stat().st_mtime > _LEFT:
-                path.unlink()
-
-
-def _lives(process: int) -> bool:
-    """Whether there is a process of that number."""
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except OSError:  # another user's
-        return True
-    return True
 
 
 def _remove_ours() -> None:
@@ -167,9 +162,13 @@ def _untracked(name: str, *, create: bool, size: int) -> Segment:
     loop and the recorder clear up (`is_orphan`). So no note is made.
     """
     if sys.version_info >= (3, 13):
-        return Segment(name, create=create, size=size, track=False)
-    with _no_tracker():
-        return Segment(name, create=create, size=size)
+        segment = Segment(name, create=create, size=size, track=False)
+    else:
+        with _no_tracker():
+            segment = Segment(name, create=create, size=size)
+    if sys.platform == "linux":
+        share(segment)
+    return segment
 
 
 @contextmanager

@@ -8,9 +8,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Protocol, TypeAlias
 
+from servobench.channels import Sample
 from servobench.clock import Clock, Tick
 from servobench.control.base import Controller, State
-from servobench.devices.base import Device, RunEnded, voltage_or_nan
+from servobench.control.open_loop import OpenLoop
+from servobench.devices.base import Device, RunEnded, value_text, voltage_or_nan
 from servobench.devices.guard.base import Alarm
 from servobench.devices.guarded import Guarded
 from servobench.errors import DeviceError, UsageError
@@ -77,6 +79,10 @@ class Drive:
         self._changes: deque[Change] = deque()
         self._last = 0.0
         self.command = 0
+        self.returned: object = 0.0
+        """What the controller returned last, whatever that is: its voltage, or all of it where it was no pair."""
+        self.expected = "a finite number in V"
+        self._watch_the_sign()
         self.refused: dict[int, str] = {}
 
     @property
@@ -94,11 +100,18 @@ class Drive:
             self._take_effect(self._changes.popleft(), tick)
         reference = self._references.at(tick)
         commanded = 0.0
-        if self._enabled and math.isfinite(reference):
-            self._state, voltage = self._controller.step(self._state, reference, tick.sample)
-            commanded = voltage_or_nan(voltage)
+        if self._enabled and math.isfinite(reference) and self._device.usable:
+            commanded = self._commanded(self._controller.step(self._state, reference, tick.sample))
         self._last = commanded
         return reference, commanded
+
+    def _commanded(self, step: object) -> float:
+        """Take what a controller's step returned: the next state, and the voltage [V], NaN where it is none."""
+        if not (isinstance(step, tuple) and len(step) == 2):
+            self.returned, self.expected = step, "the pair (state, voltage)"
+            return math.nan
+        self._state, self.returned = step
+        return voltage_or_nan(self.returned)
 
     def _take_effect(self, change: Change, tick: Tick) -> None:
         self.command = change.number
@@ -119,6 +132,11 @@ class Drive:
             self.refused[change.number] = str(error)
             return
         self._references, self._controller, self._enabled = references, controller, enabled
+        self._watch_the_sign()
+
+    def _watch_the_sign(self) -> None:
+        """Have the guard watch the encoder's sign where a controller answers to it."""
+        self._device.under_feedback(self._enabled and not isinstance(self._controller, OpenLoop))
 
 
 def let_pass(
@@ -131,17 +149,22 @@ def let_pass(
 ) -> Stopped | None:
     """Let the ticks pass, one after the other, until they are done (None), or something ends the run.
 
-    The device and the clock are started. A value that isn't finite is recorded, with zero volts in its place, and is a fault.
+    The device and the clock are started. A value that isn't finite, commanded or measured, is recorded, with zero volts in its
+    place, and is a fault.
     """
     if clock.timing == "host":  # otherwise the samples' own time is the run's
         device.timed_by(clock.elapsed)
-    due = 0
+    due, latch = 0, _Latch(device)
     while ticks is None or due < ticks:
-        tick = clock.latch(due, device.read)
+        tick = clock.latch(due, latch)
+        received = clock.elapsed() if clock.timing == "device" else math.nan
         due = tick.index + 1
         if ticks is not None and due > ticks:
             break
         reference, commanded = drive.voltage(tick)
+        if latch.stopped is not None:
+            sink.add(_stopped_at(tick, reference, device.applied, drive.command, clock.elapsed()))
+            return latch.stopped
         finite = math.isfinite(reference) and math.isfinite(commanded)
         handed = clock.elapsed()
         applied = device.write(commanded if finite else 0.0)
@@ -151,12 +174,13 @@ def let_pass(
             commanded=commanded if math.isfinite(reference) else reference,
             applied=applied,
             saturated=device.saturated or not finite,
+            received=received,
             handed=handed,
             written=clock.elapsed(),
             command=drive.command,
         )
         sink.add(place)
-        if not finite and (stopped := device.refuse(_no_voltage(place))) is not None:
+        if not finite and (stopped := device.refuse(_no_voltage(place, drive))) is not None:
             return stopped
         for attendant in attendants:
             if (stopped := attendant(place)) is not None:
@@ -164,9 +188,45 @@ def let_pass(
     return None
 
 
-def _no_voltage(place: Place) -> Alarm:
-    source = "the controller" if math.isfinite(place.reference) else "the signal"
-    return Alarm("not-a-voltage", f"{source} gave {place.commanded}, which is no voltage")
+class _Latch:
+    """Reads a device, and keeps the run's end that came with a sample until that sample is recorded."""
+
+    def __init__(self, device: Guarded) -> None:
+        self._read = device.read
+        self.stopped: Stopped | None = None
+
+    def __call__(self) -> Sample:
+        try:
+            return self._read()
+        except RunEnded as end:
+            if end.sample is None:
+                raise
+            self.stopped = end.stopped
+            return end.sample
+
+
+def _stopped_at(tick: Tick, reference: float, applied: float, command: int, now: float) -> Place:
+    """The tick of a sample that ended the run: nothing was commanded; the guard's voltage [V] was put out by `now` [s]."""
+    return Place(
+        tick=tick,
+        reference=reference,
+        commanded=0.0,
+        applied=applied,
+        saturated=applied != 0.0,
+        received=now,
+        handed=now,
+        written=now,
+        command=command,
+    )
+
+
+def _no_voltage(place: Place, drive: Drive) -> Alarm:
+    if not math.isfinite(place.reference):
+        return Alarm("not-a-voltage", f"the signal gave {place.reference}, which is no voltage")
+    return Alarm(
+        "not-a-voltage",
+        f"the controller returned {value_text(drive.returned)}, which is no voltage; expected {drive.expected}",
+    )
 
 
 def now_and_then(interval: float, sample_time: float, attendant: Attendant, first: int = 0) -> Attendant:

@@ -34,7 +34,7 @@ def armature_current(recording: Recording, t_output: Array) -> tuple[Array | Non
         names = ", ".join(repr(series.channel.name) for series in found)
         sentence = (
             f"{recording.name}: {names} could each be the armature's current, so none of them is used; say which with "
-            "--current COL to learn resistance and torque constant, too."
+            "`current=COL` to learn resistance and torque constant, too."
         )
         return None, [info("current-ambiguous", sentence)]
     series = found[0]
@@ -65,7 +65,7 @@ def _recognised(recording: Recording, series: Series) -> list[Finding]:
     if recording.info is not None and recording.info.channel(series.channel.name) is not None:
         return []
     name = series.channel.name
-    sentence = f"`{name}` is recognised as the armature's current by its name and unit; if it is another one, say --current COL."
+    sentence = f"`{name}` is recognised as the armature's current by its name and unit; if it is another one, say `current=COL`."
     return [info("current-recognised", sentence)]
 
 

@@ -72,6 +72,10 @@ class Stage(Protocol):
 STAGES: Registry[type[Stage]] = Registry("stage", "servobench.measurement")
 
 
+MOST_STAGES = 32
+"""The most stages of a chain; a motor controller's whole path, its filters and conversions, has less than ten."""
+
+
 @dataclass(frozen=True)
 class StartState:
     """A start state that a record doesn't tell: the stage it belongs to, and whether it is a position or a speed."""
@@ -86,12 +90,17 @@ class Chain:
     """A measurement chain: stages in the order in which the signal passes them.
 
     Its text, such as `derivative | lowpass 50 rad/s`, reads back as an equal chain.
-    Raises `UsageError` where neither a position nor a speed can pass, as through two derivatives.
+    Raises `UsageError` where neither a position nor a speed can pass, as through two derivatives, and for more than
+    `MOST_STAGES` stages.
     """
 
     stages: tuple[Stage, ...] = ()
 
     def __post_init__(self) -> None:
+        if len(self.stages) > MOST_STAGES:
+            raise UsageError(
+                f"a chain has {len(self.stages)} stages; expected at most {MOST_STAGES}: leave out what repeats itself"
+            )
         if not self._passes("position") and not self._passes("speed"):
             self.yields("position")  # raises, and says which stage can't follow
 
@@ -111,8 +120,13 @@ class Chain:
         """
         if not text.strip() or text.strip() == NONE:
             return cls()
+        pieces = text.split("|")
+        if len(pieces) > MOST_STAGES:
+            raise UsageError(
+                f"a chain has {len(pieces)} stages; expected at most {MOST_STAGES}: leave out what repeats itself"
+            )
         stages: list[Stage] = []
-        for piece in text.split("|"):
+        for piece in pieces:
             name, *words = piece.split() or [""]
             if not name:
                 raise UsageError(

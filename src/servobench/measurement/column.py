@@ -65,16 +65,16 @@ def input_and_output(recording: Recording) -> tuple[Series, Series]:
         example = "V" if role == "input" else "rad"
         if name is None:
             missing.append(
-                f"which channel is the {role}, {what}: say --{role} COL[:UNIT]; there are {channels}"
+                f"which channel is the {role}, {what}: say `{role}=COL[:UNIT]`; there are {channels}"
             )
         elif recording[name].channel.unit is None:
             missing.append(
-                f"the unit of the {role} {name!r}: say --{role} {name}:UNIT, such as {name}:{example}"
+                f"the unit of the {role} {name!r}: say `{role}={name}:UNIT`, such as {name}:{example}"
             )
     known = [name for name in named.values() if name is not None]
     if any(recording[name].t is None for name in known):
         missing.append(
-            "the times of the samples: say --time COL[:UNIT], or --sample-time S where they are evenly spaced"
+            "the times of the samples: say `time=COL[:UNIT]`, or `sample_time=S` where they are evenly spaced"
         )
     if missing or recording.input is None or recording.output is None:
         raise MissingInformation(recording.name, missing)
@@ -122,7 +122,7 @@ def _check_times(source: str, role: str, column: Column) -> None:
     raise UsageError(
         f"{source}: the times of the {role} {column.name!r} don't increase in {len(backwards)} places, the first from row "
         f"{column.rows[k]} ({column.t[k]:.9g} s) to row {column.rows[k + 1]} ({column.t[k + 1]:.9g} s); "
-        "name the right column with --time, or leave the doubled rows out"
+        "name the right column with `time=...`, or leave the doubled rows out"
     )
 
 

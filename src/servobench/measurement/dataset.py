@@ -8,10 +8,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
+from servobench.channels import LARGEST_VALUE, Array
 from servobench.errors import UsageError
 from servobench.finding import Finding
 from servobench.measurement.base import Chain, Kind, Mask, StartState
+from servobench.measurement.first_motion import FirstMotion, first_motion
 from servobench.recording.recording import Source
 
 
@@ -25,6 +26,7 @@ class Dataset:
     its start; the `applied` ones started from zero with the first sample, as they do in a prediction.
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
+    `starts_at_rest` says that the shaft rests at the first sample, because somebody said so.
     `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
     `hidden_delay` is the longest time [s] by which a voltage may have acted before t_input, or a sample been latched after
     t_output, on average; 0 where nothing says so.
@@ -56,6 +58,7 @@ class Dataset:
     reference_unit: str | None = None
     current: Array | None = None
     chain_known: bool = False
+    starts_at_rest: bool = False
     findings: tuple[Finding, ...] = ()
     """What there is to know about the data."""
 
@@ -69,9 +72,9 @@ class Dataset:
                 raise UsageError(
                     f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}"
                 )
-            if not (np.isfinite(t).all() and np.isfinite(x).all()):
+            if not ((np.abs(t) <= LARGEST_VALUE).all() and (np.abs(x) <= LARGEST_VALUE).all()):
                 raise UsageError(
-                    f"{self.name}: the {what} has values that are not finite; leave those rows out"
+                    f"{self.name}: the {what} has values that are not finite, or beyond {LARGEST_VALUE:g}; leave those rows out"
                 )
             if (np.diff(t) <= 0).any():
                 raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
@@ -136,6 +139,28 @@ class Dataset:
         return self.output_unit.removesuffix("/s")
 
     @property
+    def gain_unit(self) -> str:
+        """The unit of a gain from the input to the speed, such as rad/(s·V)."""
+        return (
+            f"{self.position_unit}/s"
+            if self.input_unit == "1"
+            else f"{self.position_unit}/(s·{self.input_unit})"
+        )
+
+    @cached_property
+    def input_at_output(self) -> Array:
+        """The input that held just before each sample of the output (M,), in its unit."""
+        if self._at_the_same_times:
+            return np.append(self.input_before, self.u[:-1])
+        index = np.searchsorted(self.t_input, self.t_output, side="left") - 1
+        return np.where(index >= 0, self.u[np.maximum(index, 0)], self.input_before)
+
+    @cached_property
+    def _at_the_same_times(self) -> bool:
+        """Whether the input comes at the same times as the output."""
+        return self.t_input is self.t_output or np.array_equal(self.t_input, self.t_output)
+
+    @cached_property
     def duration(self) -> float:
         """The time from the first to the last sample of the output [s]; 0 for less than two samples."""
         return float(self.t_output[-1] - self.t_output[0]) if len(self.t_output) > 1 else 0.0
@@ -148,7 +173,14 @@ class Dataset:
     @cached_property
     def input_step(self) -> float:
         """The median time between samples of the input [s]; infinite for less than two samples."""
+        if self._at_the_same_times:
+            return self.sample_time if len(self.t_output) > 1 else float("inf")
         return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
+
+    @cached_property
+    def first_motion(self) -> FirstMotion | None:
+        """How the record begins; None where the input changes at once, or the output doesn't stand until it does."""
+        return first_motion(self)
 
     def part(self, start: float, end: float) -> Dataset:
         """Return the samples with start <= t < end [s]; the input before them is the input that held until then.
@@ -187,6 +219,7 @@ class Dataset:
             reference=None if self.reference is None else self.reference[self._held_at(t_input)],
             current=None if self.current is None else self.current[keep_out],
             chain_known=self.chain_known,
+            starts_at_rest=self.starts_at_rest and bool(keep_out[0]),
         )
 
     def _held_at(self, t: Array) -> NDArray[np.int64]:

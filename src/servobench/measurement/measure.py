@@ -16,6 +16,7 @@ from servobench.measurement.armature import armature_current
 from servobench.measurement.base import Chain, Kind, Stage
 from servobench.measurement.column import Column, counter_column, finite_column, input_and_output, si_factor
 from servobench.measurement.dataset import Dataset
+from servobench.measurement.first_motion import without_unknown_input
 from servobench.measurement.grid import grid_step
 from servobench.measurement.lateness import hidden_delay, latched, written
 from servobench.measurement.refreshed import refreshed
@@ -28,7 +29,7 @@ from servobench.recording.recording import Recording
 from servobench.units import unit as unit_named
 
 
-def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
+def measure(recording: Recording, chain: Chain | str | None = None, starts_at_rest: bool = False) -> Dataset:
     """Return a recording's input and output as identification data.
 
     The output channel becomes a position or a speed in SI units: counts are unwrapped where the counter's width is known, moved
@@ -42,6 +43,9 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     and the output's times are those at which the device says that it latched (`latched`).
     A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
     Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
+    A record that begins in mid-motion, with nothing said of the input before it, begins for the output a few samples later than
+    for the input: what the first samples answer to is not in the file. `starts_at_rest` says that the shaft rests when the
+    record begins, and that the input was zero until then.
     What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
 
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
@@ -60,12 +64,13 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
     current, told = armature_current(recording, np.interp(finished.t, read.t, asked_for))
     taken = written(recording, driven.t)
-    return Dataset(
+    data = Dataset(
         name=recording.name,
         t_input=driven.t if taken is None else taken,
         u=driven.in_si().x,
         input_unit=driven.in_si().unit,
-        input_before=_input_before(recording, driven),
+        input_before=0.0 if starts_at_rest else _input_before(recording, driven),
+        starts_at_rest=starts_at_rest,
         t_output=finished.t,
         y=finished.x,
         output_unit=finished.unit,
@@ -82,6 +87,8 @@ def measure(recording: Recording, chain: Chain | str | None = None) -> Dataset:
         reference_unit=_reference_unit(recording),
         chain_known=bool(recording.chain.strip()) or bool(applied),
     )
+    known = starts_at_rest or recording.input_before is not None
+    return data if known else without_unknown_input(data)
 
 
 def _reference(recording: Recording, t: Array) -> Array | None:
@@ -92,7 +99,7 @@ def _reference(recording: Recording, t: Array) -> Array | None:
     if series.t is None or series.channel.unit is None:
         raise MissingInformation(
             recording.name,
-            [f"the times and the unit of the reference {recording.reference!r}: say --reference COL:UNIT"],
+            [f"the times and the unit of the reference {recording.reference!r}: say `reference=COL:UNIT`"],
         )
     usable = np.isfinite(series.t) & np.isfinite(series.values)
     if not usable.any():

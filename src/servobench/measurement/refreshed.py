@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 
-from servobench.finding import Finding, warning
+from servobench.finding import Finding, info
 from servobench.formats.stale import refreshed_rows, stale
 from servobench.measurement.column import Column
 
@@ -25,4 +25,4 @@ def refreshed(column: Column, findings: Sequence[Finding]) -> tuple[Column, list
         "old a new value is goes into the delay."
     )
     kept = replace(column, t=column.t[rows], x=column.x[rows], rows=column.rows[rows])
-    return kept, [*findings, warning("output-stale", sentence, parameters=("delay",))]
+    return kept, [*findings, info("output-stale", sentence, parameters=("delay",))]

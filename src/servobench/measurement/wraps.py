@@ -100,6 +100,6 @@ def _wraps(column: Column, stage: Unwrap, rows: NDArray[np.int64]) -> Finding:
     return refusal(
         "angle-wraps",
         f"The position {column.name!r} jumps by about {jump} {times}in row {rows[0]}, and goes on as before: it wraps, and no "
-        f"motor's model fits an angle that does. Put `{stage}` at the front of the chain (--chain '{stage}').",
+        f"motor's model fits an angle that does. Put `{stage}` at the front of the chain (`chain='{stage}'`).",
         rows=(int(rows[0]), int(rows[-1])),
     )

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal, Protocol, TypeAlias, runtime_checkable
 
 import numpy as np
@@ -34,7 +34,7 @@ class Parameter:
 
     def unit_in(self, data: Dataset) -> str:
         """Return the unit, spelled out for that data."""
-        return self.unit.format(position=data.position_unit, input=data.input_unit)
+        return self.unit.format(position=data.position_unit, input=data.input_unit).replace("(s·1)", "s")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -102,6 +102,15 @@ class Structure(Protocol):
         ...
 
 
+@runtime_checkable
+class Simulating(Protocol):
+    """A structure that can predict without derivatives, which is much faster where the input changes at each sample."""
+
+    def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
+        """Return the prediction (M,) alone for theta (P + Q,), as `predict` does, for an input u (N,) at the dataset's times."""
+        ...
+
+
 STRUCTURES: Registry[Structure] = Registry("model structure", "servobench.models")
 
 
@@ -131,6 +140,19 @@ class Model:
         """Return the linear part as a transfer function from the input to the speed or the position."""
         return self.structure.transfer_function(self.theta, output, self.data)
 
-    def simulate(self, data: Dataset, nuisance: Array) -> Array:
-        """Return the predicted output (M,) for a dataset with nuisance parameters (Q,), chain included."""
-        return self.structure.predict(np.concatenate([self.theta, nuisance]), data).y
+    def simulate(self, data: Dataset, nuisance: Array, u: Array | None = None) -> Array:
+        """Return the predicted output (M,) for a dataset with nuisance parameters (Q,), chain included.
+
+        `u` (N,) is an input in place of the dataset's own, at the same times.
+        """
+        return simulated(self.structure, np.concatenate([self.theta, nuisance]), data, u)
+
+
+def simulated(structure: Structure, theta: Array, data: Dataset, u: Array | None = None) -> Array:
+    """Return what a structure predicts (M,) for theta (P + Q,), without derivatives where it can do without them.
+
+    `u` (N,) is an input in place of the dataset's own, at the same times.
+    """
+    if isinstance(structure, Simulating):
+        return structure.simulate(theta, data, data.u if u is None else u)
+    return structure.predict(theta, data if u is None else replace(data, u=u, reference=None)).y

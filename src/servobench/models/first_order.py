@@ -21,6 +21,7 @@ from servobench.channels import Array
 from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
+from servobench.models.first_motion import latest_delay
 from servobench.models.records import START_SPEED, beside_rest, is_plain, start_parameters, through_chain
 from servobench.models.reversals import Switching, unresolved
 from servobench.transfer_function import TransferFunction
@@ -68,6 +69,14 @@ class FirstOrder:
         """The same with the start state (θ₀, ω₀) of a record of that kind."""
         return {"position": np.append(self.columns, [5, 6]), "speed": np.append(self.columns, 6)}
 
+    @cached_property
+    def linear_columns(self) -> NDArray[np.int64]:
+        """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
+        from servobench.models import kernels
+
+        linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)
+        return np.array(sorted(c for c in self.columns.tolist() if c in linear))
+
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
         return start_parameters(data)
@@ -75,6 +84,7 @@ class FirstOrder:
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters: the output comes at most two sample times before its cause.
 
+        Nor can it come later than it does: the first motion bounds the delay from above (`models.first_motion`).
         Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
         often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
         In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it.
@@ -85,20 +95,48 @@ class FirstOrder:
         early = 0.5 if any(record.closed_loop for record in data) else 2.0
         nearest = {"delay": -early * latch, "time_constant": 0.01 * step}
         lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
-        return np.array(lower), np.array([parameter.upper for parameter in self.parameters])
+        farthest = {"delay": max(latest_delay(data), 0.1 * step)}
+        upper = [farthest.get(parameter.name, parameter.upper) for parameter in self.parameters]
+        return np.array(lower), np.array(upper)
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
-        """Return guesses from a search over τ and d; with friction, also one that starts at rest and one the other way."""
-        from servobench.models.search import separable_guesses
+        """Return guesses from a search over τ and d; with friction, also one that starts at rest and one the other way.
 
-        found = separable_guesses(self, data)
+        Where friction holds the shaft for long, one is that of an input that lacks what friction takes.
+        """
+        from servobench.models.search import guess_behind_dead_zone, separable_guesses
+
+        guesses = separable_guesses(self, data)
+        found = [guess for _, guess in guesses]
         if not self.friction:
             return tuple(found)
+        frictionless = FirstOrder(tuple(p for p in self.parameters if p not in (COULOMB, OFFSET)))
+        cost, held = guess_behind_dead_zone(frictionless, self.parameters.index(COULOMB), data)
+        if OFFSET not in self.parameters:
+            found.append(held)
+        elif cost < guesses[0][0]:
+            found.append(np.insert(held, self.parameters.index(OFFSET), 0.0))
         return tuple(
             guess
             for moving in found
             for guess in beside_rest(moving, self._still(moving, data), self._lost_speed(moving))
         )
+
+    def starts(self, theta: Array, data: Dataset) -> tuple[Array, ...]:
+        """Return start vectors (P + Q,) for a search of the nuisance parameters alone, with the parameters theta (P,) held.
+
+        Without friction the output is linear in those, so that one step leads to the minimum from anywhere. With friction one
+        starts at rest and one the other way, as among the guesses.
+        """
+        from servobench.models.search import check_moves, start_guess
+
+        if self.friction:
+            moving = np.concatenate([theta, start_guess(self, theta, data)])
+            return tuple(beside_rest(moving, self._still(moving, [data]), self._lost_speed(moving)))
+        check_moves(data, len(self.parameters))
+        own = np.zeros(len(self.nuisance(data)))
+        own[0] = data.y[0]
+        return (np.concatenate([theta, own]),)
 
     def _still(self, theta: Array, data: Sequence[Dataset]) -> NDArray[np.int64]:
         """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
@@ -106,7 +144,7 @@ class FirstOrder:
         for record in data:
             own = self.nuisance(record)
             if self._sticks(theta[: len(self.parameters)], record.input_before):
-                places.append(at + own.index(START_SPEED))
+                places.append(at + [parameter.name for parameter in own].index(START_SPEED.name))
             at += len(own)
         return np.array(places, dtype=np.int64)
 
@@ -166,11 +204,28 @@ class FirstOrder:
         kernels.response(t, u, before, data.t_output, p, float(self.friction), speed, columns, y, jacobian)
         return y, jacobian
 
+    def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
+        """Return the prediction (M,) alone, through the data's chain, for theta (P + Q,) and an input u (N,) at its times."""
+        plain = is_plain(data)
+        y = self._motion(theta, data, data.kind if plain else data.shaft_kind, data.t_output, u)
+        if plain:
+            return y
+        filters = theta[len(self.columns_with_start[data.kind]) :]
+        return through_chain(y, np.empty((len(y), 0)), filters, data).y
+
+    def _motion(self, theta: Array, data: Dataset, kind: Kind, times: Array, u: Array) -> Array:
+        """The position or the speed at times (M,), before any chain, for an input u (N,)."""
+        from servobench.models import kernels
+
+        y, p, speed = np.empty(len(times)), self.vector(theta, data), float(kind == "speed")
+        kernels.motion(data.t_input, u, data.input_before, times, p, float(self.friction), speed, y)
+        return y
+
     def sliding(self, theta: Array, data: Dataset) -> Array:
         """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
         if not self.friction:
             return np.ones(len(data.y))
-        return np.asarray(self.response(theta, data, "speed", self.columns[:0])[0] != 0, dtype=np.float64)
+        return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
@@ -180,17 +235,10 @@ class FirstOrder:
 
     def _switching(self, theta: Array, data: Dataset) -> Switching:
         """What reversals need to know."""
-        from servobench.models import kernels
-
-        p = self.vector(theta, data)
-        gain, tau, offset, coulomb, delay = (float(value) for value in p[:5])
+        gain, tau, offset, coulomb, delay = (float(value) for value in self.vector(theta, data)[:5])
 
         def states(times: Array) -> tuple[Array, Array]:
-            speed, none, columns = np.empty(len(times)), np.empty((len(times), 0)), self.columns[:0]
-            kernels.response(
-                data.t_input, data.u, data.input_before, times, p, 1.0, 1.0, columns, speed, none
-            )
-            return speed, np.full(len(times), offset)
+            return self._motion(theta, data, "speed", times, data.u), np.full(len(times), offset)
 
         return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
 
@@ -204,9 +252,7 @@ class FirstOrder:
             denominator=lag if speed else (*lag, 0.0),
             delay=float(value["delay"]),
             output=output,
-            unit=f"{data.position_unit}/(s·{data.input_unit})"
-            if speed
-            else f"{data.position_unit}/{data.input_unit}",
+            unit=data.gain_unit if speed else f"{data.position_unit}/{data.input_unit}",
         )
 
 

@@ -37,6 +37,7 @@ RESPONSE = 7
 ANGLE, RATE, END, EXTRA = 0, 1, 2, 3
 # A piece with fewer samples than this is added sample by sample; as one it would take longer.
 _FEW = 8
+_SAME = 1e-13  # of τ: lengths that are nearer have the same e^(-h/τ), as good as to rounding
 
 
 @compiled
@@ -96,9 +97,17 @@ def driven(x: Array, p: Array, v: float, friction: float, now: float, until: flo
     x[END, COULOMB] = -abs(p[GAIN]) * sense * friction
     x[END, RESPONSE] = end
     x[EXTRA, TAU] = w - end
+    return stopping(w, end, p[TAU], friction, now, until)
+
+
+@compiled
+def stopping(
+    w: float, end: float, tau: float, friction: float, now: float, until: float
+) -> tuple[float, bool]:
+    """Return when a piece ends, `until` or at a stop, and whether it stops; its speed is w at `now` and tends to `end`."""
     if friction != 0.0 and w * end < 0.0:
         # w e^(-h/τ) + end (1 - e^(-h/τ)) = 0
-        stop = now + p[TAU] * math.log1p(-w / end)
+        stop = now + tau * math.log1p(-w / end)
         if stop <= until:
             return stop, True
     return until, False
@@ -114,10 +123,14 @@ def weights(a: float, h: float, tau: float, speed_out: float) -> tuple[float, fl
 
 
 @compiled
-def passed(x: Array, p: Array, v: float, following: float, friction: float, h: float, stops: bool) -> None:
-    """Move a piece on by h to its end, and across the event there: a stop, or a change of the input from v to `following`."""
+def passed(
+    x: Array, p: Array, v: float, following: float, friction: float, h: float, b: float, stops: bool
+) -> None:
+    """Move a piece on by h to its end, and across the event there: a stop, or a change of the input from v to `following`.
+
+    b is 1 - e^(-h/τ).
+    """
     tau = p[TAU]
-    b = -math.expm1(-h / tau)
     a, g = 1.0 - b, tau * b
     q = a * h / tau
     for c in range(COLUMNS + 1):
@@ -162,7 +175,7 @@ def response(
     for n in range(len(columns)):
         jac[0, n] = x[row, columns[n]]
     m = 1
-    d_last, factor = -1.0, 1.0
+    d_last, factor, h_last, b = -1.0, 1.0, -1.0, 0.0
     while m < len(t_out):
         while k < len(u) and u[k] == v:
             k += 1
@@ -171,7 +184,7 @@ def response(
         a, before = 1.0, now
         while m < len(t_out) and t_out[m] <= until:
             d = t_out[m] - before
-            if abs(d - d_last) > 1e-13 * tau:
+            if abs(d - d_last) > _SAME * tau:
                 d_last, factor = d, math.exp(-d / tau)
             a *= factor
             before = t_out[m]
@@ -183,9 +196,59 @@ def response(
             m += 1
         if m < len(t_out):
             following = v if stops else u[k]
-            passed(x, p, v, following, friction, until - now, stops)
+            h = until - now
+            if abs(h - h_last) > _SAME * tau:
+                h_last, b = h, -math.expm1(-h / tau)
+            passed(x, p, v, following, friction, h, b, stops)
             k += 0 if stops else 1
             now, v = until, following
+
+
+@compiled
+def motion(
+    t_in: Array,
+    u: Array,
+    u_before: float,
+    t_out: Array,
+    p: Array,
+    friction: float,
+    speed_out: float,
+    y: Array,
+) -> None:
+    """Fill y (M,) as `response` does, without any derivative: a fifth of the work where the input changes at each sample."""
+    tau, delay, now, last = p[TAU], p[DELAY], t_out[0], t_out[-1]
+    th, w = p[POSITION], p[SPEED]
+    k, v = held_before(t_in, u, u_before, delay, now)
+    y[0] = w if speed_out != 0.0 else th
+    m = 1
+    d_last, factor, h_last, b = -1.0, 1.0, -1.0, 0.0
+    while m < len(t_out):
+        while k < len(u) and u[k] == v:
+            k += 1
+        until = min(t_in[k] + delay, last) if k < len(u) else last
+        sense, end = sliding(p, v, w, friction)
+        if sense == 0.0:
+            w = 0.0
+        until, stops = stopping(w, end, tau, friction, now, until)
+        a, before = 1.0, now
+        while m < len(t_out) and t_out[m] <= until:
+            d = t_out[m] - before
+            if abs(d - d_last) > _SAME * tau:
+                d_last, factor = d, math.exp(-d / tau)
+            a *= factor
+            before = t_out[m]
+            g = tau * (1.0 - a)
+            y[m] = a * w + (1.0 - a) * end if speed_out != 0.0 else th + g * w + (before - now - g) * end
+            m += 1
+        h = until - now
+        if abs(h - h_last) > _SAME * tau:
+            h_last, b = h, -math.expm1(-h / tau)
+        th += tau * b * w + (h - tau * b) * end
+        w = 0.0 if stops else (1.0 - b) * w + b * end
+        if m < len(t_out) and not stops:
+            v = u[k]
+            k += 1
+        now = until
 
 
 @compiled
@@ -201,7 +264,7 @@ def normal(
     columns: NDArray[np.int64],
 ) -> Array:
     """Return [J r]'[J r] (C + 1, C + 1), r = y - response, without ever holding J; the arguments are those of `response`."""
-    delay, now, last = p[DELAY], t_out[0], t_out[-1]
+    tau, delay, now, last = p[TAU], p[DELAY], t_out[0], t_out[-1]
     x = at_start(p)
     k, v = held_before(t_in, u, u_before, delay, now)
     total = np.zeros((COLUMNS + 1, COLUMNS + 1))
@@ -209,16 +272,19 @@ def normal(
     one[RESPONSE] = y[0] - one[RESPONSE]
     add_sample(total, one)
     m = 1
+    d_last, a, h_last, b = -1.0, 1.0, -1.0, 0.0
     while m < len(t_out):
         while k < len(u) and u[k] == v:
             k += 1
         until = min(t_in[k] + delay, last) if k < len(u) else last
         until, stops = driven(x, p, v, friction, now, until)
         if m + _FEW < len(t_out) and t_out[m + _FEW] <= until:
-            m = add_piece(total, x, t_out, y, m, now, until, p[TAU], speed_out)
+            m = add_piece(total, x, t_out, y, m, now, until, tau, speed_out)
         while m < len(t_out) and t_out[m] <= until:
-            h = t_out[m] - now
-            f0, f1, f2, f3 = weights(math.exp(-h / p[TAU]), h, p[TAU], speed_out)
+            d = t_out[m] - now
+            if abs(d - d_last) > _SAME * tau:
+                d_last, a = d, math.exp(-d / tau)
+            f0, f1, f2, f3 = weights(a, d, tau, speed_out)
             for c in range(COLUMNS + 1):
                 one[c] = f0 * x[0, c] + f1 * x[1, c] + f2 * x[2, c] + f3 * x[3, c]
             one[RESPONSE] = y[m] - one[RESPONSE]
@@ -226,7 +292,10 @@ def normal(
             m += 1
         if m < len(t_out):
             following = v if stops else u[k]
-            passed(x, p, v, following, friction, until - now, stops)
+            h = until - now
+            if abs(h - h_last) > _SAME * tau:
+                h_last, b = h, -math.expm1(-h / tau)
+            passed(x, p, v, following, friction, h, b, stops)
             k += 0 if stops else 1
             now, v = until, following
     return chosen(total, columns)
@@ -254,7 +323,7 @@ def add_piece(
     a, before, d_last, factor = 1.0, now, -1.0, 1.0
     while m < len(t_out) and t_out[m] <= until:
         d = t_out[m] - before
-        if abs(d - d_last) > 1e-13 * tau:
+        if abs(d - d_last) > _SAME * tau:
             d_last, factor = d, math.exp(-d / tau)
         a *= factor
         before = t_out[m]
@@ -321,51 +390,82 @@ def separable_moments(
     begins.
     """
     columns = np.append(shared, own)
-    width = len(columns) + 1
-    out = np.zeros((len(points), width, width))
-    decay = np.empty(len(t_out))
-    known = np.ones(COLUMNS)
-    row = np.empty(width)
+    block = np.empty((len(columns) + 1, len(t_out)))
+    block[len(columns)] = y
+    out = np.empty((len(points), len(block), len(block)))
+    decay, free = np.empty(len(t_out)), np.empty(len(t_out))
+    driven, braked = np.empty((2, len(t_out))), np.empty((2, len(t_out)))
     for n in range(len(points)):
         tau, delay = points[n]
         if n == 0 or tau != points[n - 1, 0]:
-            decay[0] = 1.0
+            decay[0] = free[0] = 1.0
             for m in range(1, len(t_out)):
                 decay[m] = math.exp((t_out[m - 1] - t_out[m]) / tau)
+                free[m] = free[m - 1] * decay[m]
+            if len(sense):
+                respond(t_sense, sense, 0, sense[0], 0.0, t_out, tau, decay, braked)
         k, v = held_before(t_in, u, u_before, delay, t_out[0])
-        j, brake = 0, sense[0] if len(sense) else 0.0
-        th = w = th_brake = w_brake = 0.0
-        now, free = t_out[0], 1.0
-        for m in range(len(t_out)):
-            until = t_out[m]
-            if k < len(u) and t_in[k] + delay < until:
-                th, w, v, k = over_changes(th, w, v, k, t_in, u, delay, now, until, tau)
-            else:
-                th, w = held_on(th, w, v, until - now, tau, decay[m])
-            if j < len(sense) and t_sense[j] < until:
-                th_brake, w_brake, brake, j = over_changes(
-                    th_brake, w_brake, brake, j, t_sense, sense, 0.0, now, until, tau
-                )
-            else:
-                th_brake, w_brake = held_on(th_brake, w_brake, brake, until - now, tau, decay[m])
-            now = until
-            free *= decay[m]
-            if speed_out != 0.0:
-                known[GAIN], known[OFFSET], known[COULOMB], known[SPEED] = w, free - 1.0, -w_brake, free
+        respond(t_in, u, k, v, delay, t_out, tau, decay, driven)
+        row = RATE if speed_out != 0.0 else ANGLE
+        for c in range(len(columns)):
+            if columns[c] == GAIN:
+                block[c] = driven[row]
+            elif columns[c] == COULOMB:
+                block[c] = -braked[row]
+            elif columns[c] == POSITION:
+                block[c] = 1.0
+            elif speed_out != 0.0:
+                block[c] = free - 1.0 if columns[c] == OFFSET else free
             else:
                 coasted = tau * (1.0 - free)
-                known[GAIN], known[OFFSET] = th, coasted - (until - t_out[0])
-                known[COULOMB], known[SPEED] = -th_brake, coasted
-            for c in range(len(columns)):
-                row[c] = known[columns[c]]
-            row[width - 1] = y[m]
-            for i in range(width):
-                for c in range(i, width):
-                    out[n, i, c] += row[i] * row[c]
-        for i in range(width):
-            for c in range(i):
-                out[n, i, c] = out[n, c, i]
+                block[c] = coasted - (t_out - t_out[0]) if columns[c] == OFFSET else coasted
+        for i in range(len(block)):
+            for c in range(i + 1):
+                out[n, i, c] = out[n, c, i] = inner(block[i], block[c])
     return out
+
+
+@compiled
+def inner(a: Array, b: Array) -> float:
+    """Return a'b of two vectors (M,), in four sums, which a processor adds to at once."""
+    s0 = s1 = s2 = s3 = 0.0
+    whole = len(a) - len(a) % 4
+    for m in range(0, whole, 4):
+        s0 += a[m] * b[m]
+        s1 += a[m + 1] * b[m + 1]
+        s2 += a[m + 2] * b[m + 2]
+        s3 += a[m + 3] * b[m + 3]
+    for m in range(whole, len(a)):
+        s0 += a[m] * b[m]
+    return (s0 + s1) + (s2 + s3)
+
+
+@compiled
+def respond(
+    t_in: Array,
+    u: Array,
+    k: int,
+    v: float,
+    delay: float,
+    t_out: Array,
+    tau: float,
+    decay: Array,
+    x: Array,
+) -> None:
+    """Fill x (2, M) with angle and speed at t_out from rest, for K = 1 and no friction, under v until input number k acts.
+
+    decay (M,) is e^(-h/τ) over the step before each sample.
+    """
+    th = w = 0.0
+    now = t_out[0]
+    for m in range(len(t_out)):
+        until = t_out[m]
+        if k < len(u) and t_in[k] + delay < until:
+            th, w, v, k = over_changes(th, w, v, k, t_in, u, delay, now, until, tau)
+        else:
+            th, w = held_on(th, w, v, until - now, tau, decay[m])
+        now = until
+        x[ANGLE, m], x[RATE, m] = th, w
 
 
 @compiled
@@ -396,6 +496,16 @@ def over_changes(
         k += 1
     th, w = held_on(th, w, v, until - now, tau, math.exp((now - until) / tau))
     return th, w, v, k
+
+
+@compiled
+def lagged(u: Array, before: float, decays: Array) -> Array:
+    """Return inputs u (N,) behind a first-order lag, at their times, from a settled start; decays (N - 1,) are e^(-h/τ)."""
+    out = np.empty(len(u))
+    out[0] = before
+    for k in range(1, len(u)):
+        out[k] = u[k - 1] + (out[k - 1] - u[k - 1]) * decays[k - 1]
+    return out
 
 
 @compiled

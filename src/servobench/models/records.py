@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,6 +13,7 @@ from servobench.models.base import Parameter, Prediction
 
 START_POSITION = Parameter(name="start_position", meaning="position at the first sample", unit="{position}")
 START_SPEED = Parameter(name="start_speed", meaning="speed at the first sample", unit="{position}/s")
+AT_REST = replace(START_SPEED, lower=0.0, upper=0.0)
 
 _RELEASED = 0.1  # of the speed that friction takes: a start speed beside the kink at rest, for a guess
 
@@ -22,7 +25,8 @@ def is_plain(data: Dataset) -> bool:
 
 def start_parameters(data: Dataset) -> tuple[Parameter, ...]:
     """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
-    own = (START_POSITION, START_SPEED) if data.kind == "position" else (START_SPEED,)
+    speed = AT_REST if data.starts_at_rest else START_SPEED
+    own = (START_POSITION, speed) if data.kind == "position" else (speed,)
     return own if is_plain(data) else own + filter_parameters(data)
 
 

@@ -23,7 +23,7 @@ from servobench.measurement.dataset import Dataset
 
 # Where to look at the speed after a change of the input, in lags; a transient is over after 8 of them: e^-8 = 0.0003.
 _LOOKS = np.array([0.0, 0.25, 0.5, 0.75, 1.0, 1.25, 1.5, 2.0, 3.0, 5.0, 8.0])
-_MOST = 400  # more events than this come as a sample of them, scaled
+_MOST = 100  # more events than this come as a sample of them, scaled
 # Each change of the input that is looked at is simulated apart; of more than this, evenly chosen ones stand for all.
 _LOOKED_AT = 4000
 
@@ -51,13 +51,13 @@ def unresolved(motor: Switching, data: Dataset) -> Array:
         chosen = np.linspace(0, len(when) - 1, _MOST).astype(int)
         size = size[chosen] * np.sqrt(len(when) / _MOST)
         when = when[chosen]
+    if not len(when):
+        return np.empty((len(data.y), 0))
     after = np.maximum(data.t_output[:, None] - when[None, :], 0.0)
-    tau = motor.tau
-    decay = np.where(after > 0, np.exp(-after / tau), 0.0)
-    kick = (
-        decay if data.shaft_kind == "speed" else np.where(after > 0, tau * (1.0 - np.exp(-after / tau)), 0.0)
-    )
-    return data.chain.linear(kick * size, data.t_output) if len(when) else np.empty((len(data.y), 0))
+    decay = np.exp(after / -motor.tau)
+    kick = np.where(after > 0, decay, 0.0) if data.shaft_kind == "speed" else motor.tau * (1.0 - decay)
+    kick *= size
+    return data.chain.linear(kick, data.t_output)
 
 
 def _events(motor: Switching, lag: float, data: Dataset) -> tuple[Array, Array]:

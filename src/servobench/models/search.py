@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from servobench.channels import Array
 from servobench.errors import NotIdentifiable
 from servobench.measurement.dataset import Dataset
+from servobench.measurement.first_motion import noise_of
 
 if TYPE_CHECKING:
     from servobench.models.first_order import FirstOrder
@@ -25,6 +26,12 @@ _ROWS = 240  # a guess needs no more samples of a record than this
 _TAUS = 24
 _DELAYS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])  # in sample times
 _PARTS = np.array([-0.5, -0.25, 0.25, 0.5])  # of a step of the grid of τ
+_LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and rounding shan't choose
+_RARE = 1.5  # times what two readings of a shaft at rest may differ by: the most of a thousand of them do by more than that once
+_BACK = 0.1  # of the way: a position that comes back as far turned round
+_WIDTHS = np.linspace(
+    0.05, 0.65, 7
+)  # of the largest input: dead zones that are tried for a guess of friction
 _NEAR = 4.0  # a valley is worth a search of its own if its cost is within this factor of the lowest
 
 
@@ -64,32 +71,74 @@ class _Record(Protocol):
         ...
 
 
-def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[Array]:
-    """Return vectors of parameters and nuisance parameters of each record, the best first, from a search over τ and d.
+def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[tuple[float, Array]]:
+    """Return costs and vectors of parameters and nuisance parameters of each record, the best first, from a search over τ and d.
 
     Where the cost has several minima along τ that come near each other, each of them gives a guess (3 at the most).
     Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
     """
+    records, found = _searched(structure, data)
+    # A step of the input at the very first sample has no derivative by a delay of exactly zero.
+    least = 0.1 * min(record.sample_time for record in data)
+    return [
+        (trial.cost, _vector(structure, records, trial, least))
+        for trial in found
+        if trial.cost <= _NEAR * found[0].cost
+    ]
+
+
+def _searched(structure: FirstOrder, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
+    """The records, and the best trial of each valley along τ, the lowest first."""
     for record in data:
         check_moves(record, len(structure.parameters))
     records = [_record(structure, record) for record in data]
-    longest = max(record.duration for record in data)
-    steps = [record.sample_time for record in data]
-    step = max(steps)
-    shortest = 0.5 * step
-    taus = shortest * (max(0.5 * longest, 2 * step) / shortest) ** np.linspace(0.0, 1.0, _TAUS)
-    trials = _trials(structure, records, np.column_stack([taus, np.zeros(_TAUS)]))
-    found = [_refined(structure, records, trial, step, taus[1] / taus[0]) for trial in _valleys(trials)]
+    step, points = max(record.sample_time for record in data), _on_a_grid(data)
+    ratio = points[1, 0] / points[0, 0]
+    trials = _trials(structure, records, points)
+    found = [_refined(structure, records, trial, step, ratio) for trial in _valleys(trials)]
     found.sort(key=lambda trial: trial.cost)
     if not found or not np.isfinite(found[0].cost):
         raise NotIdentifiable(
             "no first-order model comes near these data; look at them with `servobench inspect`"
         )
-    # A step of the input at the very first sample has no derivative by a delay of exactly zero.
-    least = 0.1 * min(steps)
-    return [
-        _vector(structure, records, trial, least) for trial in found if trial.cost <= _NEAR * found[0].cost
-    ]
+    return records, found
+
+
+def guess_behind_dead_zone(
+    structure: FirstOrder, friction: int, data: Sequence[Dataset]
+) -> tuple[float, Array]:
+    """Return the best guess for a shaft that friction holds until its input has grown, and its cost.
+
+    While it turns one way, friction takes as much of the input all the time: it moves as if behind a dead zone of that width, of
+    which a few are tried. `structure` is that without friction, `friction` the place where its parameter belongs.
+    """
+    largest = max(float(np.abs(record.u).max()) for record in data)
+    best, lowest = 0.0, np.inf
+    for width in largest * _WIDTHS:
+        records = [_record(structure, _behind_dead_zone(record, width)) for record in data]
+        cost = float(np.min(_trials(structure, records, _on_a_grid(data)).costs))
+        if cost < _LOWER * lowest:
+            best, lowest = float(width), cost
+    cost, guess = separable_guesses(structure, [_behind_dead_zone(record, best) for record in data])[0]
+    return cost, np.insert(guess, friction, best)
+
+
+def _on_a_grid(data: Sequence[Dataset]) -> Array:
+    """Points (T, 2) of τ from half a sample to half a record, without a delay."""
+    longest = max(record.duration for record in data)
+    step = max(record.sample_time for record in data)
+    shortest = 0.5 * step
+    taus = shortest * (max(0.5 * longest, 2 * step) / shortest) ** np.linspace(0.0, 1.0, _TAUS)
+    return np.column_stack([taus, np.zeros(_TAUS)])
+
+
+def _behind_dead_zone(data: Dataset, width: float) -> Dataset:
+    """A record with what a dead zone of that width [unit of the input] lets through of its input."""
+
+    def beyond_zone(u: Array) -> Array:
+        return np.asarray(np.sign(u) * np.maximum(np.abs(u) - width, 0.0), dtype=np.float64)
+
+    return replace(data, u=beyond_zone(data.u), input_before=float(beyond_zone(np.array(data.input_before))))
 
 
 def _valleys(trials: _Trials) -> list[_Trial]:
@@ -116,6 +165,26 @@ def _refined(
     return trial
 
 
+def start_guess(structure: FirstOrder, theta: Array, data: Dataset) -> Array:
+    """Return the nuisance parameters (Q,) that suit a record best with parameters theta (P,) held, by least squares.
+
+    The direction of motion is taken from the data, so that the output is linear in the start state.
+    Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
+    """
+    from servobench.models import kernels
+
+    check_moves(data, len(structure.parameters))
+    record, p = _record(structure, data), np.zeros(kernels.COLUMNS)
+    p[structure.columns] = theta
+    lost = np.array([1.0, p[kernels.OFFSET], np.copysign(p[kernels.COULOMB], p[kernels.GAIN])])
+    among = [kernels.GAIN, kernels.OFFSET, kernels.COULOMB]
+    shared = p[kernels.GAIN] * lost[[among.index(c) for c in structure.linear_columns]]
+    (moments,) = record.moments(p[None, [kernels.TAU, kernels.DELAY]])
+    own = slice(len(shared), -1)
+    left = moments[own, -1] - moments[own, : len(shared)] @ shared
+    return record.own(np.linalg.lstsq(moments[own, own], left, rcond=None)[0])
+
+
 def directions(data: Dataset) -> Array:
     """Return the direction of motion at each output sample, -1, 0 or 1, from the smoothed speed, shape (M,)."""
     speed = smoothed_speed(data)
@@ -125,8 +194,21 @@ def directions(data: Dataset) -> Array:
 
 def turns_both_ways(data: Sequence[Dataset]) -> bool:
     """Return whether at least one sample in fifty was taken while the motor turned the other way."""
-    senses = np.concatenate([directions(record) for record in data])
+    senses = np.concatenate([_senses(record) for record in data])
     return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
+
+
+def _senses(data: Dataset) -> Array:
+    """The directions (M,); all forward where a position comes back by no more than the noise of a shaft at rest does."""
+    found = directions(data)
+    if data.kind == "speed":
+        return found
+    forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
+    way = forward * data.y
+    least = min(_RARE * noise_of(data), _BACK * float(np.ptp(way)))
+    if float(np.max(np.maximum.accumulate(way) - way)) > least:
+        return found
+    return np.where(found * forward > 0.0, found, 0.0)
 
 
 def smoothed_speed(data: Dataset) -> Array:
@@ -134,9 +216,15 @@ def smoothed_speed(data: Dataset) -> Array:
 
     A position is differenced over the shortest span in which a step of the encoder is below a twentieth of the motion.
     """
-    y, t = data.y, data.t_output
     if data.kind == "speed":
-        return y
+        return data.y
+    after, before = _apart(data)
+    return (data.y[after] - data.y[before]) / (data.t_output[after] - data.t_output[before])
+
+
+def _apart(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The samples (M,) after and before each one between which its smoothed speed is taken."""
+    y = data.y
     span = 1
     limit = max(1, len(y) // 20)
     quantum = data.quantum or 0.0
@@ -147,8 +235,7 @@ def smoothed_speed(data: Dataset) -> Array:
             break
         span = min(2 * span, limit)
     index = np.arange(len(y))
-    after, before = np.minimum(index + span, len(y) - 1), np.maximum(index - span, 0)
-    return (y[after] - y[before]) / (t[after] - t[before])
+    return np.minimum(index + span, len(y) - 1), np.maximum(index - span, 0)
 
 
 def check_moves(data: Dataset, parameters: int) -> None:
@@ -165,19 +252,6 @@ def check_moves(data: Dataset, parameters: int) -> None:
         )
 
 
-def _shared(structure: FirstOrder) -> NDArray[np.int64]:
-    """The kernel's columns of what all records share and the output is linear in."""
-    from servobench.models import kernels
-    from servobench.models.first_order import COULOMB, OFFSET, ONE_WAY
-
-    columns = [kernels.GAIN]
-    if any(parameter in (OFFSET, ONE_WAY) for parameter in structure.parameters):
-        columns.append(kernels.OFFSET)
-    if COULOMB in structure.parameters:
-        columns.append(kernels.COULOMB)
-    return np.array(columns)
-
-
 def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
     """At most `_ROWS` of the samples, spread evenly but not regularly, so that no period of the input falls in with them."""
     if len(keep) <= _ROWS:
@@ -188,10 +262,9 @@ def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
 
 
 def _record(structure: FirstOrder, data: Dataset) -> _Record:
-    from servobench.models.first_order import COULOMB
     from servobench.models.records import is_plain
 
-    sense = directions(data) if COULOMB in structure.parameters else np.empty(0)
+    sense = directions(data) if structure.friction else np.empty(0)
     return _Plain.of(structure, data, sense) if is_plain(data) else _Chained(structure, data, sense)
 
 
@@ -219,7 +292,7 @@ class _Plain:
         turns[1:] = sense[1:] != sense[:-1]
         zero = float(data.y[0]) if data.kind == "position" else 0.0
         return cls(
-            shared=_shared(structure),
+            shared=structure.linear_columns,
             nuisance=structure.columns_with_start[data.kind][len(structure.parameters) :],
             data=data,
             input_changes=(data.t_input[changes], data.u[changes]),
@@ -272,16 +345,16 @@ class _Chained:
 
     def _columns(self, tau: float, delay: float) -> Array:
         """A and y beside each other."""
-        from servobench.models.first_order import COULOMB, DELAY, GAIN, OFFSET, TIME_CONSTANT, FirstOrder
+        from servobench.models.first_order import DELAY, GAIN, OFFSET, TIME_CONSTANT, FirstOrder
 
         unit, data = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
         theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
         theta[:4] = (1.0, tau, 0.0, delay)
         plain = unit.predict(theta, data)
         shared = [plain.jacobian[:, 0]]
-        if len(_shared(self.structure)) > 1 + (COULOMB in self.structure.parameters):
+        if len(self.structure.linear_columns) > 1 + self.structure.friction:
             shared.append(plain.jacobian[:, 2])
-        if COULOMB in self.structure.parameters:
+        if self.structure.friction:
             sense = -self.sense
             sensed = replace(
                 data,
@@ -301,7 +374,7 @@ def _trials(structure: FirstOrder, records: Sequence[_Record], points: Array) ->
     from servobench.models import kernels
 
     moments = [record.moments(points) for record in records]
-    shared, width = len(_shared(structure)), max(m.shape[1] for m in moments)
+    shared, width = len(structure.linear_columns), max(m.shape[1] for m in moments)
     joint = np.zeros((len(records), len(points), width, width))
     for m, into in zip(moments, joint, strict=True):
         # Own columns that this record lacks stay zero, between those it has and y.

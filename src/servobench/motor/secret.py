@@ -54,7 +54,8 @@ def read_secret(path: Path) -> bytes:
     if not LENGTH <= len(known) <= _LARGEST:
         length = f"more than {_LARGEST}" if len(known) > _LARGEST else str(len(known))
         raise UsageError(
-            f"the secret {path} has {length} bytes; expected {LENGTH} to {_LARGEST}, random ones, as `lab --assess` writes them "
+            f"the secret {path} has {length} bytes; expected {LENGTH} to {_LARGEST}, random ones, as "
+            "`servobench lab EXERCISE --assess ROSTER` writes them "
             "to a file that isn't there yet"
         )
     return known

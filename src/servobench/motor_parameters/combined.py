@@ -233,7 +233,7 @@ def _open(names: Sequence[str], fit: Fit) -> Finding:
     sentence = (
         f"{_first_upper(_listed(names))} can't be told apart: a motor with twice the resistance and half the inertia and "
         "friction gives the same record. Measure the armature's current, record the stalled shaft with its current, or state "
-        f"a value (--known resistance=8.4). The motor constant is at most 1/K = {k:.4g} V·s/rad, as without viscous friction."
+        f"a value (`known=resistance=8.4`). The motor constant is at most 1/K = {k:.4g} V·s/rad, as without viscous friction."
     )
     return info("motor-parameters-not-told", sentence, parameters=tuple(names))
 

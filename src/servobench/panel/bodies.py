@@ -8,6 +8,7 @@ import math
 from collections.abc import AsyncIterator
 from contextlib import suppress
 from typing import Any
+from urllib.parse import parse_qs
 
 from starlette.requests import Request
 from starlette.types import Message, Receive
@@ -15,11 +16,12 @@ from starlette.types import Message, Receive
 from servobench.panel.gate import Refused
 
 LARGEST_JSON = 64 * 1024  # bytes
+LARGEST_FORM = 4096  # bytes
 LARGEST_UPLOAD = 64 * 1024 * 1024  # bytes
 WRITTEN_AT_ONCE = (
     1024 * 1024
 )  # bytes; each time it is handed to another thread, which takes longer than to write a page
-_JSON_TIME = 10.0  # s until it has to be there
+_WHOLE_TIME = 10.0  # s until it has to be there
 _PASSING_TIME = 2.0  # s
 
 
@@ -72,14 +74,29 @@ class Listening:
 
 async def json_object(request: Request) -> dict[str, Any]:
     """Return the JSON object that came with a request; raises `Refused` for anything else."""
+    return parsed(await _read_body(request, LARGEST_JSON))
+
+
+async def form_field(request: Request, name: str) -> str:
+    """Return a field of the form that came with a request; raises `Refused` (400) where it isn't in there once."""
+    body = await _read_body(request, LARGEST_FORM)
+    found = parse_qs(body.decode("ascii", "replace"), keep_blank_values=True).get(name, [])
+    if len(found) != 1:
+        raise Refused(
+            400, f"expected a form with the field {name!r}, once; it is in there {len(found)} times"
+        )
+    return found[0]
+
+
+async def _read_body(request: Request, largest: int) -> bytes:
     body = bytearray()
     try:
-        async with asyncio.timeout(_JSON_TIME):
-            async for piece in pieces(request, LARGEST_JSON):
+        async with asyncio.timeout(_WHOLE_TIME):
+            async for piece in pieces(request, largest):
                 body += piece
     except TimeoutError:
-        raise Refused(400, f"the request wasn't complete after {_JSON_TIME:g} s") from None
-    return parsed(bytes(body))
+        raise Refused(400, f"the request wasn't complete after {_WHOLE_TIME:g} s") from None
+    return bytes(body)
 
 
 def parsed(text: str | bytes) -> dict[str, Any]:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterable
-from typing import Any, Literal, get_args, get_origin
+from pathlib import PurePath
+from types import UnionType
+from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, TypeAdapter
@@ -62,9 +64,10 @@ def member(name: str, kind: type, settings: Any) -> dict[str, Any]:
 
 
 def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
-    """Return one setting: what it is called, its unit, default and bounds, the values to choose from, and what it means."""
+    """Return one setting: what it is called, its type, unit, default and bounds, the values to choose from, and what it means."""
     return {
         "name": field.alias or key,
+        "type": _type(field.annotation),
         "unit": unit_of(field),
         "default": _default(field),
         "required": field.is_required(),
@@ -74,6 +77,29 @@ def field_of(key: str, field: FieldInfo) -> dict[str, Any]:
         "parts": _parts(key, field.annotation),
         "sentence": field.description or "",
     }
+
+
+def _type(annotation: Any) -> str:
+    """What a setting holds: `number`, `text` (a path, too), `number or text`, `truth`, `numbers`; `table` is all else."""
+    if isinstance(annotation, type):
+        if issubclass(annotation, bool):
+            return "truth"
+        if issubclass(annotation, int | float):
+            return "number"
+        return "text" if issubclass(annotation, str | PurePath) else "table"
+    inner = [each for each in get_args(annotation) if each not in (None, type(None), Ellipsis)]
+    if get_origin(annotation) is Annotated:
+        return _type(inner[0])
+    if get_origin(annotation) is Literal:
+        return _type(type(inner[0]))
+    kinds = {_type(each) for each in inner}
+    if get_origin(annotation) is tuple:
+        return "numbers" if kinds == {"number"} else "table"
+    if get_origin(annotation) not in (Union, UnionType):
+        return "table"
+    if kinds == {"number", "text"}:
+        return "number or text"
+    return kinds.pop() if len(kinds) == 1 else "table"
 
 
 def _parts(key: str, annotation: Any) -> dict[str, Any] | None:

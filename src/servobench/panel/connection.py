@@ -4,14 +4,49 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Callable, Mapping
-from contextlib import AbstractContextManager
 from functools import partial
+from types import TracebackType
+from typing import Protocol
 
 from servobench.experiment import Experiment
 from servobench.panel.live_process import LiveProcess
 from servobench.panel.pump import Loop, News, Pump
 
-LoopOf = Callable[[Experiment], AbstractContextManager[Loop]]
+
+class LoopContext(Protocol):
+    """What opens a loop's device and ends the loop, as `LoopProcess`; its `warnings` come while it does so, too."""
+
+    def __enter__(self) -> Loop:
+        """Open the device and begin."""
+        ...
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None, /
+    ) -> None:
+        """End it, and tidy up."""
+        ...
+
+    def rest(self) -> None:
+        """End the loop at once, from any thread, whether it is open, being opened or closed; one that is silent is killed."""
+        ...
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What somebody beside the motor has to know, in the order in which it became known."""
+        ...
+
+    @property
+    def danger(self) -> str:
+        """What is wrong at the motor after the end, with what to do; empty where nothing is."""
+        ...
+
+    @property
+    def zero_volts(self) -> bool:
+        """Whether zero volts were confirmed at the end."""
+        ...
+
+
+LoopOf = Callable[[Experiment], LoopContext]
 LiveOf = Callable[[Loop, float, Mapping[str, float]], LiveProcess | None]
 
 
@@ -21,14 +56,14 @@ class Connection:
     What takes time is done by other threads, so that the server's never waits.
     """
 
-    def __init__(self, context: AbstractContextManager[Loop], loop: Loop) -> None:
+    def __init__(self, context: LoopContext, loop: Loop) -> None:
         self._context = context
         self.loop = loop
         self.pump: Pump | None = None
         self.live: LiveProcess | None = None
 
     @classmethod
-    async def begun(cls, context: AbstractContextManager[Loop]) -> Connection:
+    async def begun(cls, context: LoopContext) -> Connection:
         """Start a loop, which opens its device; raises what keeps it from that."""
         return cls(context, await asyncio.to_thread(context.__enter__))
 
@@ -61,7 +96,7 @@ class Connection:
             await asyncio.to_thread(self.live.close)
 
     async def end(self) -> None:
-        """End the loop; the motor is at rest then."""
+        """Tidy up after the loop, which is ended where it goes on."""
         await asyncio.to_thread(self._context.__exit__, None, None, None)
 
 

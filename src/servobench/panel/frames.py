@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import struct
+import time
 from collections import deque
 from dataclasses import dataclass
 from itertools import pairwise
@@ -165,12 +166,15 @@ class History:
 
     def __init__(self) -> None:
         self._blocks: deque[tuple[int, Array, bytes]] = deque()
+        self._came: deque[tuple[int, float]] = deque()  # a block's first row, and when it came
 
     def add(self, first: int, values: Array) -> None:
         """Take a block of rows (N, 13), N at least 1, the first of them number `first`."""
         self._blocks.append((first, values, encode(first, values)))
+        self._came.append((first, time.monotonic()))
         while self._blocks[0][1][-1, 0] < values[-1, 0] - KEPT:
             self._blocks.popleft()
+            self._came.popleft()
 
     @property
     def next(self) -> int:
@@ -181,6 +185,16 @@ class History:
     def time(self) -> float:
         """The time of the last row [s]."""
         return float(self._blocks[-1][1][-1, 0]) if self._blocks else 0.0
+
+    def came(self, number: int) -> float | None:
+        """Return when the row of that number came [s, monotonic], None where it hasn't come yet.
+
+        Of a row that is no longer kept, or a number beyond the next, which is another run's, it is when the oldest one came.
+        """
+        if not self._came or number == self.next:
+            return None
+        newest_first = reversed(self._came)
+        return next((when for first, when in newest_first if first <= number < self.next), self._came[0][1])
 
     def since(self, number: int) -> list[bytes]:
         """Return the frames with all rows from that number on that are still there; rows that the loop lost divide frames."""

@@ -21,7 +21,12 @@ from servobench.panel.keys import Keys, Session, same
 
 TOKEN = "x-servobench-token"
 
-Body: TypeAlias = Literal["none", "application/json", "application/octet-stream"]
+FORM = "application/x-www-form-urlencoded"
+NO_ORIGIN = "null"  # what browsers say of a page from the file system, or in a sandbox
+
+Body: TypeAlias = Literal[
+    "none", "application/json", "application/octet-stream", "application/x-www-form-urlencoded"
+]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -29,13 +34,14 @@ class Asks:
     """What a route asks of a request, beside the right host and no foreign page behind it, which all do.
 
     `session`: the session's cookie. `own_page`: that a page of ours asks, as the browser says itself. `origin`: that the page's
-    origin is said and is ours. `token`: the session's token in the header X-Servobench-Token. `operates`: that the session isn't
-    a viewer's. `body`: what may come with it.
+    origin is said and is ours. `local_page`: that a page from the file system may ask as well, whose origin is null. `token`: the
+    session's token in the header X-Servobench-Token. `operates`: that the session isn't a viewer's. `body`: what comes with it.
     """
 
     session: bool = True
     own_page: bool = False
     origin: bool = False
+    local_page: bool = False
     token: bool = False
     operates: bool = False
     body: Body = "none"
@@ -83,20 +89,24 @@ class Door:
             raise Refused(415, f"what is sent here has to be {asks.body}, and say so in its Content-Type")
         if not asks.session:
             return None
-        session = self.keys.session(_cookie(headers, self.cookie))
+        session = self.session(headers)
         if session is None:
-            raise Refused(
-                401, "no session: open the address that the panel printed when it started, with its token"
-            )
+            raise Refused(401, "no session: open the last link that the panel printed in its terminal")
         if asks.token and not same(session.token, headers.get(TOKEN, "")):
             raise Refused(401, "the session's token is missing or wrong: load the page again")
         if asks.operates and session.role != "operator":
             raise Refused(403, "this session may watch, and stop the motor; it can't do this")
         return session
 
+    def session(self, headers: Headers) -> Session | None:
+        """Return the session that a request's cookie names; None where there is none."""
+        return self.keys.session(_cookie(headers, self.cookie))
+
     def _check_page(self, headers: Headers, asks: Asks) -> None:
         """Raise `Refused` where another page than ours asks."""
         site = headers.get("sec-fetch-site")
+        if asks.local_page and headers.getlist("origin") == [NO_ORIGIN] and site in ("cross-site", None):
+            return
         allowed = ("same-origin",) if asks.own_page else ("same-origin", "none", None)
         if site not in allowed:
             raise Refused(403, f"a page of this panel has to ask for this, and the browser says {site!r}")
@@ -115,13 +125,16 @@ def _cookie(headers: Headers, wanted: str) -> str:
     return found[0] if len(found) == 1 else ""
 
 
-def page_policy(door: Door) -> str:
-    """Return the content security policy of the panel's pages: nothing that isn't ours, no script or style in the page."""
+def page_policy(door: Door, form_action: Literal["'none'", "'self'"] = "'none'") -> str:
+    """Return the content security policy of the panel's pages: nothing that isn't ours, no script or style in the page.
+
+    `form_action` says where a form may be sent to.
+    """
     ws = "wss" if door.scheme == "https" else "ws"
     sockets = " ".join(f"{ws}://{host}" for host in sorted(door.hosts))
     return (
         f"default-src 'self'; connect-src 'self' {sockets}; img-src 'self' data: blob:; object-src 'none'; "
-        "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+        f"base-uri 'none'; form-action {form_action}; frame-ancestors 'none'"
     )
 
 

@@ -10,11 +10,20 @@ from dataclasses import dataclass
 from typing import Literal
 
 Role = Literal["operator", "viewer"]
+Carrier = Literal["link", "local page", "code"]
+"""What brings a key: a printed link; a page in the file system, whose form has it; a person, who types it into a page of ours."""
 
-KEY_TIME = 12 * 3600.0  # s; how long the address that the panel prints lets somebody in
+KEY_TIME = 12 * 3600.0  # s; how long a printed link or code opens the panel
+LOCAL_TIME = (
+    300.0  # s; how long a local page does: over https a person may have to accept the certificate first
+)
 SESSION_TIME = 12 * 3600.0  # s since the session was used last
-ONCE_TIME = 60.0  # s; what a browser that the panel opens itself needs at most
 _MOST_SESSIONS = 256
+_MOST_SPENT = 256
+_CODE_SIGNS = "abcdefghjkmnpqrstuvwxyz23456789"  # none that looks like another
+_CODE_LENGTH = (
+    12  # 31^12 = 2^59: 10,000 guesses per second for 12 hours hit it once in a thousand million times
+)
 
 
 @dataclass(eq=False)
@@ -34,39 +43,65 @@ class Session:
 class _Key:
     text: str
     role: Role
+    carrier: Carrier
     expires: float
-    once: bool
 
 
 class Keys:
     """Random keys, compared in constant time, that expire; `now` is a monotonic time [s].
 
-    A key in the panel's address opens a session. A viewer's sees and may stop the motor, and does nothing else.
+    A key opens a session if its own carrier brings it: a code in an address opens nothing. A viewer's session sees and may stop
+    the motor, and does nothing else. The keys of links and local pages work once, as browsers keep addresses in their history;
+    `used` is told of each that comes, so that a fresh link can be printed. A code works until it expires: a class comes in one
+    after the other.
     """
 
-    def __init__(self, now: Callable[[], float] = time.monotonic) -> None:
+    def __init__(
+        self,
+        now: Callable[[], float] = time.monotonic,
+        used: Callable[[Carrier], None] = lambda carrier: None,
+    ) -> None:
         self._now = now
+        self._used = used
         self._keys: list[_Key] = []
+        self._spent: list[str] = []
         self._sessions: list[Session] = []
 
-    def new(self, role: Role, *, once: bool = False) -> str:
-        """Return a new key; one that is to be used `once` lasts a minute."""
-        text = secrets.token_urlsafe(32)
-        self._keys.append(_Key(text, role, self._now() + (ONCE_TIME if once else KEY_TIME), once))
+    def new(self, role: Role, carrier: Carrier = "link") -> str:
+        """Return a new key."""
+        text = _code() if carrier == "code" else secrets.token_urlsafe(32)
+        lasts = LOCAL_TIME if carrier == "local page" else KEY_TIME
+        self._keys.append(_Key(text, role, carrier, self._now() + lasts))
         return text
 
-    def open(self, key: str) -> Session | None:
-        """Return a new session for a key; None where it isn't one, or is over."""
+    def open(self, text: str, carrier: Carrier = "link") -> Session | None:
+        """Return a new session for a key that its carrier brings; None where it isn't one, was used, or is over."""
+        if carrier == "code":
+            text = _grouped(text)
         found = None
         for each in self._keys:
-            if same(each.text, key) and each.expires > self._now():
+            if same(each.text, text) and each.carrier == carrier:
                 found = each
         if found is None:
             return None
-        if found.once:
+        if carrier != "code":
             self._keys.remove(found)
+            self._spent = [*self._spent, found.text][-_MOST_SPENT:]
+            self._used(carrier)
+        return self._begin(found.role) if found.expires > self._now() else None
+
+    def is_spent(self, text: str) -> bool:
+        """Return whether a text was a key that works once, and was used or came too late."""
+        return any(same(each, text) for each in self._spent)
+
+    @property
+    def has_code(self) -> bool:
+        """Whether a code may be typed."""
+        return any(key.carrier == "code" for key in self._keys)
+
+    def _begin(self, role: Role) -> Session:
         session = Session(
-            role=found.role,
+            role=role,
             cookie=secrets.token_urlsafe(32),
             token=secrets.token_urlsafe(32),
             expires=self._now() + SESSION_TIME,
@@ -86,6 +121,16 @@ class Keys:
 
     def _alive(self) -> list[Session]:
         return [each for each in self._sessions if each.expires > self._now()]
+
+
+def _code() -> str:
+    """A random code that a person can type, in groups of four signs."""
+    return _grouped("".join(secrets.choice(_CODE_SIGNS) for _ in range(_CODE_LENGTH)))
+
+
+def _grouped(typed: str) -> str:
+    signs = "".join(sign for sign in typed.lower() if sign.isalnum())
+    return "-".join(signs[k : k + 4] for k in range(0, len(signs), 4))
 
 
 def same(expected: str, given: str) -> bool:

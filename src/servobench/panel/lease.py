@@ -16,13 +16,19 @@ class Lease:
     def __init__(self) -> None:
         self.operator: Viewer | None = None
 
+    @property
+    def taken(self) -> bool:
+        """Whether somebody drives, on a page that lives: one that is hidden or hangs keeps nobody else from it."""
+        return self.operator is not None and self.operator.attention.there
+
     def take(self, viewer: Viewer) -> None:
-        """Make a viewer the operator; raises `Refusal` for one that may only watch, and where another one is."""
+        """Make a viewer the operator; raises `Refusal` for one that may only watch, and where another one is and shows itself."""
         if viewer.role != "operator":
             raise Refusal("this page may watch, and stop the motor; it can't drive it")
-        if self.operator not in (None, viewer):
+        if self.taken and self.operator is not viewer:
             raise Refusal("another page drives the motor; it has to let go first")
         self.operator = viewer
+        viewer.attention.begin()
 
     def check(self, viewer: Viewer) -> None:
         """Raise `Refusal` for all but the operator."""

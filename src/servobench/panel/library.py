@@ -94,7 +94,7 @@ class Library:
             self._trash.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageError(
-                f"the folder for recordings {self.folder} can't be made: {error.strerror or error}; give another --folder"
+                f"the folder for recordings {self.folder} can't be made: {error.strerror or error}; give another `folder=...`"
             ) from error
 
     @contextmanager
@@ -110,14 +110,14 @@ class Library:
             file = path.open("r+b")
         except OSError as error:
             raise StorageError(
-                f"{path} can't be written: {error.strerror or error}; give another --folder"
+                f"{path} can't be written: {error.strerror or error}; give another `folder=...`"
             ) from error
         with file:
             if not hold(file):
                 where = file.read(200).decode("utf-8", "replace").strip()
                 raise UsageError(
                     f"{self.folder} is in use by another panel{f' ({where})' if where else ''}: use its page, or end it first, "
-                    "or give another --folder"
+                    "or give another `folder=...`"
                 )
             file.truncate()
             file.write(address.encode())

@@ -17,6 +17,7 @@ from servobench.estimators.recursive import Recursive
 from servobench.rounding import TWO_SIDED
 
 _INTERVAL = 0.2  # s of the run between two messages
+_RECENT = 2.0  # s of the run in which the shortest way of a sample is looked for
 _KEPT = 8192  # residuals that nobody has asked for yet
 _UNITS = {
     "gain": "rad/(s·V)",
@@ -47,6 +48,9 @@ class LiveFit:
         self._recursive = Recursive(setting)
         self._wish = dict(wish or {})
         self._by_host = info.timing != "virtual"
+        self._by_device = info.timing == "device"
+        self._ahead = np.empty(0)  # of the host's count before the device's, at the last samples [s]
+        self._recent = max(1, round(_RECENT / sample_time))  # samples
         self._writing = np.zeros(2)  # the sum of the times that writes took [s], and their number
         self._counts: float | None = None
         self._travel = 0.0
@@ -63,9 +67,9 @@ class LiveFit:
         """Take rows in order and return the `live` message where one is due, else None.
 
         `columns` has `t` [s], `applied` [V] and `counts`, as the counter shows them, (N,) each, and where the loop notes it when
-        each voltage was `handed` to the device and `written` [s], from when on it holds. Rows without a finite value are left
-        out. `first` is the number of the first row: where it isn't the one after the last, rows were lost, and where the
-        motor is is found anew.
+        each voltage was `handed` to the device and `written` [s], from when on it holds; of a device that keeps the time by the
+        host's clock, with when the host had `received` the sample [s]. Rows without a finite value are left out. `first` is the
+        number of the first row: where it isn't the one after the last, rows were lost, and where the motor is is found anew.
         """
         t, u, counts = (np.asarray(columns[name], dtype=np.float64) for name in ("t", "applied", "counts"))
         if first is not None:
@@ -142,11 +146,24 @@ class LiveFit:
         if not self._by_host or "written" not in columns:
             return t
         written = np.asarray(columns["written"], dtype=np.float64)
+        if self._by_device:
+            if "received" not in columns:
+                return t
+            written = written - self._host_ahead(np.asarray(columns["received"], dtype=np.float64) - t)
         noted = np.isfinite(written) & (written >= t)
         if "handed" in columns and noted.any():
-            took = written[noted] - np.asarray(columns["handed"], dtype=np.float64)[noted]
+            took = np.asarray(columns["written"], dtype=np.float64)[noted]
+            took = took - np.asarray(columns["handed"], dtype=np.float64)[noted]
             self._writing += took[np.isfinite(took)].sum(), np.isfinite(took).sum()
         return np.where(noted, written, t)
+
+    def _host_ahead(self, ahead: Array) -> float:
+        """By how much the host's count is ahead of the device's [s]: samples are received late, and never early.
+
+        Of the last seconds only, in which clocks of quartz drift apart by less than a millisecond.
+        """
+        self._ahead = np.concatenate([self._ahead, ahead[np.isfinite(ahead)]])[-self._recent :]
+        return float(self._ahead.min()) if len(self._ahead) else math.nan
 
     def _reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
         """Whether there is a wish, and each interval wished for is narrow enough."""

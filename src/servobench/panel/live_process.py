@@ -8,6 +8,7 @@ whoever makes the next frame finds it.
 from __future__ import annotations
 
 import json
+import logging
 import os
 import subprocess
 import sys
@@ -38,7 +39,7 @@ _AGAIN = 0.002  # s between two looks at whether it has come
 _SILENT = 30  # looks without an answer, before it's asked whether the process lives
 _MOST = 4096  # rows of a look
 _DYING = 0.1  # s; a process that is killed takes much less to be gone
-_LOOKED_AT = ("t", "applied", "counts", "handed", "written")
+_LOOKED_AT = ("t", "applied", "counts", "handed", "written", "received")
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
 
@@ -207,6 +208,7 @@ def _pipe(end: IO[bytes] | None) -> IO[bytes]:
 
 def main() -> int:
     """Identify as the line on standard input says, until its end."""
+    logging.disable(logging.WARNING)  # the program that started this one gives the same ones
     server = os.getppid()
     give_way()
     from servobench.panel.live import LiveFit

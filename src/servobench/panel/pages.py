@@ -22,11 +22,12 @@ from servobench.experiment import Experiment
 from servobench.lab.exercise import FOLDER
 from servobench.measurement.base import Chain
 from servobench.panel.asked import ASSIGNED
-from servobench.panel.bodies import LARGEST_UPLOAD, json_object
+from servobench.panel.bodies import LARGEST_UPLOAD, form_field, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
-from servobench.panel.gate import Asks, Door, Refused
+from servobench.panel.gate import NO_ORIGIN, Asks, Door, Refused, page_policy
 from servobench.panel.jobs import Jobs
+from servobench.panel.keys import Carrier, Session
 from servobench.panel.library import Library
 from servobench.panel.preview import previewed
 from servobench.panel.session import MotorSession
@@ -57,18 +58,45 @@ class Panel:
 
 
 async def front(request: Request, panel: Panel) -> Response:
-    """The page; with a key in the address, the way in. Who isn't let in reads why: a person as a page.
+    """The page; with a link's token in the address, the way in. Who isn't let in reads why: a person as a page.
 
     Raises `Refused` where a program asks.
     """
     try:
         return await _let_in(request, panel)
     except Refused as refused:
-        if "text/html" not in request.headers.get("accept", ""):
-            raise
-        page = (await asyncio.to_thread(packaged, "refused.html")).body
-        told = bytes(page).replace(b"REASON", escape(_as_sentence(refused.sentence)).encode())
-        return Response(told, status_code=refused.status, media_type=_TYPES[".html"])
+        return await _why_not(refused, request, panel)
+
+
+async def opened(request: Request, panel: Panel) -> Response:
+    """The way in for a key that no address has: one that a local page sends, or a code that was typed. As `front`.
+
+    The answer is a page that goes on to the panel by itself: a redirection would still be the other page's doing, and the browser
+    would leave out the session's cookie.
+    """
+    key = await form_field(request, "token")
+    carrier: Carrier = "local page" if request.headers["origin"] == NO_ORIGIN else "code"
+    session = panel.door.keys.open(key, carrier)
+    if session is None:
+        used = "the token of this local page was used, or is over: open the link in the panel's terminal"
+        what = used if carrier == "local page" else "this code is wrong, or over"
+        return await _why_not(Refused(401, what), request, panel)
+    return _with_cookie(await asyncio.to_thread(packaged, "opened.html"), session, panel.door)
+
+
+async def _why_not(refused: Refused, request: Request, panel: Panel) -> Response:
+    """The page that tells a person why they weren't let in, and takes a code if there is one; raises `refused` for a program."""
+    if "text/html" not in request.headers.get("accept", ""):
+        raise refused
+    page = bytes((await asyncio.to_thread(packaged, "refused.html")).body)
+    page = page.replace(b"REASON", escape(_as_sentence(refused.sentence)).encode())
+    if panel.door.keys.has_code:
+        page = page.replace(b"<form hidden", b"<form")
+    headers = {
+        "content-security-policy": page_policy(panel.door, "'self'"),
+        "referrer-policy": "same-origin",  # without one, browsers say of a form that its page has no origin
+    }
+    return Response(page, status_code=refused.status, media_type=_TYPES[".html"], headers=headers)
 
 
 def _as_sentence(text: str) -> str:
@@ -76,23 +104,42 @@ def _as_sentence(text: str) -> str:
 
 
 async def _let_in(request: Request, panel: Panel) -> Response:
-    """The page, or the way in. Raises `Refused` for a key that is wrong or over, and as `Door.admit`."""
+    """The page, or the way in. Raises `Refused` for a token that is wrong, used or over, and as `Door.admit`."""
     key = request.query_params.get("token")
     if key is None:
         panel.door.admit(request.headers, Asks())
         return await asyncio.to_thread(packaged, "index.html")
+    if _looks_ahead(request):
+        raise Refused(403, "this link opens the panel once, for who opens it: nothing is loaded ahead")
     session = panel.door.keys.open(key)
-    if session is None:
+    if session is not None:
+        return _with_cookie(RedirectResponse("/", status_code=303), session, panel.door)
+    if not panel.door.keys.is_spent(key):
         raise Refused(
-            401, "the token in this address is wrong, or over; start the panel anew for another one"
+            401, "no link of this panel has this token; open the last one that it printed in its terminal"
         )
-    response = RedirectResponse("/", status_code=303)
+    own = panel.door.session(request.headers)
+    if own is not None and own.role == "operator":  # the browser that the link let in, once more
+        return RedirectResponse("/", status_code=303)
+    raise Refused(
+        401,
+        "this link was used, or is older than twelve hours, and each works once; a fresh one stands in the panel's terminal",
+    )
+
+
+def _looks_ahead(request: Request) -> bool:
+    """Whether a browser loads a page that nobody has opened yet, or a program looks whether it is there."""
+    purposes = (request.headers.get(name, "") for name in ("sec-purpose", "purpose"))
+    return request.method == "HEAD" or any("prefetch" in purpose for purpose in purposes)
+
+
+def _with_cookie(response: Response, session: Session, door: Door) -> Response:
     response.set_cookie(
-        panel.door.cookie,
+        door.cookie,
         session.cookie,
         httponly=True,
         samesite="strict",
-        secure=panel.door.scheme == "https",
+        secure=door.scheme == "https",
         path="/",
     )
     return response

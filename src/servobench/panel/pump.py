@@ -46,6 +46,11 @@ class Loop(Protocol):
         """Why it ended; None while it goes on."""
         ...
 
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What somebody beside the motor has to know, in the order in which it became known."""
+        ...
+
     def rows(self, start: int | None = None) -> RowReader:
         """Return a reader of the rows."""
         ...

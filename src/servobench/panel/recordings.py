@@ -6,7 +6,6 @@ import asyncio
 import json
 import os
 import re
-import tomllib
 from collections.abc import Mapping
 from dataclasses import replace
 from datetime import datetime
@@ -18,6 +17,7 @@ from starlette.background import BackgroundTask
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
+from servobench import toml
 from servobench.errors import FormatError, UsageError
 from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
 from servobench.panel.columns import QUESTIONS
@@ -36,6 +36,7 @@ from servobench.panel.library import (
 )
 from servobench.panel.pages import Panel, as_json
 from servobench.panel.replayed import frame_of
+from servobench.panel.wording import with_fields
 from servobench.panel.work import Said, nobody_asks
 
 _SUFFIXES = 16  # characters of a file's ending that matter to what it is
@@ -104,7 +105,7 @@ async def rows(request: Request, panel: Panel) -> Response:
     try:
         frame = await asyncio.to_thread(drawn)
     except FormatError as error:
-        raise Refused(422, panel.library.named(str(error))) from error
+        raise Refused(422, with_fields(panel.library.named(str(error)))) from error
     return Response(frame, media_type="application/octet-stream")
 
 
@@ -139,7 +140,7 @@ async def identified(request: Request, panel: Panel) -> Response:
 
     result = await panel.jobs.identify(judged, panel.motor.tell, name, asked, known.samples)
     panel.motor.tell({"kind": "library"})
-    return as_json({**result, "report": f"/reports/{name}"})
+    return _answer(name, result)
 
 
 async def identification_ended(request: Request, panel: Panel) -> Response:
@@ -155,7 +156,13 @@ async def result(request: Request, panel: Panel) -> Response:
     found = await asyncio.to_thread(panel.library.result, name)
     if found is None:
         raise Refused(404, f"{name} isn't identified yet: identify it first")
-    return as_json({**found, "report": f"/reports/{name}"})
+    return _answer(name, found)
+
+
+def _answer(name: str, result: Mapping[str, Any]) -> Response:
+    """A result with the place of its report; its findings name the page's fields where there is something to say there."""
+    findings = [{**each, "sentence": with_fields(each["sentence"])} for each in result.get("findings", ())]
+    return as_json({**result, "findings": findings, "report": f"/reports/{name}"})
 
 
 async def report(request: Request, panel: Panel) -> Response:
@@ -210,7 +217,7 @@ async def columns(request: Request, panel: Panel) -> Response:
 def _questions(panel: Panel, name: str) -> dict[str, Any]:
     asked: dict[str, Any] = json.loads(panel.library.file(name, QUESTIONS).read_text(encoding="utf-8"))
     said = panel.library.folder_of(name) / MAPPING
-    asked["said"] = tomllib.loads(said.read_text(encoding="utf-8")) if said.is_file() else {}
+    asked["said"] = toml.loads(said.read_text(encoding="utf-8")) if said.is_file() else {}
     return asked
 
 

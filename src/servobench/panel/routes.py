@@ -20,10 +20,12 @@ from servobench.panel.jobs import Ended
 from servobench.panel.lease import Refusal
 from servobench.panel.pages import Panel
 from servobench.panel.socket import converse
+from servobench.panel.wording import with_fields
 
 Answers = Callable[[Request, Panel], Awaitable[Response]]
 
 ANYBODY = Asks(session=False)
+BRINGS_KEY = Asks(session=False, origin=True, local_page=True, body="application/x-www-form-urlencoded")
 READS = Asks()
 OWN_PAGE = Asks(own_page=True)
 SAYS = Asks(origin=True, token=True, body="application/json")
@@ -44,6 +46,7 @@ class Way:
 
 TABLE = (
     Way(method="GET", path="/", asks=ANYBODY, answer=pages.front),
+    Way(method="POST", path="/open", asks=BRINGS_KEY, answer=pages.opened),
     Way(method="GET", path="/static/{name}", asks=ANYBODY, answer=pages.static),
     Way(method="GET", path="/uplot/{name}", asks=ANYBODY, answer=pages.uplot),
     Way(method="GET", path="/api/session", asks=OWN_PAGE, answer=pages.session),
@@ -105,7 +108,9 @@ class _Answering:
         except Refused as refused:
             response = error_answer(refused)
         except ServobenchError as error:
-            response = error_answer(Refused(_status(error), self._panel.library.named(str(error))))
+            response = error_answer(
+                Refused(_status(error), with_fields(self._panel.library.named(str(error))))
+            )
         except RecursionError:
             response = error_answer(Refused(400, "lists or objects in there are nested too deeply"))
         if not heard.over:

@@ -2,21 +2,27 @@
 
 from __future__ import annotations
 
+import signal
 import socket
 import sys
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Sequence
 from contextlib import asynccontextmanager
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
+from threading import current_thread, main_thread
+from types import FrameType
 from typing import Literal
 
 import uvicorn
 from starlette.applications import Starlette
 from starlette.types import ASGIApp
+from uvicorn.server import HANDLED_SIGNALS
 
-from servobench.errors import UsageError
+from servobench.errors import DeviceError, UsageError
+from servobench.loop.requests import requests_here
 from servobench.measurement.base import STAGES
+from servobench.panel import half_open
 from servobench.panel.catalogue import catalogue
 from servobench.panel.gate import Door, Gate, broken, not_so, nowhere
 from servobench.panel.keys import Keys
@@ -39,7 +45,7 @@ class Tls:
 
 
 def app(panel: Panel) -> ASGIApp:
-    """Return the app; its lifespan opens the device and leaves the motor at rest."""
+    """Return the app; its lifespan opens the device and ends its loop; then `MotorSession.last_word` says what is known."""
 
     @asynccontextmanager
     async def lifespan(_: Starlette) -> AsyncIterator[None]:
@@ -108,7 +114,7 @@ def listening(host: str, port: int | None) -> socket.socket:
             found.close()
             reason = error.strerror or str(error)
     raise UsageError(
-        f"the panel can't listen at {host}, port {port}: {reason}; give another --port, or --port 0 for any"
+        f"the panel can't listen at {host}, port {port}: {reason}; give another `port=...`, or `port=0` for any"
     )
 
 
@@ -121,6 +127,7 @@ def settings(served: ASGIApp, tls: Tls | None) -> uvicorn.Config:
         access_log=False,  # an address with a token is nobody's to read
         server_header=False,
         lifespan="on",
+        http=half_open.protocol(),
         ws="websockets-sansio",
         ws_max_size=LARGEST_MESSAGE,
         ws_ping_interval=PING_INTERVAL,
@@ -134,17 +141,63 @@ def settings(served: ASGIApp, tls: Tls | None) -> uvicorn.Config:
     )
 
 
-def run(panel: Panel, listener: socket.socket, tls: Tls | None, begun: Callable[[], None]) -> None:
-    """Serve until Ctrl-C or SIGTERM; `begun` is called once pages can be loaded. The motor is at rest when this returns."""
-    _Server(settings(app(panel), tls), begun).run(sockets=[listener])
+def run(
+    panel: Panel,
+    listener: socket.socket,
+    tls: Tls | None,
+    begun: Callable[[], None],
+    ended: Callable[[], None] = lambda: None,
+) -> None:
+    """Serve until Ctrl-C or a request to end, such as SIGTERM; `begun` is called once pages can be loaded, `ended` when none can.
+
+    The motor is at rest when this ends, or it raises `DeviceError`, which says what is known of the motor. Ctrl-C then ends it by
+    `KeyboardInterrupt`, and SIGTERM the process.
+    """
+    server = _Server(settings(app(panel), tls), begun, panel.motor.close)
+    before = {}
+    if current_thread() is main_thread():
+        for request in {*HANDLED_SIGNALS, *requests_here()}:
+            if signal.getsignal(request) in (
+                signal.SIG_DFL,
+                signal.default_int_handler,
+            ):  # nohup's stays ignored
+                before[request] = signal.signal(request, server.handle_exit)
+    try:
+        server.run(sockets=[listener])
+    finally:
+        ended()
+    if panel.motor.danger:
+        raise DeviceError(panel.motor.danger)
+    for request in HANDLED_SIGNALS:
+        if request in before:
+            signal.signal(request, before[request])
+            if request in server.requests:
+                signal.raise_signal(request)
 
 
 class _Server(uvicorn.Server):
-    """Uvicorn's server, which says when it has begun."""
+    """Uvicorn's server, which says when it has begun, and ends by `close` first: the motor before the pages.
 
-    def __init__(self, config: uvicorn.Config, begun: Callable[[], None]) -> None:
+    `requests` are the signals that asked it to end.
+    """
+
+    def __init__(
+        self, config: uvicorn.Config, begun: Callable[[], None], close: Callable[[], Awaitable[None]]
+    ) -> None:
         super().__init__(config)
         self._begun = begun
+        self._close = close
+        self.requests: set[int] = set()
+
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+        self.requests.add(sig)
+        super().handle_exit(sig, frame)
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        try:
+            await self._close()  # also where a second Ctrl-C leaves out the rest
+        finally:
+            await super().shutdown(sockets=sockets)
 
     async def startup(self, sockets: list[socket.socket] | None = None) -> None:
         await super().startup(sockets=sockets)

@@ -8,8 +8,8 @@ from __future__ import annotations
 
 import asyncio
 from collections.abc import Coroutine, Mapping
-from contextlib import AbstractContextManager
 from itertools import count
+from time import monotonic
 from typing import Any
 
 from servobench.errors import ServobenchError
@@ -17,7 +17,8 @@ from servobench.experiment import Experiment
 from servobench.loop.messages import Command, Notice, info_to_json
 from servobench.loop.process import LoopProcess
 from servobench.panel.asked import SIMULATED, for_panel
-from servobench.panel.connection import Connection, LiveOf, LoopOf
+from servobench.panel.attention import HIDDEN, SILENT
+from servobench.panel.connection import Connection, LiveOf, LoopContext, LoopOf
 from servobench.panel.frames import History
 from servobench.panel.lease import Lease, Refusal
 from servobench.panel.library import Library
@@ -31,12 +32,14 @@ from servobench.recording.recording import Stopped
 from servobench.stopping_rule import parse_wish
 
 OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through to it any more
-SIGN_INTERVAL = 0.1  # s between two signs of life to the loop
+SIGN_INTERVAL = 0.1  # s between two looks at the operator's page, and signs of life to the loop
+READ_TIME = 0.02  # s in which what pages said is read, where the server itself was held up: it isn't them who were silent
 BEAT = 3  # of those there is one to the pages: they call it silence where they hear nothing for 1 s
 STATE_INTERVAL = 0.2  # s between two states where nothing but counts has changed
+_PANEL_ENDS = "the panel ends"
 
 
-def own_process(experiment: Experiment) -> AbstractContextManager[Loop]:
+def own_process(experiment: Experiment) -> LoopContext:
     """Return a loop in a process of its own, as the panel wants it: ticks that are missed stop no motor that is simulated."""
     return LoopProcess(
         experiment,
@@ -52,8 +55,9 @@ class MotorSession:
 
     `live_of` makes what identifies it meanwhile.
 
-    The motor turns only while the operator, who has the lease, is connected: `leave` puts out zero volts at once. The loop gets
-    a sign of life while an operator is there, or once it has said that it puts out zero volts; otherwise it ends by itself.
+    The motor turns only while the operator, who has the lease, sees it: `leave` and `hidden` put out zero volts at once, and so
+    does a page whose own drawing says nothing for `attention.SILENCE`, or is behind by `attention.LAG`. The loop gets a sign of
+    life while an operator is there, or once it has said that it puts out zero volts; otherwise it ends by itself.
     """
 
     def __init__(
@@ -69,6 +73,7 @@ class MotorSession:
         self.history = History()
         self.takings = Takings(library, self.show_state, self._recorded)
         self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
+        self._taken = False  # whether somebody drives, as pages were told
         self._wish: dict[str, float] = {}
         self._loop_of = loop_of
         self._live_of = live_of
@@ -79,6 +84,13 @@ class MotorSession:
         self._changing = asyncio.Lock()
         self._signs: asyncio.Task[None] | None = None
         self._tasks: set[asyncio.Task[None]] = set()
+        self._watched: LoopContext | None = None  # the loop that is open, being opened or being closed
+        self._over = False  # the panel ends: nothing is opened any more
+        self._dangers: dict[
+            str, str
+        ] = {}  # what is wrong at a device that was closed, by the device's settings
+        self._rested = False  # whether zero volts were confirmed at the end of a device
+        self._warned = 0  # how many of its warnings were told
         self._state_due = 0.0
 
     # --- the device
@@ -94,17 +106,39 @@ class MotorSession:
         self._later(self._open_or_tell())
 
     async def close(self) -> None:
-        """End everything; the motor is at rest then."""
-        async with self._changing:  # a device that is being opened is open first
-            await self._disconnect("the panel ends")
+        """End everything, the loop first; `last_word` then says what is known of the motor. May be called again."""
+        self._over = True
+        if self._watched is not None:
+            self.takings.end(_PANEL_ENDS)
+            await asyncio.to_thread(
+                self._watched.rest
+            )  # also while it is being opened, which isn't waited for
+            self._tell_warnings()
+        async with self._changing:
+            await self._disconnect(_PANEL_ENDS)
         if self._signs is not None:
             self._signs.cancel()
         for task in tuple(self._tasks):
             task.cancel()
 
+    @property
+    def danger(self) -> str:
+        """What is wrong at a motor whose loop has ended, with what to do; empty where nothing is."""
+        return "\n".join(self._dangers.values())
+
+    @property
+    def last_word(self) -> str:
+        """What is known of the motor after `close`."""
+        return self.danger or ("the motor is at rest" if self._rested else "the motor was not driven")
+
     async def open(self, experiment: Experiment) -> None:
-        """Open the experiment's device in the place of the one before; raises what keeps it from beginning."""
+        """Open the experiment's device in the place of the one before.
+
+        Raises what keeps it from beginning, and `Refusal` once the panel ends.
+        """
         async with self._changing:
+            if self._over:
+                raise Refusal("the panel ends: no device is opened any more")
             self._opening = Opening(experiment.device.name)
             self.show_state()
             try:
@@ -120,7 +154,8 @@ class MotorSession:
                 self.show_state()
 
     async def _connect(self, opening: Opening) -> None:
-        connection = self._connection = await Connection.begun(self._loop_of(self.experiment))
+        self._watched, self._warned = self._loop_of(self.experiment), 0
+        connection = self._connection = await Connection.begun(self._watched)
         self.history, self._standing, self._closed_by = History(), Standing(), ""
         self.viewers.begin_anew()
         opening.doing = LIVE
@@ -137,25 +172,55 @@ class MotorSession:
     async def _disconnect(self, why: str) -> None:
         connection, self._connection = self._connection, None
         self._standing.enabled = False
+        if self._watched is not None:
+            self.takings.end(why)
+            await asyncio.to_thread(self._watched.rest)  # the motor first: what else ends may take its time
         if connection is not None:
             await connection.unfollow()
         await self.takings.finish(why)
         if connection is not None:
             await connection.end()
+        self._tell_warnings()
+        self._keep_what_is_known()
+        self._watched = None
+
+    def _keep_what_is_known(self) -> None:
+        """Keep what the end of a loop says of the motor; zero volts that the same device confirmed later count."""
+        if self._watched is None:
+            return
+        device = self.experiment.device.model_dump_json()
+        if self._watched.danger:
+            self._dangers[device] = self._watched.danger
+        elif self._watched.zero_volts:
+            self._rested = True
+            self._dangers.pop(device, None)
+
+    def _tell_warnings(self) -> None:
+        """Tell everybody what the loop warns of, also while its device is being opened or closed."""
+        warnings = () if self._watched is None else self._watched.warnings
+        for sentence in warnings[self._warned :]:
+            self._fail("switch-off", sentence)
+            self.show_state()
+        self._warned = len(warnings)
 
     async def _show_signs(self) -> None:
         for turn in count():
+            self._look_at_operator()
             connection = self._connection
             if connection is not None and connection.watched and self._may_go_on:
                 connection.loop.here()
+            self._tell_warnings()
             if turn % BEAT == 0:
                 self.viewers.beat()
+            slept = monotonic()
             await asyncio.sleep(SIGN_INTERVAL)
+            if monotonic() - slept > 2 * SIGN_INTERVAL:
+                await asyncio.sleep(READ_TIME)
 
     @property
     def _may_go_on(self) -> bool:
         """Whether somebody is there for the motor, or it is known to be at zero volts."""
-        return self.lease.operator is not None or self._standing.rests
+        return self.lease.taken or self._standing.rests
 
     # --- who is there
 
@@ -171,9 +236,44 @@ class MotorSession:
         if self.lease.operator is viewer:
             self._without_operator("the operator's page is gone; zero volts are put out")
 
+    def seen(self, viewer: Viewer, row: int) -> None:
+        """Take note that a viewer's page has drawn all rows before that number."""
+        viewer.attention.beat(row)
+        self._show_whether_taken()
+
+    def hidden(self, viewer: Viewer) -> None:
+        """Take note that a viewer's page can't be seen; where it is the operator's, zero volts are put out."""
+        viewer.attention.end()
+        if viewer is self.lease.operator:
+            self._stop_unseen(HIDDEN)
+
+    def _look_at_operator(self) -> None:
+        """Put out zero volts where the operator's page doesn't show the motor as it is."""
+        viewer = self.lease.operator
+        if viewer is not None and (why := viewer.attention.lacking(self.history)):
+            self._stop_unseen(why)
+        self._show_whether_taken()
+
+    def _stop_unseen(self, why: str) -> None:
+        """Put out zero volts, once for each start; who drives stays, unless somebody else wants to."""
+        if self.loop is not None and not self._standing.rests and not self._standing.stopped:
+            sentence = f"{why}; zero volts are put out"
+            self.stop(sentence)
+            self.takings.end(sentence)
+            self.show_state()
+
+    def _show_whether_taken(self) -> None:
+        """Show everybody where the operator's page fell silent, or is back."""
+        if self._taken != self.lease.taken:
+            self._taken = self.lease.taken
+            self.show_state()
+
     def take_lease(self, viewer: Viewer) -> None:
-        """Make a viewer the operator; raises as `Lease.take`."""
+        """Make a viewer the operator, in the place of one that fell silent too; raises as `Lease.take`."""
+        before = self.lease.operator
         self.lease.take(viewer)
+        if before not in (None, viewer):
+            self._stop_unseen(SILENT)
         self.show_state()
 
     def release(self, viewer: Viewer) -> None:
@@ -197,6 +297,8 @@ class MotorSession:
         number = self._going_on().command(command)
         if command.enabled:
             self._standing.last_enable, self._standing.stopped = number, ""
+            if self.lease.operator is not None:
+                self.lease.operator.attention.begin()
         if command.signal is not None:
             self._signal = command.signal
         return number
@@ -274,7 +376,8 @@ class MotorSession:
         changed = self._standing.count(news)
         if len(news.values):
             self.history.add(news.first, news.values)
-            self._standing.see(news)
+            if self._standing.see(news):
+                self.show_state()
         self.viewers.show_news(news.live, bool(len(news.values)))
         self.takings.look()
         if news.ended is not None:
@@ -351,7 +454,7 @@ class MotorSession:
             "closed": self._closed_by,
             "enabled": standing.enabled,
             "stopped": standing.stopped,
-            "taken": self.lease.operator is not None,
+            "taken": self.lease.taken,
             "signal": asked["signal"],
             "controller": asked["controller"],
             "chain": self.experiment.chain,
@@ -360,7 +463,7 @@ class MotorSession:
             "fault": standing.fault,
             "late": standing.late,
             "missed": standing.missed,
-            "limits": [] if self.loop is None else standing.limits(self.history.time, self.experiment),
+            "limits": [] if self.loop is None else standing.limits(self.experiment),
             "recording": None if taking is None else taking.state(),
             "command": standing.command,
         }

@@ -18,6 +18,7 @@ from servobench.panel.gate import Refused
 from servobench.panel.keys import Session, same
 from servobench.panel.session import MotorSession
 from servobench.panel.viewers import Viewer
+from servobench.panel.wording import with_fields
 
 HELLO_TIME = 5.0  # s in which the first message, with the token, has to come
 NO_TOKEN = 4401  # the code that a socket without the right token is closed with
@@ -25,6 +26,8 @@ FELL_BEHIND = 4408
 
 Said = Mapping[str, Any]
 Answer = dict[str, Any]
+UNANSWERED = ("beat", "hidden")
+"""What a page says of itself, ten times a second or as it goes out of sight: nobody waits for an answer."""
 
 
 async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> None:
@@ -88,9 +91,10 @@ async def _answered(text: str, viewer: Viewer, motor: MotorSession) -> None:
     try:
         given = parsed(text)
         answer = await _done(given, viewer, motor)
-        viewer.tell({"kind": "answer", "id": _id(given), "ok": True, **answer})
+        if given["do"] not in UNANSWERED:
+            viewer.tell({"kind": "answer", "id": _id(given), "ok": True, **answer})
     except (ServobenchError, Refused, RecursionError) as error:
-        viewer.tell({"kind": "answer", "id": _id(given), "ok": False, "error": str(error)})
+        viewer.tell({"kind": "answer", "id": _id(given), "ok": False, "error": with_fields(str(error))})
 
 
 def _id(given: Said) -> str | int | None:
@@ -134,6 +138,21 @@ async def _lease(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
 
 async def _release(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     motor.release(viewer)
+    return {}
+
+
+async def _beat(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    row = given.get("row")
+    if not isinstance(row, int) or isinstance(row, bool) or row < 0:
+        raise UsageError(
+            f"{str(row)[:40]!r} is no row that a page could have drawn; expected a number from 0 on"
+        )
+    motor.seen(viewer, row)
+    return {}
+
+
+async def _hidden(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.hidden(viewer)
     return {}
 
 
@@ -205,6 +224,8 @@ SETTABLE = ("signal", "controller", "enabled", "chain")
 ACTIONS: dict[str, Action] = {
     "lease": Action(carry_out=_lease, operates=False),
     "stop": Action(carry_out=_stop, operates=False),
+    "beat": Action(carry_out=_beat, takes=("row",), operates=False),
+    "hidden": Action(carry_out=_hidden, operates=False),
     "release": Action(carry_out=_release),
     "open": Action(carry_out=_open, takes=("device", "sample_time")),
     "set": Action(carry_out=_set, takes=SETTABLE),
@@ -215,4 +236,5 @@ ACTIONS: dict[str, Action] = {
     "wish": Action(carry_out=_wish, takes=("until",)),
     "end_record": Action(carry_out=_end_record),
 }
-"""All that a page can ask for on its socket. STOP and the wish to drive are anybody's; all else is the operator's."""
+"""All that a page can say on its socket. STOP, the wish to drive and what it says of itself are anybody's; all else is the
+operator's."""

@@ -20,8 +20,8 @@ class Standing:
     `enabled`: whether it lets the controller's voltage through. `fault` has the fault that holds it, by texts; None without one.
     `late` and `missed` count ticks. `heard` is the number of the last command that it has taken,
     `last_enable` that of the last one that asks for a voltage, `command` of the one in force in the last row that came.
-    `limited_until` is the time [s] until which the limits' light is on. `stopped` says who or what stopped the motor, until
-    somebody starts it.
+    `limited` says whether the limits' light is on, `limited_until` the time [s] until which it is. `stopped` says who or what
+    stopped the motor, until somebody starts it.
     """
 
     enabled: bool = False
@@ -31,6 +31,7 @@ class Standing:
     command: int = 0
     heard: int = 0
     last_enable: int = 0
+    limited: bool = False
     limited_until: float = 0.0
     stopped: str = ""
 
@@ -46,11 +47,13 @@ class Standing:
         self.late, self.missed = counts
         return changed
 
-    def see(self, news: News) -> None:
-        """Take note of rows, of which there is one at least."""
+    def see(self, news: News) -> bool:
+        """Take note of rows, of which there is one at least; return whether the limits' light went on or off."""
         self.command = int(news.values[-1, -1])
         if not math.isnan(news.limited):
             self.limited_until = news.limited + _LIMITED_FOR
+        before, self.limited = self.limited, bool(news.values[-1, 0] < self.limited_until)
+        return self.limited != before
 
     def hear(self, event: Notice) -> Command | None:
         """Take note of the loop's answer to a command; return what is in force from there on, None where it was refused."""
@@ -63,9 +66,9 @@ class Standing:
             self.enabled = taken.enabled
         return taken
 
-    def limits(self, time: float, experiment: Experiment) -> list[dict[str, str]]:
-        """Return the limits that act at a time [s] of the run, with a sentence each."""
-        if not time < self.limited_until:
+    def limits(self, experiment: Experiment) -> list[dict[str, str]]:
+        """Return the limits that act in the newest rows, with a sentence each."""
+        if not self.limited:
             return []
         limit = experiment.limits.voltage
         sentence = f"The voltage that was put out is less than what was commanded: ±{limit:g} V, or less, is the limit."

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 from collections.abc import Callable
 from datetime import datetime
 from pathlib import Path
@@ -33,6 +34,7 @@ class Taking:
         self._recorder: RecorderProcess | None = None
         self._first = loop.ring.written
         self._length = 0.0  # s, of the file
+        self._until: int | None = None  # the number of the row that it was ended before
         self._ended_by = ""
         self._created = datetime.now().isoformat(timespec="seconds")
 
@@ -53,6 +55,7 @@ class Taking:
         if self._ended_by:
             return
         self._ended_by = why
+        self._until = self.loop.ring.written
         if self._recorder is not None:
             self.loop.end_recording()
 
@@ -81,8 +84,18 @@ class Taking:
         return 0 if self._recorder is None else max(0, self.loop.ring.get(ROWS_KEPT) - self._first)
 
     def state(self) -> dict[str, Any]:
-        """Return how far it is, as the pages see it."""
-        return {"name": self.folder.name, "samples": self.samples, "duration": self.duration}
+        """Return how far it is, as the pages see it: the length [s] of what belongs to it, and the rows in the file.
+
+        A recorder on a busy machine takes seconds to begin; the rows wait for it in the ring, and are recorded all the same.
+        """
+        rows = (self.loop.ring.written if self._until is None else self._until) - self._first
+        length = min(rows * self._experiment.sample_time, self.duration or math.inf)
+        return {
+            "name": self.folder.name,
+            "length": length,
+            "samples": self.samples,
+            "duration": self.duration,
+        }
 
     async def finish(self) -> str:
         """Wait for the recorder's end; return what went wrong, empty where nothing did."""

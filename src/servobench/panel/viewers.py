@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from servobench.panel.attention import Attention
 from servobench.panel.keys import Role
 
 _BEAT = '{"kind":"beat"}'
@@ -22,6 +23,7 @@ class Viewer:
 
     def __init__(self, role: Role) -> None:
         self.role = role
+        self.attention = Attention()
         self.next_row = 0
         self.lost = False
         """Whether so much waits for it that it is given up."""

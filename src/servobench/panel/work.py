@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import json
+import logging
 import os
 import re
 import subprocess
@@ -16,6 +17,7 @@ from typing import IO, Any, Protocol, TypeAlias, cast
 
 import servobench.errors as errors
 from servobench.errors import ServobenchError, UsageError
+from servobench.loop.exit_status import ended_how
 from servobench.panel.beside import FLAGS, give_way, surroundings
 
 Said: TypeAlias = Callable[[str], None]
@@ -130,7 +132,7 @@ def _conversation(process: subprocess.Popen[bytes], asked: Mapping[str, Any], sa
                 complaints.result().decode("utf-8", "replace").strip().splitlines() or ["without a word"]
             )[-1]
             raise UsageError(
-                f"the process that did this ended with status {process.returncode}: {word[:200]}"
+                f"the process that did this ended {ended_how(process.returncode)}: {word[:200]}"
             ) from None
     return answer
 
@@ -288,6 +290,7 @@ def _called(asked: Mapping[str, Any], sentence: str) -> str:
 
 def main() -> int:
     """Do what standard input asks for, and say on standard output what came out."""
+    logging.disable(logging.WARNING)  # the program that started this one gives the same ones
     give_way()
     asked = json.loads(sys.stdin.buffer.read())
     try:

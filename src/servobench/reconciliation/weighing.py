@@ -20,6 +20,7 @@ import numpy as np
 
 from servobench.channels import Array
 from servobench.reconciliation.base import CAUSES, Cause, Excluded, Question, Sizes
+from servobench.rounding import TWO_SIDED
 
 CHANCE = "chance"
 SOMETHING_ELSE = "something_else"
@@ -166,7 +167,9 @@ def _evidence(question: Question, shifts: _Shifts) -> float:
 
 
 def chance_is_enough(question: Question) -> bool:
-    """Return whether the difference lies within its own 95 % region."""
+    """Return whether each figure lies within its own 95 % interval, or all of them within their common 95 % region."""
     from scipy.special import chdtri
 
+    if (np.abs(question.difference) <= TWO_SIDED * question.sd).all():
+        return True
     return question.distance(question.difference) <= float(chdtri(len(question.names), 0.05))

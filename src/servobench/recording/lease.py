@@ -6,7 +6,7 @@ import errno
 import os
 import sys
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 _TAKEN = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK}
 # On Windows a locked byte can't be read by anybody else, so it is one that a recording of hours doesn't have; its runtime takes
@@ -14,9 +14,22 @@ _TAKEN = {errno.EWOULDBLOCK, errno.EAGAIN, errno.EACCES, errno.EDEADLK}
 _BEYOND = (1 << 31) - 2
 
 
+class HasNumber(Protocol):
+    """An open file, by its number in this process."""
+
+    def fileno(self) -> int:
+        """Return the number."""
+        ...
+
+
 def hold(file: BinaryIO) -> bool:
     """Lock a file that is open for writing until it is closed; return whether that is possible where it is."""
     return _locked(file, shared=False) is not False
+
+
+def share(file: HasNumber) -> bool:
+    """Lock an open file beside others who share it, so that nobody can `hold` it; return whether that is possible where it is."""
+    return _locked(file, shared=True) is not False
 
 
 def is_held(path: str | os.PathLike[str]) -> bool:
@@ -29,7 +42,7 @@ def is_held(path: str | os.PathLike[str]) -> bool:
         return False
 
 
-def _locked(file: BinaryIO, *, shared: bool) -> bool | None:
+def _locked(file: BinaryIO | HasNumber, *, shared: bool) -> bool | None:
     """Take the lock without waiting for it: True, False where somebody else has it, None where there are no locks."""
     try:
         if sys.platform == "win32":
@@ -57,7 +70,7 @@ if sys.platform == "win32":
 
 else:
 
-    def _lock_on_posix(file: BinaryIO, *, shared: bool) -> None:
+    def _lock_on_posix(file: HasNumber, *, shared: bool) -> None:
         import fcntl
 
         fcntl.flock(file, (fcntl.LOCK_SH if shared else fcntl.LOCK_EX) | fcntl.LOCK_NB)

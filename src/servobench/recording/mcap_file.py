@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import errno
 import os
+import shutil
+import tempfile
 import time
 import zlib
 from collections.abc import Callable, Mapping
 from contextlib import suppress
+from itertools import chain, count
 from pathlib import Path
 from typing import BinaryIO
 
@@ -24,6 +28,8 @@ class McapFile:
 
     The part is locked (lease.py) as long as it is open. Each record belongs to the system once its call returns, and so outlives
     this process. About once a second, by the clock `now` [s], the file is put on the disk itself, and so outlives a power cut.
+    Where somebody has removed or renamed the part by then, all that it held is copied to a place that is still there
+    (`place_beside`), and the file goes on there; `close` raises `StorageError`, which says where it is.
 
     Raises `UsageError` where there is a part already, and `StorageError`, with the part kept, where nothing more can be written.
     Nothing is closed then: a disk that fails may let closing wait, and somebody may have a motor to stop first. `abandon` closes.
@@ -32,8 +38,9 @@ class McapFile:
     def __init__(
         self, path: str | os.PathLike[str], *, library: str, now: Callable[[], float] = time.monotonic
     ) -> None:
-        self.path = Path(path)
+        self.path = self._asked = Path(path)
         self.part = _part_of(self.path)
+        self._absolute = self.path.absolute()  # as long as there surely is a current folder
         self._now = now
         self._synced = now()
         self._size = 0
@@ -100,18 +107,21 @@ class McapFile:
     def close(self) -> None:
         """Write the summary, put everything on the disk and give the file its name, in place of an earlier file of that name.
 
-        Does nothing to a file that is closed already.
+        Does nothing to a file that is closed already. Raises `StorageError` where it can't be done, or not under that name.
         """
         if self._file.closed and not self._failure:
             return
         self._put(mcap.data_end(self._crc))
         self._put(self._summary())
         try:
+            self._stay_reachable()
             os.fsync(self._file.fileno())
             self._file.close()
             os.replace(self.part, self.path)
         except OSError as error:
             raise self._failed(error) from error
+        if self.path != self._asked:
+            raise StorageError(kept_elsewhere(self._asked, self.path))
 
     def abandon(self) -> None:
         """Close the part as it is: what it holds can be read. Never raises; does nothing after `close`."""
@@ -152,12 +162,29 @@ class McapFile:
             self._file.flush()
             now = self._now()
             if now - self._synced >= SYNC_INTERVAL:
+                self._stay_reachable()
                 os.fsync(self._file.fileno())
                 self._synced = now
         except OSError as error:
             raise self._failed(error) from error
         self._crc = zlib.crc32(data, self._crc)
         self._size += len(data)
+
+    def _stay_reachable(self) -> None:
+        """Go on elsewhere where the part's name no longer leads to it: what has no name is gone with this process."""
+        with suppress(FileNotFoundError):
+            if os.path.samestat(os.stat(self.part), os.fstat(self._file.fileno())):
+                return
+        path = place_beside(self._absolute)
+        part = path.with_name(path.name + PART)
+        file = open(part, "x+b")  # noqa: SIM115 - closed as the one before
+        hold(file)
+        self._file.seek(0)
+        shutil.copyfileobj(self._file, file)
+        file.flush()
+        self._file.close()
+        self._file, self.part = file, part
+        self.path = self._asked if path == self._absolute else path
 
     def _failed(self, error: OSError) -> StorageError:
         self._failure = (
@@ -183,10 +210,33 @@ def being_written(part: Path) -> str:
     return f"{part} is being written by a run that goes on: wait for its end, or stop it with Ctrl-C, or give another name"
 
 
+def place_beside(path: Path) -> Path:
+    """Return where a file goes whose absolute `path` was taken away: as near to it as there is a folder to write in.
+
+    That is `path` itself where only the file is missing; a folder above is told by the name, FOLDER-NAME.
+    """
+    *above, _ = path.parents  # the root of the file system is no place
+    for folder in (*above, Path(tempfile.gettempdir())):
+        if os.access(folder, os.W_OK):
+            stem = path.stem if folder == path.parent else f"{path.parent.name}-{path.stem}"
+            names = chain([stem], (f"{stem}-{number}" for number in count(2)))
+            free = (folder / f"{name}{path.suffix}" for name in names)
+            return next(each for each in free if not (each.exists() or Path(f"{each}{PART}").exists()))
+    raise FileNotFoundError(errno.ENOENT, "there is no folder to write in", str(path.parent))
+
+
+def kept_elsewhere(asked: Path, path: Path) -> str:
+    """Return the sentence that a recording isn't where it was to be, and what to do."""
+    return (
+        f"{asked} was removed or renamed while it was written; what was recorded is in {path} "
+        f"(servobench identify {path})"
+    )
+
+
 def _new_file(part: Path) -> BinaryIO:
-    """A part that wasn't there before."""
+    """A part that wasn't there before, which can be read as well: it may have to be copied."""
     try:
-        return open(part, "xb")
+        return open(part, "x+b")
     except FileExistsError:
         if is_held(part):
             raise UsageError(being_written(part)) from None

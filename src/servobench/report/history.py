@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
-import tomllib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from servobench import toml
 from servobench.channels import Channel
 from servobench.measurement.dataset import Dataset
 from servobench.recording.recording import Recording, Series
@@ -48,8 +48,8 @@ def asked(recording: Recording) -> tuple[Fact, ...]:
 def experiment_table(recording: Recording) -> dict[str, Any]:
     """Return the TOML text of a recording's experiment as a table; empty where there is none or it can't be read."""
     try:
-        return tomllib.loads(recording.experiment)
-    except tomllib.TOMLDecodeError:
+        return toml.loads(recording.experiment)
+    except (ValueError, RecursionError):
         return {}
 
 

@@ -32,7 +32,12 @@ WIDE = Style(width=720.0, palette=PLACEHOLDERS)
 NARROW = Style(width=344.0, palette=PLACEHOLDERS)
 
 VERDICTS = {Verdict.TRUSTED: "Trusted", Verdict.DOUBTFUL: "Doubtful", Verdict.REFUSED: "Refused"}
-SEVERITIES = {Severity.REFUSAL: "Refusal", Severity.WARNING: "Warning", Severity.INFO: "Information"}
+SEVERITIES = {
+    Severity.DANGER: "Danger",
+    Severity.REFUSAL: "Refusal",
+    Severity.WARNING: "Warning",
+    Severity.INFO: "Information",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,7 +82,9 @@ def _head(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
         "verdict_word": VERDICTS[result.verdict],
         "reason": words.reason(result),
         "answer": words.answer(result),
+        "dangers": [each for each in result.findings if each.severity is Severity.DANGER],
         "findings": tables.finding_groups(result.findings),
+        "foremost": tables.foremost(result.findings),
         "severity_words": {str(severity): word for severity, word in SEVERITIES.items()},
     }
 
@@ -104,7 +111,9 @@ def _tables(result: Result) -> dict[str, Any]:
     return {
         "math": transfer_function_math(fit) if fit else "",
         "lost": words.lost(fit) if fit else "",
-        "parameters": tables.parameter_rows(fit) if fit else (),
+        "parameters": tables.parameter_rows(result),
+        "budget": tables.budget_rows(result),
+        "good_for": result.good_for,
         "motor": tables.motor_rows(result),
         "nominal": tables.comparison_rows(result.nominal),
         "operating_range": tables.operating_range(result.operating_range, data[0]) if data else (),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from servobench.channels import measurable
 from servobench.formats.inspection import Intervals
 from servobench.recording.recording import Recording, Series
 from servobench.report import figures
@@ -57,8 +58,9 @@ def spacing(found: Intervals, number: int) -> Illustration:
 def _panel(recording: Recording, series: Series) -> Panel | None:
     channel = series.channel
     t = np.arange(len(series.values), dtype=np.float64) if series.t is None else series.t
-    usable = np.isfinite(t) & np.isfinite(series.values)
-    t, y = t[usable], series.values[usable]
+    t, y = measurable(t), measurable(series.values)
+    usable = np.isfinite(t) & np.isfinite(y)
+    t, y = t[usable], y[usable]
     forward = np.maximum.accumulate(t) if len(t) else t  # a time that goes back is drawn where it was before
     if len(t) < 2 or not forward[-1] > forward[0]:
         return None

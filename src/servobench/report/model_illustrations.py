@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servobench.estimators.base import Fit
-from servobench.propagation import Derived
+from servobench.propagation import Derived, sample_time_of
 from servobench.report import model_figures, words
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.illustrations import Illustration
@@ -107,7 +107,7 @@ def poles(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
         caption=(
             f"From the input to the speed the motor is {judged.verdict}. {reasons} "
             "The thin cross at 0 is the integrator from speed to position, which nobody estimated. "
-            f"{words.feedback(derived, fit.model.data)}"
+            f"{words.feedback(derived, fit.model.data, sample_time_of(fit))}"
         ),
         description=f"Pole map. {' '.join(map(_pole_words, bands))}",
         draw=partial(model_figures.pole_map, bands, 0j),

@@ -8,14 +8,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.estimators.base import Fit
-from servobench.finding import Finding, Severity
+from servobench.finding import Finding, Severity, by_weight
 from servobench.measurement.dataset import Dataset
 from servobench.report.mathml import symbol
 from servobench.result import Comparison, OperatingRange, Result
 from servobench.rounding import TWO_SIDED, Rounded, plain, rounded, rounded_interval, with_unit
+from servobench.uncertainty.composition import parts_of
+from servobench.uncertainty.words import in_words
 
 _SYMBOL = re.compile(r"\w\s*=")  # one letter that stands for a number
+_FOREMOST = 5
 _RPM = 30 / np.pi  # in 1 rad/s
 
 _OF_THE_MOTOR = {
@@ -43,18 +45,32 @@ class Fact:
 class ParameterRow:
     """One parameter as a row: its name, its meaning in words, the rounded estimate.
 
-    `symbol` is HTML, `known` says whether the data determine it.
+    `symbol` is HTML, `known` says whether the data determine it; `instead` is what they tell where they don't.
     """
 
     name: str
     symbol: str
     meaning: str
     estimate: Rounded
+    instead: str = ""
 
     @property
     def known(self) -> bool:
         """Whether there is an interval."""
-        return bool(self.estimate.low)
+        return bool(self.estimate.low) and not self.instead
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetRow:
+    """The budget of one parameter: its name, half of its interval in percent as text, and its parts.
+
+    Each part is a source, its half-width in percent as text, its share of the variance in percent, its reason, and the
+    number of its source's colour, the same in all rows.
+    """
+
+    name: str
+    percent: str
+    parts: tuple[tuple[str, str, float, str, int], ...]
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -77,17 +93,58 @@ def capital(text: str) -> str:
     return text if _SYMBOL.match(text) else text[:1].upper() + text[1:]
 
 
-def parameter_rows(fit: Fit) -> tuple[ParameterRow, ...]:
-    """Return the parameters of a fit, rounded to what is known of them."""
-    return tuple(
+def parameter_rows(result: Result) -> tuple[ParameterRow, ...]:
+    """Return the parameters of a fit, rounded to what is known of them, and the combinations that are known."""
+    fit = result.fit
+    if fit is None:
+        return ()
+    alone = [
         ParameterRow(
             name=parameter.name.replace("_", " "),
             symbol=symbol(parameter.name),
             meaning=parameter.meaning,
             estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
+            instead=in_words(result.answers.get(parameter.name)),
         )
         for parameter, estimate in zip(fit.model.structure.parameters, fit.estimates.values(), strict=True)
-    )
+    ]
+    together = [
+        ParameterRow(
+            name=each.meaning,
+            symbol="",
+            meaning="known together only",
+            estimate=rounded_interval(each.estimate.value, each.estimate.interval, each.estimate.unit),
+        )
+        for each in result.combinations
+    ]
+    return (*alone, *together)
+
+
+def budget_rows(result: Result) -> tuple[BudgetRow, ...]:
+    """Return what the intervals of gain, time constant and friction are made of, as far as they are known."""
+    sources = list(dict.fromkeys(line.source for line in result.budget))
+    rows = []
+    for name in ("gain", "time_constant", "coulomb_voltage", "delay"):
+        parts = parts_of(result.budget, result.answers.get(name))
+        if parts:
+            estimate = result.answers[name].estimate
+            rows.append(
+                BudgetRow(
+                    name=name.replace("_", " "),
+                    percent=plain(100 * estimate.half_width / abs(estimate.value), 2),
+                    parts=tuple(
+                        (
+                            line.source,
+                            plain(percent, 2),
+                            100 * line.shares[name],
+                            line.reason,
+                            sources.index(line.source),
+                        )
+                        for percent, line in parts
+                    ),
+                )
+            )
+    return tuple(rows)
 
 
 def motor_rows(result: Result) -> tuple[ParameterRow, ...]:
@@ -104,13 +161,14 @@ def motor_rows(result: Result) -> tuple[ParameterRow, ...]:
 
 
 def finding_groups(findings: Sequence[Finding]) -> tuple[tuple[Finding, ...], ...]:
-    """Return the findings, refusals first, then warnings, then the rest; those of one code and severity in one group."""
-    order = (Severity.REFUSAL, Severity.WARNING, Severity.INFO)
-    groups: dict[tuple[int, str], list[Finding]] = {}
-    for finding in findings:
-        groups.setdefault((order.index(finding.severity), finding.code), []).append(finding)
-    ranks = sorted(groups, key=lambda key: key[0])
-    return tuple(tuple(groups[key]) for key in ranks)
+    """Return the findings, the weightiest first; those of one code and severity in one group."""
+    return tuple(by_weight(findings))
+
+
+def foremost(findings: Sequence[Finding]) -> int:
+    """Return how many groups of findings stand in the open: five, or more where more speak against the result."""
+    groups = finding_groups(findings)
+    return max(_FOREMOST, sum(group[0].severity is not Severity.INFO for group in groups))
 
 
 def comparison_rows(comparisons: Sequence[Comparison]) -> tuple[ComparisonRow, ...]:

@@ -16,6 +16,7 @@ from servobench.recording.recording import Recording
 from servobench.report.history import experiment_table
 from servobench.result import Result
 from servobench.rounding import SPACE, Rounded, counted, percent, plain, rounded, rounded_interval, with_unit
+from servobench.uncertainty.answers import State
 
 if TYPE_CHECKING:
     from markupsafe import Markup
@@ -42,12 +43,13 @@ def answer(result: Result) -> str:
         return (
             f"These data can't support a model. {refusals[0].sentence}" if refusals else "No model was found."
         )
-    return _model_sentence(result.fit)
+    return _model_sentence(result.fit, result)
 
 
 def reason(result: Result) -> str:
     """Return why the verdict is what it is."""
-    warnings = sum(finding.severity is Severity.WARNING for finding in result.findings)
+    grave = (Severity.WARNING, Severity.DANGER)
+    warnings = sum(finding.severity in grave for finding in result.findings)
     refusals = sum(finding.severity is Severity.REFUSAL for finding in result.findings)
     if refusals:
         return f"{counted(refusals, 'finding')} {'speaks' if refusals == 1 else 'speak'} against any model."
@@ -82,10 +84,13 @@ def lost(fit: Fit) -> str:
     return ", ".join(words[:-1]) + " and " + words[-1] if len(words) > 1 else "".join(words)
 
 
-def feedback(derived: Mapping[str, Derived], data: Dataset) -> str:
-    """Return what unit feedback of the position would do, with its margins."""
+def feedback(derived: Mapping[str, Derived], data: Dataset, sample_time: float) -> str:
+    """Return what unit feedback of the position, computed every `sample_time` [s], would do, with its margins."""
     phase, gain = derived["phase_margin"], derived["gain_margin"]
-    loop = f"unit feedback of the position (1 {data.input_unit} for each {data.position_unit})"
+    loop = (
+        f"unit feedback of the position (1 {data.input_unit} for each {data.position_unit}), computed every "
+        f"{with_unit(sample_time, 's', 3)},"
+    )
     if phase.value <= 0 or gain.value <= 1:
         return f"With {loop} the loop would be unstable."
     margin = (
@@ -107,7 +112,7 @@ def quantity(what: str, derived: Derived) -> str:
     return f"{what} {_with_interval(derived, derived.unit)}." if math.isfinite(derived.value) else ""
 
 
-def _model_sentence(fit: Fit) -> str:
+def _model_sentence(fit: Fit, result: Result) -> str:
     estimates = fit.estimates
     data = fit.model.data
     if not {"gain", "time_constant"} <= set(estimates):
@@ -116,17 +121,22 @@ def _model_sentence(fit: Fit) -> str:
             for name, estimate in list(estimates.items())[:2]
         ]
         return f"The model {fit.structure} was found: {', '.join(named)}."
-    if not all(map(math.isfinite, estimates["gain"].interval)):
-        return (
-            "The data don’t tell how much each unit of the input adds to the steady speed; the motor covers 63.2 % of a step in "
-            f"{_interval(estimates['time_constant'])}."
-        )
+    known = {name for name in ("gain", "time_constant") if _is_known(result, name)}
+    if known != {"gain", "time_constant"} or not all(map(math.isfinite, estimates["gain"].interval)):
+        alone = [f"{name.replace('_', ' ')} {_interval(estimates[name])}" for name in sorted(known)]
+        together = [f"{each.meaning} {_interval(each.estimate)}" for each in result.combinations]
+        return f"The data tell this much: {', '.join([*alone, *together]) or 'bounds only, see the table'}."
     gain = _interval(estimates["gain"], f"{data.position_unit}/s")
     unit = {"V": "volt", "%": "per cent", "A": "ampere"}.get(data.input_unit, data.input_unit)
     return (
         f"Each {unit} adds {gain} to the steady speed, and the motor covers 63.2 % of a step in "
         f"{_interval(estimates['time_constant'])}."
     )
+
+
+def _is_known(result: Result, name: str) -> bool:
+    answer = result.answers.get(name)
+    return answer is None or answer.state is State.KNOWN
 
 
 def _interval(estimate: Estimate, unit: str = "") -> Rounded:

@@ -7,8 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.errors import NotIdentifiable
+from servobench.estimators import delay_prior
 from servobench.estimators.base import Estimator, Fit
-from servobench.estimators.covariance import andrews_lag, long_run
+from servobench.estimators.covariance import effective_samples
 from servobench.estimators.disturbance import innovation_sd
 from servobench.estimators.least_squares import Minimum
 from servobench.measurement.dataset import Dataset
@@ -24,9 +25,29 @@ def fitted(method: Estimator, structure: Structure, data: Sequence[Dataset]) -> 
 
 
 def better(one: Fit, other: Fit) -> bool:
-    """Return whether a fit with one parameter more is worth it by Schwarz's criterion (1978)."""
+    """Return whether a fit with one parameter more is worth it by Schwarz's criterion (1978), its delay being as likely.
+
+    A delay that nobody would expect counts against a fit, as it may stand for the parameter that it lacks: on a ramp from rest
+    for the friction that the input has to overcome.
+    """
     samples = sum(int(record.valid.sum()) for record in one.records)
-    return bool(samples * np.log(other.residual_sd**2 / one.residual_sd**2) > np.log(samples))
+    return bool(_gain(one, other, samples) > np.log(samples))
+
+
+def _gain(one: Fit, other: Fit, worth: float) -> float:
+    """By how much twice the logarithm of the posterior of a fit is above that of another, but for the number of parameters.
+
+    `worth` is how many samples of white noise the residuals are worth.
+    """
+    better_fit = worth * float(np.log(other.residual_sd**2 / one.residual_sd**2))
+    return better_fit + delay_prior.surprise(other) - delay_prior.surprise(one)
+
+
+def clearly_better(one: Fit, other: Fit) -> bool:
+    """Return the same where residuals of a colour count for as many samples as `effective_samples` leaves of them."""
+    worth = sum(effective_samples(record.residual[record.valid]) for record in one.records)
+    samples = sum(int(record.valid.sum()) for record in one.records)
+    return bool(_gain(one, other, worth) > np.log(samples))
 
 
 def moved(one: Fit, other: Fit) -> bool:
@@ -34,22 +55,16 @@ def moved(one: Fit, other: Fit) -> bool:
 
     Then leaving a parameter out would claim to know more than the data tell.
     """
-    return any(abs(one[n].value - other[n].value) > other[n].sd for n in ("gain", "time_constant"))
+    return any(abs(one.model[n] - other.model[n]) > other.sd(n) for n in ("gain", "time_constant"))
 
 
 def worth_it(richer: Minimum, data: Sequence[Dataset], plain: Fit) -> bool:
-    """Return whether a rung explains more by Schwarz's criterion (1978), with as many samples as the residual's colour leaves.
-
-    Of n samples whose mean varies as that of n/κ white ones, n/κ count: κ is the long-run variance over the variance.
-    """
+    """Return whether a rung explains more by Schwarz's criterion (1978), with as many samples as `effective_samples` leaves."""
     more = len(richer.theta) - len(plain.vector)
     before = sum(float(np.sum(record.residual[record.valid] ** 2)) for record in plain.records)
     worth = 0.0
     for record, prediction in zip(data, richer.predictions, strict=True):
-        residual = (record.y - prediction.y)[prediction.valid][:, None]
-        power = float(np.sum(residual**2))
-        colour = float(long_run(residual, andrews_lag(residual))[0, 0]) / power if power > 0 else 1.0
-        worth += len(residual) / max(colour, 1.0)
+        worth += effective_samples((record.y - prediction.y)[prediction.valid])
     samples = sum(int(prediction.valid.sum()) for prediction in richer.predictions)
     return worth * float(np.log(before / richer.cost)) > max(more, 1) * float(np.log(samples))
 

@@ -119,7 +119,7 @@ def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:
 
     `plain` is the rung below as it is, `fit` as it is allowed for.
     """
-    factors = [fit[n].sd / plain[n].sd for n in ("gain", "time_constant") if 0 < plain[n].sd < np.inf]
+    factors = [fit.sd(n) / plain.sd(n) for n in ("gain", "time_constant") if 0 < plain.sd(n) < np.inf]
     return replace(richer, covariance=max([1.0, *factors]) ** 2 * richer.covariance)
 
 
@@ -133,9 +133,9 @@ def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
     told = about_winding(allowed)
     if told:
         return told[0].sentence
-    if any(not allowed[n].sd < 0.5 * abs(allowed[n].value) for n in ("gain", "time_constant")):
+    if any(not allowed.sd(n) < 0.5 * abs(allowed.model[n]) for n in ("gain", "time_constant")):
         return "gain and time constant would not be known any more"
-    value, sd = _amount(term, allowed)
+    value, sd = amount(term, allowed)
     if not sd < 0.5 * value and not (asked and moved(allowed, fit)):
         return f"its size can't be told from zero ({value:.2g} ± {TWO_SIDED * sd:.1g})"
     return ""
@@ -166,8 +166,8 @@ def fed_back(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:
     if worth <= chance or not moved(allowed, fit):
         return doubt, None
     sentence = (
-        f"This closed loop doesn't tell whether there is {TERMS[term]}: with it the gain would be {allowed['gain'].value:.4g} "
-        f"instead of {fit['gain'].value:.4g}. Chance alone seldom makes it look as likely (likelihood ratio {worth:.2g}; chance "
+        f"This closed loop doesn't tell whether there is {TERMS[term]}: with it the gain would be {allowed.model['gain']:.4g} "
+        f"instead of {fit.model['gain']:.4g}. Chance alone seldom makes it look as likely (likelihood ratio {worth:.2g}; chance "
         f"exceeds {chance:.2g} once in 20 runs), but a random torque acts, to which the controller answers: record a longer run, "
         "larger steps, or one in open loop."
     )
@@ -187,12 +187,12 @@ def _at_the_edge(richer: Fit, plain: Fit) -> bool:
         values = zip(fit.model.names, fit.model.theta, lower, upper, strict=True)
         at_edge.append({name for name, value, low, high in values if not low < value < high})
     old = set(plain.model.names)
-    zero = {name for name in old if name in richer.model.names and richer[name].value == 0}
+    zero = {name for name in old if name in richer.model.names and richer.model[name] == 0}
     return bool(at_edge[0] - at_edge[1] - zero)
 
 
-def _amount(term: str, fit: Fit) -> tuple[float, float]:
-    """How much of a term a fit has, and its standard deviation: of Stribeck friction the area u_s ω_s, which reversals tell."""
+def amount(term: str, fit: Fit) -> tuple[float, float]:
+    """Return how much of a term a fit has, with its standard deviation: of Stribeck friction u_s ω_s, which reversals tell."""
     names = fit.model.names
     value, slope = 0.0, np.zeros(len(names))
     if term == "stribeck":

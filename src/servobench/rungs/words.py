@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from servobench.estimators.base import Fit
 from servobench.finding import Finding, info
 from servobench.rounding import TWO_SIDED
-from servobench.rungs.trial import TERMS, Rung
+from servobench.rungs.trial import TERMS, Rung, amount
 from servobench.score_test import Shown
 from servobench.validation import explains_the_colour
 
@@ -38,6 +38,13 @@ def found(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
     sizes = ", ".join(f"{n} {_estimate(rung.fit, n)}" for n in new)
+    value, sd = amount(rung.term, rung.fit)
+    if not sd < 0.5 * value:
+        sentence = (
+            f"Whether there is {TERMS[rung.term]} can't be told for certain ({sizes}), but leaving it out would make the other "
+            f"parameters seem better known than they are. {_what_for(rung, plain, fit)}"
+        )
+        return info("term-possible", sentence, parameters=tuple(new))
     sentence = f"{_SAYS[rung.term]}: {sizes}. {_what_for(rung, plain, fit)}"
     return info(_CODES[rung.term], sentence, parameters=tuple(new))
 
@@ -45,7 +52,7 @@ def found(rung: Rung, plain: Fit, fit: Fit) -> Finding:
 def _what_for(rung: Rung, plain: Fit, fit: Fit) -> str:
     """What a rung is worth; two numbers that are printed alike would say nothing."""
     percents = [f"{one.fit_percent:.2f}" for one in (plain, rung.plain)]
-    gains = [f"{one['gain'].value:.4g}" for one in (fit, rung.fit)]
+    gains = [f"{one.model['gain']:.4g}" for one in (fit, rung.fit)]
     if percents[0] == percents[1] and gains[0] == gains[1]:
         left = 100 * (1 - rung.plain.residual_sd / plain.residual_sd)
         return f"That is small: with it {left:.2g} % less is left over, and the gain stays {gains[0]} to four digits."
@@ -57,9 +64,9 @@ def _what_for(rung: Rung, plain: Fit, fit: Fit) -> str:
 
 def _estimate(fit: Fit, name: str) -> str:
     """A parameter with the half of its interval and its unit."""
-    found = fit[name]
-    unit = "" if found.unit == "1" else f" {found.unit}"
-    return f"{found.value:.3g} ± {TWO_SIDED * found.sd:.1g}{unit}"
+    unit = fit.model.units[fit.model.names.index(name)]
+    shown = "" if unit == "1" else f" {unit}"
+    return f"{fit.model[name]:.3g} ± {TWO_SIDED * fit.sd(name):.1g}{shown}"
 
 
 def stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, Rung]) -> Finding:

@@ -20,9 +20,11 @@ from servobench.estimators.base import Fit
 from servobench.interop import as_controller
 from servobench.margins import series
 from servobench.models.base import Model, Output
-from servobench.propagation import draws
+from servobench.propagation import draws, sample_time_of
 from servobench.rounding import percent
+from servobench.sampled_loop import sampled_series
 from servobench.stability_analysis.nyquist import closed_loop
+from servobench.stability_analysis.sampled import closed_sampled_loop
 from servobench.stability_analysis.verdict import StabilityVerdict, stability
 from servobench.transfer_function import TransferFunction
 
@@ -55,13 +57,32 @@ def stability_over_intervals(fit: Fit, around: Output = "speed") -> OverInterval
 
 
 def loop_over_intervals(
+    fit: Fit,
+    controller: TransferFunction | Any = None,
+    around: Output = "position",
+    *,
+    sample_time: float | None = None,
+) -> OverIntervals:
+    """Return whether a loop around the motor, as it runs at ticks, has one verdict for all parameters in their intervals.
+
+    `controller` is C, from the error to the input: a `TransferFunction`, a python-control system, or None for unit feedback. It
+    runs every `sample_time` [s], without one at that of the data, as in `propagation.loop_margins`. A
+    negative delay, which an estimate may have by chance, counts as none. Raises `UsageError` for a sample time that isn't above
+    zero.
+    """
+    h = sample_time_of(fit) if sample_time is None else sample_time
+    feedback = as_controller(controller)
+
+    def verdict(model: Model) -> StabilityVerdict:
+        return closed_sampled_loop(sampled_series(feedback, model.transfer_function(around), h)).verdict
+
+    return _judged(fit, verdict, "the closed loop")
+
+
+def continuous_loop_over_intervals(
     fit: Fit, controller: TransferFunction | Any = None, around: Output = "position"
 ) -> OverIntervals:
-    """Return whether a loop around the motor has one verdict for all parameters in their intervals; its delay is taken as it is.
-
-    `controller` is C, from the error to the input: a `TransferFunction`, a python-control system, or None for unit feedback. A
-    negative delay, which an estimate may have by chance, counts as none. Raises `UsageError` as `closed_loop` does.
-    """
+    """Return the same of the continuous loop, without ticks. Raises `UsageError` as `closed_loop` does."""
     feedback = as_controller(controller)
 
     def verdict(model: Model) -> StabilityVerdict:

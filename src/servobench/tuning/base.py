@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Protocol, Self, TypeAlias, runtime_checkable
 
@@ -47,15 +48,31 @@ class Wish:
         )
 
 
+class Unreachable(UsageError):
+    """A wish that no gains fulfil, though a slower or a faster one may be reached."""
+
+
 @runtime_checkable
 class Method(Protocol):
     """A way to find gains."""
 
     def __call__(self, motor: FirstOrderMotor, wish: Wish) -> Tunable:
-        """Return the controller of a motor, in rad, for a wish; whether it is a good one the margins say.
+        """Return the controller of a motor, in rad, for a wish; whether it is a good one its poles and margins say.
 
-        Raises `UsageError` where the wish lacks something, or no gains of the right sign fulfil it.
+        Raises `UsageError` where the wish lacks something, `Unreachable` where no gains of the right sign fulfil it.
         """
+        ...
+
+    def poles(self, wish: Wish) -> tuple[complex, ...]:
+        """Return the poles [1/s] of the closed loop that are wished for, both of a pair; raises `UsageError` as the call does."""
+        ...
+
+    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+        """Return the motor's poles [1/s] that the controller's zeros cancel."""
+        ...
+
+    def quantities(self, wish: Wish, poles: Sequence[complex]) -> Mapping[str, tuple[float, str]]:
+        """Return what a wish is made of besides poles, by name, as it follows from some poles, with its unit."""
         ...
 
     def told(self, wish: Wish) -> str:
@@ -66,9 +83,9 @@ class Method(Protocol):
 METHODS: Registry[Method] = Registry("method", "servobench.tuning")
 
 
-def as_printed(value: float) -> float:
-    """Return a gain as it is printed and pasted, so that what is judged is what runs: to five digits."""
-    return float(f"{value:.5g}")
+def as_printed(value: float, digits: int = 5) -> float:
+    """Return a gain as it is printed and pasted, so that what is judged is what runs: to so many digits."""
+    return float(f"{value:.{digits}g}")
 
 
 def unsupported(wish: Wish, method: str, can: str) -> UsageError:

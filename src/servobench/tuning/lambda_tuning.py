@@ -1,20 +1,24 @@
-"""λ-tuning: gains for a closed loop with a wished time constant λ, with the dead time in mind.
+"""λ-tuning: gains for a closed loop with a wished time constant λ, as it runs tick by tick.
 
-The SIMC rules (Skogestad 2003) that `export.tuning` states: the speed gets a PI, the position a PD, whose zero cancels the
-motor's pole, so that the output rises as 1/(λs + 1) behind the dead time. For that the reference acts on the derivative part of
+The speed gets a PI, the position a PD, whose zero cancels the motor's pole, so that the output rises as 1/(λs + 1) behind the
+dead time (Dahlin 1968; Skogestad 2003, whose rules are this one with the dead time to first order). Here the slowest pole is put
+at -1/λ with hold, filter and delay as they are (`placement`).
+For that the reference acts on the derivative part of
 the PD, too: a step of it makes a spike of the voltage as long as the filter's time constant.
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 from servobench.control.pid import Pid
 from servobench.control.state_feedback import StateFeedback
 from servobench.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
-from servobench.export.tuning import simc
-from servobench.tuning.base import METHODS, Tunable, Wish, as_printed, unsupported
+from servobench.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
+from servobench.tuning.placement import placed
 
 _FILTER = 5.0  # the filter's cut-off times λ
 
@@ -28,42 +32,62 @@ class _LambdaTuning:
                 f"{self.told(wish)}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
                 f"(the motor's delay {motor.delay:.3g} s and a sample time of {wish.sample_time:g} s); wish for more than that"
             )
+        law, settings, gains = _law(wish)
         cutoff = as_printed(wish.cutoff or min(_FILTER / wished, 1 / wish.sample_time))
-        position, speed, integral = map(
-            as_printed,
-            simc(motor.gain.value, motor.time_constant.value, wished, dead_time + 1 / cutoff),
+        made = placed(
+            law,
+            settings | {"cutoff": cutoff},
+            gains,
+            motor,
+            wish.sample_time,
+            self.poles(wish),
+            self.cancelled(motor, wish),
         )
-        if wish.output == "speed" and wish.controller == "pid":
-            return Pid(output="speed", kp=speed, ki=integral, cutoff=cutoff)
-        if wish.output == "position" and wish.controller == "pid":
-            return Pid(kp=position, kd=speed, c=1.0, cutoff=cutoff)
-        if wish.output == "speed" and wish.controller == "state_feedback":
-            return StateFeedback(
-                output="speed",
-                position_gain=0.0,
-                speed_gain=speed,
-                integral_gain=integral,
-                reference_gain=speed,
-                cutoff=cutoff,
-            )
-        raise unsupported(wish, "lambda_tuning", "pid with both, and state_feedback with the speed")
+        if getattr(made, gains[0]) * motor.gain.value <= 0:
+            raise Unreachable("no gains of the right sign give the loop that time constant")
+        if isinstance(made, StateFeedback):
+            return made.model_copy(update={"reference_gain": made.speed_gain})
+        return made
+
+    def poles(self, wish: Wish) -> tuple[complex, ...]:
+        return (complex(-1 / _time_constant(wish)),)
+
+    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+        return (complex(-1 / motor.time_constant.value),)
+
+    def quantities(self, wish: Wish, poles: Sequence[complex]) -> Mapping[str, tuple[float, str]]:
+        return {"time constant": (-1 / poles[0].real, "s")}
 
     def told(self, wish: Wish) -> str:
-        return f"--lambda {wish.closed_loop:.3g}"
+        return f"`closed_loop={wish.closed_loop:.3g}`"
+
+
+def _law(wish: Wish) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
+    """The law that is wished, its settings but for the filter, and the gains to be found."""
+    match wish.controller, wish.output:
+        case "pid", "speed":
+            return Pid, {"output": "speed"}, ("kp", "ki")
+        case "pid", "position":
+            return Pid, {"c": 1.0}, ("kp", "kd")
+        case "state_feedback", "speed":
+            settings = {"output": "speed", "position_gain": 0.0}
+            return StateFeedback, settings, ("speed_gain", "integral_gain")
+    raise unsupported(wish, "lambda_tuning", "pid with both, and state_feedback with the speed")
 
 
 def _time_constant(wish: Wish) -> float:
     """λ [s]; raises `UsageError` where it isn't said, or something else is."""
     if wish.poles or wish.damping is not None or wish.bandwidth is not None:
         raise UsageError(
-            "--damping, --bandwidth and --poles are wishes for pole_placement; say --lambda, such as --lambda 50ms"
+            "`damping=...`, `bandwidth=...` and `poles=...` are wishes for pole_placement; say `closed_loop=...`, such as "
+            "`closed_loop=50ms`"
         )
     if wish.closed_loop is None:
         raise UsageError(
-            "lambda_tuning needs --lambda, the time constant wished for the closed loop, such as --lambda 50ms"
+            "lambda_tuning needs `closed_loop=...`, the time constant wished for the closed loop, such as `closed_loop=50ms`"
         )
     if not (math.isfinite(wish.closed_loop) and wish.closed_loop > 0):
-        raise UsageError(f"--lambda {wish.closed_loop:g}: expected a time above 0")
+        raise UsageError(f"`closed_loop={wish.closed_loop:g}`: expected a time above 0")
     return wish.closed_loop
 
 

@@ -6,6 +6,8 @@ Overshoot and rise time are those of Franklin, Powell and Emami-Naeini 2015, cha
 from __future__ import annotations
 
 import math
+from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +23,7 @@ _RESOLUTION = 1e-9  # rad; finer than any encoder, as what is asked for is the l
 _LENGTHS = 12.0  # of the time that 1/gain crossover is, and of the motor's time constant
 _LEAST = 6.0  # times 1/gain crossover: a pair of poles has its overshoot after about π of these
 _MOST_TICKS = 20_000
+_MOST_DELAYED = 500  # ticks; each is a state of the loop, and the work grows with their cube
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -68,7 +71,8 @@ def unit_step(
     )
     # An input acts after whole ticks and a part of one, in which the one before it still does.
     whole, part = divmod(delay, sample_time)
-    on_its_way = [0.0] * (int(whole) + 2)
+    waiting = int(min(whole, ticks)) + 2  # what is delayed beyond the last tick never acts
+    on_its_way = deque([0.0] * waiting, maxlen=waiting)
     state = controller.start(sample_time, info)
     angle = speed = 0.0
     course = np.empty((ticks, 2))
@@ -76,7 +80,7 @@ def unit_step(
         sample = Sample(index=k, time=k * sample_time, counts=math.floor(angle / _RESOLUTION))
         state, voltage = controller.step(state, 1.0 if k else 0.0, sample)
         course[k] = (speed if controller.output == "speed" else angle), voltage
-        on_its_way = [voltage, *on_its_way[:-1]]
+        on_its_way.appendleft(voltage)
         for held, length in ((on_its_way[-1], part), (on_its_way[-2], sample_time - part)):
             end, a = gain * held, math.exp(-length / tau)
             angle += tau * (1 - a) * (speed - end) + length * end
@@ -94,11 +98,33 @@ def ticks_of(motor: FirstOrderMotor, sample_time: float, crossover: float) -> in
     shortest = _LEAST / crossover / _MOST_TICKS
     if sample_time < shortest:
         raise UsageError(
-            f"--sample-time {sample_time:g}: the step response of a loop with its crossover at {crossover:.3g} rad/s takes more "
+            f"`sample_time={sample_time:g}`: the step response of a loop with its crossover at {crossover:.3g} rad/s takes more "
             f"than {_MOST_TICKS} ticks of that; expected {1.1 * shortest:.2g} s at least, with which its gains are about the same"
         )
     length = _LENGTHS * max(1 / crossover, motor.time_constant.value)
     return min(math.ceil(length / sample_time), _MOST_TICKS)
+
+
+def check_sample_time(poles: Sequence[complex], motor: FirstOrderMotor, sample_time: float) -> None:
+    """Raise `UsageError` for a sample time [s] far too short for a loop with the wished `poles` [1/s], before any is placed.
+
+    Below it neither the poles z = e^(sh), next to 1, nor the delay, thousands of ticks long, could be worked with. A crossover
+    isn't beyond the sum of the poles' sizes, so that nothing is refused here that `ticks_of` would take.
+    """
+    sizes = [abs(pole) for pole in poles]
+    # From half of the slowest pole on the loop has its crossover, hold, filter and delay included.
+    enough = _LEAST / (0.5 * min(sizes)) / _MOST_TICKS
+    if sample_time < _LEAST / sum(sizes) / _MOST_TICKS:
+        raise UsageError(
+            f"`sample_time={sample_time:g}`: the step response of a loop with a pole at {min(sizes):.3g} rad/s takes more than "
+            f"{_MOST_TICKS} ticks of that; expected {min(enough, 0.1 / max(sizes)):.2g} s at least, with which its gains are "
+            "about the same"
+        )
+    if motor.delay > _MOST_DELAYED * sample_time:
+        raise UsageError(
+            f"`sample_time={sample_time:g}`: the motor's delay of {motor.delay:.3g} s takes more than {_MOST_DELAYED} ticks of "
+            f"that; expected {1.1 * motor.delay / _MOST_DELAYED:.2g} s at least, with which the gains are about the same"
+        )
 
 
 def step_response(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import replace
-from typing import Literal
+from typing import Any, Literal
 
 from servobench.channels import Sample
 from servobench.devices.base import Device
@@ -15,8 +15,8 @@ from servobench.devices.faults.base import FAULTS, Injected, Injection, Latch, O
 class Nan(Occasional):
     """A measured value, or the device's answer to a voltage, is not a number (NaN)."""
 
-    channel: Literal["applied", "current", "tachometer"] = "applied"
-    """Which one: applied (the answer to a voltage), current or tachometer."""
+    channel: Literal["applied", "counts", "current", "tachometer"] = "applied"
+    """Which one: applied (the answer to a voltage), counts, current or tachometer."""
 
     def unsupported(self, device: Device) -> str | None:
         """It takes the channel."""
@@ -33,11 +33,10 @@ class Nan(Occasional):
             nonlocal struck
             sample = latch()
             struck = happens(self.holds(run))
-            if struck and self.channel == "current":
-                return replace(sample, current=math.nan)
-            if struck and self.channel == "tachometer":
-                return replace(sample, tachometer=math.nan)
-            return sample
+            if not struck or self.channel == "applied":
+                return sample
+            values: dict[str, Any] = {self.channel: math.nan}
+            return replace(sample, **values)
 
         def write(voltage: float, put: Put) -> float:
             applied = put(voltage)

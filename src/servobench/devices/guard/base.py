@@ -64,7 +64,7 @@ class Motion:
     both in counts and unwrapped by the half-range rule: of all steps that the counter may have made, the shortest.
     `speed`, smoothed over 10 ms (two samples where that is more), and `fastest`, the larger one of that and of the
     tachometer, in rad/s, or in counts/s where the counts of a turn aren't known. `current` [A], None where it isn't measured.
-    `applied` is the voltage that held until this sample [V].
+    `applied` is the voltage that held until this sample [V]; `feedback` says whether a controller answers to the samples.
     """
 
     __slots__ = (
@@ -79,6 +79,7 @@ class Motion:
         "current",
         "dt",
         "fastest",
+        "feedback",
         "position",
         "speed",
         "step",
@@ -99,6 +100,7 @@ class Motion:
         self.step = self.position = 0
         self.speed = self.fastest = self.applied = 0.0
         self.current: float | None = None
+        self.feedback = False
 
     def take(self, sample: Sample) -> None:
         """Take the next sample."""

@@ -5,15 +5,19 @@ from __future__ import annotations
 from collections.abc import Iterable
 from dataclasses import dataclass
 
+from servobench.devices.base import error_text, value_text
 from servobench.devices.guard.base import Alarm
-from servobench.finding import Finding, info, warning
+from servobench.finding import Finding, danger, info, warning
+from servobench.rounding import milliseconds
 
 _DOUBTFUL = (
     "encoder-",
     "wraps-",
     "applied-",
-    "stop-",
 )  # what was measured before such a fault may be wrong, too
+
+
+NOT_STOPPED = "stop-failed"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -27,18 +31,23 @@ class Fault:
     @classmethod
     def of(cls, alarm: Alarm, time: float) -> Fault:
         """Return the fault that an alarm at that time [s] is."""
-        sentence = f"the motor was stopped at {time:.4g} s: {alarm.sentence}"
+        begins = (
+            f"at {time:.4g} s" if alarm.code == NOT_STOPPED else f"the motor was stopped at {time:.4g} s:"
+        )
+        sentence = f"{begins} {alarm.sentence}"
         return cls(code=alarm.code, sentence=sentence, time=time)
 
 
 def faults_found(faults: Iterable[Fault], told: Iterable[Finding]) -> list[Finding]:
     """Return a finding for each fault, but for those whose code has been told already."""
     known = {finding.code for finding in told}
-    return [
-        (warning if fault.code.startswith(_DOUBTFUL) else info)(fault.code, f"Fault: {fault.sentence}.")
-        for fault in faults
-        if fault.code not in known
-    ]
+    return [_found(fault) for fault in faults if fault.code not in known]
+
+
+def _found(fault: Fault) -> Finding:
+    if fault.code == NOT_STOPPED:
+        return danger(fault.code, f"SWITCH OFF THE SUPPLY: {fault.sentence}.")
+    return (warning if fault.code.startswith(_DOUBTFUL) else info)(fault.code, f"Fault: {fault.sentence}.")
 
 
 def saturated(samples: int) -> Finding:
@@ -54,27 +63,21 @@ def starved(silent: float, timeout: float) -> Alarm:
     """Return that nobody drove for some time, longer than the timeout [s]."""
     return Alarm(
         "watchdog",
-        f"no new voltage came for {1000 * silent:.3g} ms after a new sample (limit: {1000 * timeout:g} ms); find what held the "
-        "loop up, or raise limits.watchdog.timeout",
+        f"no new voltage came for {milliseconds(silent)} ms after a new sample (limit: {1000 * timeout:g} ms); find what held "
+        "the loop up, or raise limits.watchdog.timeout",
     )
 
 
 def no_voltage(voltage: object) -> Alarm:
     """Return that something was to be written that is no voltage."""
-    given = repr(voltage)
-    shown = given if len(given) <= 40 else f"{given[:37]}..."
-    return Alarm("voltage-not-finite", f"{shown} is no voltage; expected a finite number in V")
+    return Alarm("voltage-not-finite", f"{value_text(voltage)} is no voltage; expected a finite number in V")
 
 
-def no_answer(applied: float) -> Alarm:
-    """Return that the device gave back something that is no voltage."""
-    return Alarm("applied-not-finite", f"the device says that it puts out {applied} V; look at its driver")
-
-
-def not_stopped(error: BaseException) -> Alarm:
-    """Return that the device's own stop failed."""
+def not_stopped(error: BaseException, *, zero_volts: bool) -> Alarm:
+    """Return that the device's own stop failed; `zero_volts`: whether it had taken a write of 0 V before."""
+    known = "a write of zero volts had returned before" if zero_volts else "zero volts were not confirmed"
     return Alarm(
-        "stop-failed",
-        f"the device's own stop failed ({error!r}), so nothing more is written to it, for its own watchdog to stop it; take the "
-        "motor's supply away",
+        NOT_STOPPED,
+        f"the device's own stop failed ({error_text(error)}; {known}), so nothing more is written to it, for its own watchdog to "
+        "stop it",
     )

@@ -7,6 +7,7 @@ from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, SMOOTHING, Alarm, Motion, Nominal, Rig
 from servobench.finding import Finding
+from servobench.rounding import milliseconds
 
 _BAND = 2  # counts; a channel that is stuck leaves the other one, which makes a count toggle
 _SLUGGISH = 0.5  # of the nominal acceleration; R, k and J 20 % off make 0.8 / 1.2² = 0.56, friction 20 % off another 2 %
@@ -111,7 +112,7 @@ class PlausibilityMonitor:
         stood = min(self._standing, self._pushed)
         return Alarm(
             "encoder-stands-still",
-            f"the encoder stood still for {1000 * self._standing:.3g} ms, of which the last {1000 * stood:.3g} ms under "
+            f"the encoder stood still for {milliseconds(self._standing)} ms, of which the last {milliseconds(stood)} ms under "
             f"{self._voltage:g} V or more ({motion.applied:.3g} V at the end), where the motor turns within "
             f"{1000 * self._patience:.2g} ms; look at its cable, and whether something blocked the shaft all at once",
         )

@@ -6,6 +6,7 @@ from typing import ClassVar, Self
 
 from servobench.devices.guard.base import MONITORS, Alarm, Motion, Rig
 from servobench.finding import Finding
+from servobench.rounding import milliseconds
 
 _FASTER = 1.5  # than the nominal motor without a load at the largest voltage; a motor constant 20 % too small makes 1.25
 _ROUNDING = 2  # counts that rounding may add to a step
@@ -56,7 +57,7 @@ class StepMonitor:
         if self._half and possible >= self._half:
             return Alarm(
                 "wraps-unknown",
-                f"{1000 * motion.dt:.3g} ms passed between two samples, in which the counter may have wrapped unseen; "
+                f"{milliseconds(motion.dt)} ms passed between two samples, in which the counter may have wrapped unseen; "
                 "the position is lost: sample faster, or use a wider counter",
             )
         largest = possible + self._fastest * self._sample_time + _ROUNDING
@@ -69,6 +70,6 @@ class StepMonitor:
     def _alarm(self, motion: Motion, largest: float) -> Alarm:
         return Alarm(
             "encoder-step-impossible",
-            f"the encoder stepped by {motion.step} counts in {1000 * motion.dt:.3g} ms, of which a motor can make "
+            f"the encoder stepped by {motion.step} counts in {milliseconds(motion.dt)} ms, of which a motor can make "
             f"{largest:.0f}; look at its cable, or set limits.possible_speed",
         )

@@ -21,6 +21,7 @@ from servobench.models.kernels import (
     EXTRA,
     RATE,
     RESPONSE,
+    TAU,
     driven,
     passed,
     weights,
@@ -57,7 +58,8 @@ def advance(
         if until >= t:
             break
         following = motor[HELD] if stops else u[k]
-        passed(x, p, motor[HELD], following, friction, until - motor[NOW], stops)
+        h = until - motor[NOW]
+        passed(x, p, motor[HELD], following, friction, h, -math.expm1(-h / p[TAU]), stops)
         if not stops:
             k += 1
         motor[NOW], motor[HELD] = until, following

@@ -58,7 +58,7 @@ def hand_out(
         more = (
             ""
             if assessment.with_motor
-            else ", or --with-motor where the students have their motors in panels"
+            else ", or `with_motor=...` where the students have their motors in panels"
         )
         raise UsageError(
             f"{assessment.exercise.source}: none of its blanks can be told from what students get ({why}); take another "

@@ -19,16 +19,12 @@ from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.responses import bandwidth
 from servobench.rounding import plain
+from servobench.sampled_loop import SampledLoop, sampled_margins
 from servobench.stability_analysis.nyquist import closed_loop
+from servobench.stability_analysis.sampled import closed_bandwidth, closed_sampled_loop
 from servobench.transfer_function import TransferFunction
 from servobench.tuning.base import Tunable
 from servobench.tuning.loop import open_loop
-from servobench.tuning.sampled import (
-    SampledLoop,
-    closed_bandwidth,
-    closed_sampled_loop,
-    sampled_margins,
-)
 
 _POINTS = 400
 

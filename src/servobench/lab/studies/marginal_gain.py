@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from typing import Annotated
 
 import numpy as np
@@ -27,6 +31,30 @@ from servobench.tuning.loop import open_loop
 
 _SETTLED = 0.5  # s after the ramp; the loop's third pole is gone by then
 _SHOWN = 4
+_WIDEST = (
+    1.2  # ratio of two gains between which growth is a straight line, to less than a per cent of the gain
+)
+_NARROWEST = 1.01  # ratio of two gains that is near enough where the upper one runs away at once
+_FARTHEST = 8.0  # how far beyond the gains to try others are tried, as a factor
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Swing:
+    """The speed about which a loop swings with the gain k: growth [1/s] and frequency [rad/s], NaN where it ran away at once.
+
+    Times (N,) [s] and speeds (N,) [rad/s], as far as the swings stay within half of the speed.
+    """
+
+    k: float
+    growth: float
+    frequency: float
+    t: Array
+    speed: Array
+
+    @property
+    def dies_out(self) -> bool:
+        """Whether it swings less and less."""
+        return self.growth <= 0
 
 
 @STUDIES.member("marginal_gain")
@@ -55,18 +83,12 @@ class MarginalGain(OfAMotor):
         paper = stable_gains(loop)[0][1]
         # The loop itself, sampled, for k = 1.
         sampled = stable_gains(open_loop(self._law(1.0), gain, tau, 0.0, h).in_w)[0][1]
-        courses, growths, frequencies = [], [], []
-        for k in self.gains:
-            t, speed = self._run(stand, k)
-            growth, omega = _swing(t, speed, np.sqrt(a / tau))
-            courses.append((k, t, speed))
-            growths.append(growth)
-            frequencies.append(omega)
+        swings = self._search(stand, float(np.sqrt(a / tau)))
         rightmost = [
-            float(max(r.real for r in np.roots(np.polyadd(loop.denominator, [k * gain])) if r.imag > 0))
-            for k in self.gains
+            float(max(r.real for r in np.roots(np.polyadd(loop.denominator, [each.k * gain])) if r.imag > 0))
+            for each in swings
         ]
-        tried = _crossing(np.array(self.gains), np.array(growths))
+        tried = _crossing(swings)
         limits = (
             Column(
                 name="how",
@@ -77,10 +99,10 @@ class MarginalGain(OfAMotor):
         )
         return Shown(
             tables=(
-                self._table(rightmost, growths, frequencies),
+                self._table(rightmost, swings),
                 Table(title="Where it begins to swing", columns=limits),
             ),
-            figures=(self._figure(courses),),
+            figures=(self._figure(swings),),
             facts={
                 "routh": Fact(value=paper),
                 "tried": Fact(value=tried),
@@ -88,20 +110,48 @@ class MarginalGain(OfAMotor):
             },
         )
 
-    def _table(self, theory: list[float], growths: list[float], frequencies: list[float]) -> Table:
-        said = tuple("grow" if g > 0 else "die out" for g in growths)
+    def _search(self, stand: Stand, near: float) -> list[_Swing]:
+        """The swings with the gains to try and, where these leave the limit open, with further ones, in rising order.
+
+        Gains are added beyond the last ones, and between two, until one whose swings die out and one whose swings grow are within
+        a fifth; `near` is about the frequency of the swings [rad/s].
+        """
+        tried = {k: self._swing(stand, k, near) for k in self.gains}
+        while (k := _next(tried)) is not None and self.gains[0] / _FARTHEST < k < self.gains[-1] * _FARTHEST:
+            tried[k] = self._swing(stand, k, near)
+        return [tried[k] for k in sorted(tried)]
+
+    def _swing(self, stand: Stand, k: float, near: float) -> _Swing:
+        t, speed = self._run(stand, k)
+        if len(t) < 2 or t[-1] - t[0] < 2 * np.pi / near:  # run away before a period was over
+            return _Swing(k=k, growth=math.nan, frequency=math.nan, t=t, speed=speed)
+        growth, omega = _growth(t, speed, near)
+        return _Swing(k=k, growth=growth, frequency=omega, t=t, speed=speed)
+
+    def _table(self, theory: list[float], swings: Sequence[_Swing]) -> Table:
         return Table(
             title="Gains tried",
             columns=(
-                Column(name="gain", heading="gain k", values=self.gains),
+                Column(name="gain", heading="gain k", values=tuple(each.k for each in swings)),
                 Column(name="theory", heading="growth by theory", unit="1/s", values=tuple(theory), digits=3),
                 Column(
-                    name="growth", heading="growth in the run", unit="1/s", values=tuple(growths), digits=3
+                    name="growth",
+                    heading="growth in the run",
+                    unit="1/s",
+                    values=tuple(each.growth for each in swings),
+                    digits=3,
                 ),
                 Column(
-                    name="frequency", heading="frequency in the run", unit="rad/s", values=tuple(frequencies)
+                    name="frequency",
+                    heading="frequency in the run",
+                    unit="rad/s",
+                    values=tuple(each.frequency for each in swings),
                 ),
-                Column(name="verdict", heading="the swings", values=said),
+                Column(
+                    name="verdict",
+                    heading="the swings",
+                    values=tuple("die out" if each.dies_out else "grow" for each in swings),
+                ),
             ),
         )
 
@@ -129,14 +179,22 @@ class MarginalGain(OfAMotor):
         end = wide[0] if len(wide) else len(t)
         return t[:end], y[:end]
 
-    def _figure(self, courses: list[tuple[float, Array, Array]]) -> Illustration:
+    def _figure(self, swings: Sequence[_Swing]) -> Illustration:
+        seen = [each for each in swings if each.k in self.gains and len(each.t)]
         drawn = tuple(
             Course(
-                title=f"k = {plain(k)}",
-                panels=(Panel(title="Speed", unit="rad/s", curves=(Curve(t=t, y=y, look="measured"),), height=110.0),),
+                title=f"k = {plain(each.k)}",
+                panels=(
+                    Panel(
+                        title="Speed",
+                        unit="rad/s",
+                        curves=(Curve(t=each.t, y=each.speed, look="measured"),),
+                        height=110.0,
+                    ),
+                ),
             )
-            for k, t, y in courses[:_SHOWN]
-        )  # fmt: skip
+            for each in seen[:_SHOWN]
+        )
         return Illustration(
             name="swings",
             title="Swings about the speed that was asked for",
@@ -146,7 +204,7 @@ class MarginalGain(OfAMotor):
         )
 
 
-def _swing(t: Array, y: Array, near: float) -> tuple[float, float]:
+def _growth(t: Array, y: Array, near: float) -> tuple[float, float]:
     """Growth [1/s] and frequency [rad/s] of c + e^(σt) (a cos ωt + b sin ωt), by least squares from a frequency nearby."""
     from scipy.optimize import least_squares
 
@@ -163,10 +221,23 @@ def _swing(t: Array, y: Array, near: float) -> tuple[float, float]:
     return float(found.x[0]), float(found.x[1])
 
 
-def _crossing(gains: Array, growths: Array) -> float:
-    """The gain at which the growth is zero, on a straight line between the two tried about it; NaN without such two."""
-    up = np.flatnonzero((growths[:-1] <= 0) & (growths[1:] > 0))
-    if not len(up):
-        return float("nan")
-    n = int(up[0])
-    return float(np.interp(0.0, growths[n : n + 2], gains[n : n + 2]))
+def _next(tried: Mapping[float, _Swing]) -> float | None:
+    """The gain to try next; None where one that dies out and one that grows are near each other."""
+    growing = [each.k for each in tried.values() if not each.dies_out]
+    dying = [each.k for each in tried.values() if each.dies_out and (not growing or each.k < min(growing))]
+    if not dying:
+        return min(tried) / _WIDEST
+    if not growing:
+        return max(tried) * _WIDEST
+    low, high = max(dying), min(growing)
+    near_enough = _WIDEST if math.isfinite(tried[high].growth) else _NARROWEST
+    return None if high / low <= near_enough else math.sqrt(low * high)
+
+
+def _crossing(swings: Sequence[_Swing]) -> float:
+    """The gain at which the growth is zero, between the two tried about it; NaN without such two."""
+    for low, high in pairwise(swings):
+        if low.dies_out and not high.dies_out:
+            across = low.growth / (low.growth - high.growth) if math.isfinite(high.growth) else 0.5
+            return low.k + across * (high.k - low.k)
+    return math.nan

@@ -73,8 +73,8 @@ class Methods(StudySettings):
     def __call__(self, stand: Stand) -> Shown:
         """Return the table of methods; one that can't has no figures, and a sentence says why.
 
-        Raises `UsageError` where the motor isn't simulated, as then nobody knows the truth, and `NotIdentifiable` where no method
-        gives anything.
+        Raises `NotIdentifiable` where the motor isn't simulated, as then nobody knows its true parameters, and where no
+        method gives anything.
         """
         from servobench.measurement.measure import measure
 

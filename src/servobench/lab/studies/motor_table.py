@@ -41,7 +41,7 @@ class MotorTable(StudySettings):
     """Time at each of them [s]."""
 
     def __call__(self, stand: Stand) -> Shown:
-        """Return the table; raises `NotIdentifiable` for a recording that supports no model, `UsageError` for another motor."""
+        """Return the table; raises `NotIdentifiable` for a recording that supports no model or a motor that is not simulated."""
         from servobench.identification import identify
         from servobench.measurement.measure import measure
         from servobench.motor_parameters import motor_parameters

@@ -9,6 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from servobench.errors import NotIdentifiable
+from servobench.lab.expression import Fact
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
@@ -28,8 +29,10 @@ class StepReading(StudySettings):
 
     63.2 % of the speed behind the filter ω/(s + ω); 63.2 % of the plain differences; the slope of the logarithm behind it; the
     position's asymptote θ = K u (t - τ), which meets the height of the start τ after the step; 63.2 % with the filter taken
-    out; and all samples of the position at once. `expected` is what each gives for the data sheet's motor: where a filter's lag
-    T = 1/ω is in the reading, the time after which 1/((τs + 1)(Ts + 1)) has covered 1 - 1/e of a step.
+    out; and all samples of the position at once. `expected` is what each gives for a first-order motor of the identified τ: where
+    a filter's lag T = 1/ω is in the reading, the time after which 1/((τs + 1)(Ts + 1)) has covered 1 - 1/e of a step, and half a
+    sample time for the difference, which is the mean speed since the last sample. The fact `sheet` is the first of these for the
+    data sheet's motor.
     """
 
     cutoff: Annotated[Speed, Field(gt=0)] = 50.0
@@ -37,12 +40,16 @@ class StepReading(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the readings; raises `NotIdentifiable` where the recording has no step to be read."""
-        recording, tau = stand.recording, known(stand, "sheet_time_constant")
+        recording, tau = stand.recording, known(stand, "time_constant")
         filtered = f"derivative | lowpass {self.cutoff:g} rad/s"
-        seen = behind_filter(tau, 1 / self.cutoff)
+        late = 0.5 * stand.experiment.sample_time
         rows = (
-            ("63.2 % of the speed behind the filter", _read(recording, filtered, "step_63"), seen),
-            ("63.2 % of the plain differences", _read(recording, "derivative", "step_63"), tau),
+            (
+                "63.2 % of the speed behind the filter, of this one step",
+                _read(recording, filtered, "step_63"),
+                self._behind(tau) + late,
+            ),
+            ("63.2 % of the plain differences", _read(recording, "derivative", "step_63"), tau + late),
             ("slope of the logarithm, behind the filter", _read(recording, filtered, "log_linear"), math.nan),
             ("asymptote of the position", _asymptote(motion_of(recording)), tau),
             (
@@ -50,7 +57,7 @@ class StepReading(StudySettings):
                 _read(recording, filtered, "step_63_corrected"),
                 tau,
             ),
-            ("identified from all samples", known(stand, "time_constant"), tau),
+            ("identified from all samples", tau, tau),
         )
         table = Table(
             title="One step, read in several ways",
@@ -59,22 +66,31 @@ class StepReading(StudySettings):
                 Column(name="tau", heading="time constant", unit="s", values=tuple(row[1] for row in rows)),
                 Column(
                     name="expected",
-                    heading="data sheet's motor",
+                    heading="by theory",
                     unit="s",
                     values=tuple(row[2] for row in rows),
                 ),
                 Column(
                     name="above",
-                    heading="above the data sheet's",
+                    heading="above the identified",
                     unit="%",
                     digits=2,
                     values=tuple(100 * (row[1] / tau - 1) for row in rows),
                 ),
             ),
-            note="Differences come in steps of one count in one sample, on which their reading hangs. What the slope of the "
-            "logarithm gives depends on the part of the rise through which the line is laid.",
+            note="By theory: for a first-order motor with the identified time constant. Differences come in steps of one "
+            "count in a sample, on which their reading hangs. What the slope of the logarithm gives depends on the part of the "
+            "rise that the line is laid through.",
         )
-        return Shown(tables=(table,), figures=(self._figure(recording, rows[0][1]),))
+        sheet = self._behind(known(stand, "sheet_time_constant")) + late
+        return Shown(
+            tables=(table,),
+            figures=(self._figure(recording, rows[0][1]),),
+            facts={"sheet": Fact(value=sheet)},
+        )
+
+    def _behind(self, tau: float) -> float:
+        return behind_filter(tau, 1 / self.cutoff)
 
     def _figure(self, recording: Recording, seen: float) -> Illustration:
         motion = motion_of(recording)

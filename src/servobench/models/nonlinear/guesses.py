@@ -199,7 +199,7 @@ def _still(
         )
         left, held = kernels.at_rest(p, record.input_before, p[kernels.POSITION], structure.gravity)
         if abs(left) <= held:
-            places.append(at + own.index(START_SPEED))
+            places.append(at + [parameter.name for parameter in own].index(START_SPEED.name))
         at += len(own)
     return np.array(places, dtype=np.int64)
 

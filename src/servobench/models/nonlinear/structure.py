@@ -137,12 +137,16 @@ class NonlinearMotor:
         """
         largest = 10 * max(float(np.abs(record.u).max()) for record in data)
         base = FirstOrder((GAIN, TIME_CONSTANT, DELAY))
-        (_, _, earliest), _ = base.bounds(data)
+        (_, _, earliest), (_, _, latest) = base.bounds(data)
         shortest = 0.2 * max(record.sample_time for record in data)
         top = max(float(np.abs(smoothed_speed(record)).max()) for record in data) or 1.0
         nearest = {TIME_CONSTANT: shortest, DELAY: float(earliest), STRIBECK_SPEED: _SLOWEST * top}
         nearest |= {SINE: -largest, COSINE: -largest}
-        farthest = {STRIBECK_SPEED: _FASTEST * top, **dict.fromkeys((SINE, COSINE, STRIBECK), largest)}
+        farthest = {
+            DELAY: float(latest),
+            STRIBECK_SPEED: _FASTEST * top,
+            **dict.fromkeys((SINE, COSINE, STRIBECK), largest),
+        }
         return (
             np.array([nearest.get(p, p.lower) for p in self.parameters]),
             np.array([farthest.get(p, p.upper) for p in self.parameters]),
@@ -185,6 +189,14 @@ class NonlinearMotor:
         shared = len(self.parameters)
         start = 2 if data.kind == "position" else 1
         return through_chain(y, jacobian, theta[shared + start :], data)
+
+    def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
+        """Return the prediction (M,) alone, through the data's chain, for theta (P + Q,) and an input u (N,) at its times."""
+        driven = data if u is data.u else replace(data, u=u, reference=None)
+        kind = data.kind if is_plain(data) else data.shaft_kind
+        y, none = self.response(theta, driven, kind, data.t_output, derivatives=False)
+        start = 2 if data.kind == "position" else 1
+        return through_chain(y, none, theta[len(self.parameters) + start :], data).y
 
     def vector(self, theta: Array, data: Dataset) -> Array:
         """Return the kernel's vector for theta (P + Q,), the device's own delay included."""

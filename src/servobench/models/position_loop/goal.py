@@ -34,7 +34,8 @@ def goal_finding(data: Dataset) -> Finding | None:
     )
     if _FOLLOWS[0] <= slope <= _FOLLOWS[1]:
         return warning(
-            "input-is-a-goal", f"{follows} Use --structure position_loop or position_loop_coulomb."
+            "input-is-a-goal",
+            f"{follows} Use `structure=position_loop` or `structure=position_loop_coulomb`.",
         )
     return warning(
         "input-is-a-goal",

@@ -139,7 +139,7 @@ class PositionLoop:
         value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
         loop, tau = float(value["loop_gain"]), float(value["time_constant"])
         speed = output == "speed"
-        unit = f"{data.position_unit}/(s·{data.input_unit})"
+        unit = data.gain_unit
         return TransferFunction(
             numerator=(loop, 0.0) if speed else (loop,),
             denominator=(tau, 1.0, loop),

@@ -194,7 +194,7 @@ class Rational:
             denominator=denominator,
             delay=float(theta[n + m + 1]) if self.delayed else 0.0,
             output=output,
-            unit=f"{data.position_unit}/{'(s·' if output == 'speed' else ''}{data.input_unit}{')' if output == 'speed' else ''}",
+            unit=data.gain_unit if output == "speed" else f"{data.position_unit}/{data.input_unit}",
         )
 
 

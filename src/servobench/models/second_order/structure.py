@@ -24,7 +24,7 @@ from servobench.measurement.base import Kind
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES, Output, Parameter, Prediction
 from servobench.models.first_order import COULOMB, DELAY, GAIN, OFFSET, ONE_WAY, TIME_CONSTANT, FirstOrder
-from servobench.models.records import START_POSITION, START_SPEED, filter_parameters, through_chain
+from servobench.models.records import start_parameters, through_chain
 from servobench.transfer_function import TransferFunction
 
 ELECTRICAL = Parameter(
@@ -60,8 +60,7 @@ class SecondOrder:
 
         The current at the first sample is what the input before makes of it.
         """
-        own = (START_POSITION, START_SPEED) if data.kind == "position" else (START_SPEED,)
-        return own + filter_parameters(data)
+        return start_parameters(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
         """Return the bounds of the parameters; those of the first-order structure, and a thousandth of a sample time for τ_e."""
@@ -165,7 +164,7 @@ class SecondOrder:
         value = self._named(theta)
         tau, fast = value["time_constant"], fast_time_constant(value)
         lags = (tau * fast, tau + fast, 1.0)
-        unit = f"{data.position_unit}/(s·{data.input_unit})"
+        unit = data.gain_unit
         return TransferFunction(
             numerator=(value["gain"],),
             denominator=lags if output == "speed" else (*lags, 0.0),

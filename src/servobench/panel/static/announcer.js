@@ -20,10 +20,11 @@ function tell() {
 
 const MOST = 4; // sentences at once; the oldest goes
 
-// A sentence for everybody, below those that are there: for some seconds, maybe with one thing to do about it.
+// A sentence for everybody, below those that are there: for some seconds, maybe with one thing to do about it. Returns what takes it away.
 export function toast(sentence, action = null) {
     const place = show(sentence, action);
     setTimeout(() => place.remove(), action ? 12000 : 6000);
+    return () => place.remove();
 }
 
 // A sentence about what went wrong: there until it's closed, as it says what to do.

@@ -11,7 +11,8 @@ export class Commands {
         this.early = new Map(); // number -> acknowledgement that came before the answer
     }
 
-    // Resolves to {accepted, tick, time, why}, with the time of the run [s]; never rejects, as a refusal is a result.
+    // Resolves to {accepted, tick, time, why, silent}, with the time of the run [s]; never rejects, as a refusal is a result.
+    // `silent` is true where nobody answered.
     ask(message, patience = this.patience) {
         const id = ++this.last;
         return new Promise((resolve) => {
@@ -20,8 +21,8 @@ export class Commands {
                 this.asked.delete(id);
                 resolve(outcome);
             };
-            const silence = `no answer within ${patience / 1000} s; what holds is what the page shows as applied`;
-            const timer = setTimeout(() => finish({ accepted: false, why: silence }), patience);
+            const silence = `in ${patience / 1000} s, so that it isn't known whether it holds. Try again; where nothing answers, press STOP, and switch off the supply if the motor turns`;
+            const timer = setTimeout(() => finish({ accepted: false, silent: true, why: silence }), patience);
             this.asked.set(id, finish);
             if (!this.send({ ...message, id })) finish({ accepted: false, why: "not connected; nothing was sent" });
         });

@@ -6,7 +6,7 @@ import { byId, el, say } from "./dom.js";
 import { significant, words } from "./format.js";
 import { permit, whyNot } from "./permit.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
-import { showStatus, track } from "./status.js";
+import { failed, followLink, showStatus, track } from "./status.js";
 import { referenceUnit } from "./traces.js";
 
 export function makeStart(store, commands) {
@@ -19,8 +19,11 @@ export function makeStart(store, commands) {
             const opened = await track(chip, commands, again, OPENING);
             if (!opened.accepted) return;
         }
-        const outcome = await track(chip, commands, { do: running && enabled ? "halt" : "start" });
-        if (!outcome.accepted) announce(`Refused: ${outcome.why}`);
+        const halts = running && enabled;
+        const wrong = halts ? "" : await store.beforeStart();
+        if (wrong) return showStatus(chip, "none", `Not started. ${wrong}`);
+        const outcome = await track(chip, commands, { do: halts ? "halt" : "start" });
+        if (!outcome.accepted) announce(failed(outcome));
     });
     store.on("state", (state) => {
         const turning = state.running && state.enabled && !state.unknown;
@@ -75,7 +78,7 @@ export function makeController(store, commands, controllers, scopes) {
         if (!sure && farAway(store, scopes, controller)) return ask();
         const outcome = await track(chip, commands, { do: "set", controller });
         applied.sent(controller, outcome);
-        announce(outcome.accepted ? `Controller applied: ${settings.member.title}` : `Controller refused: ${outcome.why}`);
+        announce(outcome.accepted ? `Controller applied: ${settings.member.title}` : `Controller: ${failed(outcome)}`);
     };
     applied.onRevert = () => showStatus(chip, "applied");
     store.on("proposed", ({ controller }) => {
@@ -87,6 +90,7 @@ export function makeController(store, commands, controllers, scopes) {
     store.on("state", (state) => {
         permit(applied.set, whyNot(state));
         if (state.controller && applied.follow(state.controller)) showStatus(chip, "applied");
+        followLink(chip, state);
     });
 }
 
@@ -166,6 +170,7 @@ export function makeCutoff(store, commands) {
     let held = null;
     store.on("state", (state) => {
         permit(slider, whyNot(state));
+        followLink(chip, state);
         if (state.chain === held || busy || waiting) return;
         held = state.chain;
         const cutoff = cutoffOf(state.chain);

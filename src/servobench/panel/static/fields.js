@@ -6,7 +6,6 @@ import { meaning, words } from "./format.js";
 // A value as a number, whether it came as one or as a text with its unit.
 const plain = (value) => (typeof value === "number" ? value : parseFloat(value));
 
-const isTable = (value) => value !== null && typeof value === "object" && !(Array.isArray(value) && value.every((v) => typeof v !== "object"));
 
 // {element, read, write}; `read` gives undefined for a field that was left empty, and throws what is wrong with a text.
 export function makeField(prefix, field) {
@@ -30,13 +29,10 @@ export function makeField(prefix, field) {
     return { name: field.name, element, measure, read: made.read, write: made.write };
 }
 
+// By the type that the setting's own model says.
 function kindOf(field) {
     if (field.choices?.length) return choice;
-    if (typeof field.default === "boolean") return truth;
-    if (Array.isArray(field.default) && !isTable(field.default)) return list;
-    if (isTable(field.default)) return tables;
-    if (typeof field.default === "string" && !field.unit) return text;
-    return number;
+    return { number, text, "number or text": either, truth, numbers: list, table: tables }[field.type];
 }
 
 function choice(_, field) {
@@ -65,9 +61,23 @@ function number(_, field) {
     return { input, read, write: (value) => (input.value = value == null ? "" : String(plain(value))) };
 }
 
-function text() {
-    const input = el("input", { type: "text", autocomplete: "off", spellcheck: "false" });
-    return { input, read: () => (input.value === "" ? undefined : input.value), write: (value) => (input.value = value ?? "") };
+function text(_, field) {
+    const input = el("input", { type: "text", autocomplete: "off", spellcheck: "false", placeholder: field.unset ?? (field.required ? "" : "not set") });
+    const read = () => {
+        if (input.value === "" && field.required) throw new Error(`${words(field.name)}: nothing is filled in`);
+        return input.value === "" ? undefined : input.value;
+    };
+    return { input, read, write: (value) => (input.value = value ?? "") };
+}
+
+// What can be told by its number or by its name.
+function either(id, field) {
+    const made = text(id, field);
+    const read = () => {
+        const value = made.read();
+        return /^\d+$/.test(value ?? "") ? Number(value) : value;
+    };
+    return { ...made, read };
 }
 
 function list(_, field) {

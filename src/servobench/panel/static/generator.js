@@ -5,7 +5,7 @@ import { byId } from "./dom.js";
 import { permit, whyNot } from "./permit.js";
 import { Preview } from "./preview.js";
 import { AppliedForm, SettingsForm } from "./settings.js";
-import { showStatus, track } from "./status.js";
+import { failed, followLink, showStatus, track } from "./status.js";
 import { referenceUnit } from "./traces.js";
 
 const WAIT = 150; // ms after the last change, before a preview is asked for
@@ -41,13 +41,17 @@ export function makeGenerator(store, commands, signals) {
         clearTimeout(timer);
         timer = setTimeout(draw, WAIT);
     };
+    // What keeps it from being in force; "" where it is.
     const send = async () => {
         const signal = read();
-        if (!signal) return;
+        if (!signal) return `The signal has a mistake: ${applied.trouble.textContent}`;
         const outcome = await track(chip, commands, { do: "set", signal });
         applied.sent(signal, outcome);
-        announce(outcome.accepted ? `Signal applied: ${settings.member.title}` : `Signal refused: ${outcome.why}`);
+        announce(outcome.accepted ? `Signal applied: ${settings.member.title}` : `Signal: ${failed(outcome)}`);
+        return outcome.accepted ? "" : `Signal: ${failed(outcome)}`;
     };
+    // What is started is what is drawn.
+    store.beforeStart = async () => (applied.edited ? send() : "");
     applied.onRevert = () => {
         showStatus(chip, "applied");
         draw();
@@ -72,6 +76,7 @@ export function makeGenerator(store, commands, signals) {
         permit(applied.set, whyNot(state));
         const followed = state.signal && applied.follow(state.signal);
         if (followed) showStatus(chip, "applied");
+        followLink(chip, state);
         if (followed || state.sample_time !== sampleTime) draw();
         sampleTime = state.sample_time;
     });

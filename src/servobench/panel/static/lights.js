@@ -25,7 +25,7 @@ export function makeLights(store, commands) {
 
     const unknown = (...names) => names.forEach((name) => show(name, "off", "unknown"));
     store.on("link", (status) => {
-        const texts = { connected: "connected", silent: "nothing is heard", lost: "lost; trying again" };
+        const texts = { connected: "connected", silent: "nothing is heard", lost: "lost; trying again", unknown: "this page isn't known any more" };
         show("link", status === "connected" ? "ok" : "bad", texts[status]);
         if (status !== "connected") unknown("whiteness");
         else announce("Connected");
@@ -125,10 +125,9 @@ export function makeRecord(store, commands) {
         const reason = whyNot(state);
         permit(button, reason || (state.running ? "" : "No device is open."));
         for (const field of [name, byId("record-length")]) permit(field, reason || (on ? "A recording is being made." : ""));
-        const spent = on ? recording.samples * state.sample_time : 0;
         say(byId("record-text"), on ? "End" : "Record");
         say(byId("record-what"), on ? "recording" : "");
-        say(byId("record-time"), on ? `${clock(spent)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "");
+        say(byId("record-time"), on ? `${clock(recording.length)}${recording.duration ? ` / ${clock(recording.duration)}` : ""}` : "");
     });
     // An exercise says how long it is to be recorded.
     store.on("proposed", ({ duration }) => {

@@ -64,6 +64,14 @@ function whyEmpty(state, silent) {
     return state.enabled ? "The motor turns; too little has been seen of it yet." : "Start the motor: gain and time constant appear here while it turns.";
 }
 
+// Half an interval: in percent of its value, or in the value's unit where that is less than the half itself.
+export function halfWidth(value, interval, unit) {
+    const [low, high] = interval ?? [NaN, NaN];
+    const half = (high - low) / 2;
+    if (!Number.isFinite(half)) return "";
+    return half < Math.abs(value) ? `±${significant((100 * half) / Math.abs(value), 2)} %` : `±${significant(half, 2)} ${unit}`;
+}
+
 function showRow(row, { value, interval, unit }) {
     const [low, high] = interval ?? [NaN, NaN];
     const share = (high - low) / 2 / Math.abs(value);
@@ -71,7 +79,7 @@ function showRow(row, { value, interval, unit }) {
     const digits = Number.isFinite(share) && share > 0 ? Math.min(6, Math.max(2, 2 - Math.floor(Math.log10(share)))) : 3;
     say(row.value, significant(value, digits));
     say(row.unit, unit);
-    say(row.share, Number.isFinite(share) ? `±${significant(100 * share, 2)} %` : "");
+    say(row.share, halfWidth(value, interval, unit));
     say(row.interval, Number.isFinite(low) ? `${significant(low, digits)} to ${significant(high, digits)}` : "no interval yet");
     const width = Math.log(Math.min(WIDEST, Math.max(NARROWEST, share || WIDEST)) / NARROWEST) / Math.log(WIDEST / NARROWEST);
     row.bar.style.setProperty("--width", `${Math.round(100 * Math.max(0.03, width))}%`);

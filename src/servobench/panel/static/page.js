@@ -2,6 +2,7 @@
 
 import { get, session } from "./api.js";
 import { complain, toast } from "./announcer.js";
+import { makeBeat } from "./beat.js";
 import { Commands } from "./commands.js";
 import { makeCompare } from "./compare.js";
 import { makeController, makeCutoff, makeStart } from "./controls.js";
@@ -64,12 +65,20 @@ function makeConnection(scopes) {
     return { socket, commands };
 }
 
+// Why the motor was stopped; of a motor that is driven again it's no longer so.
+function makeStopped(store) {
+    let away = () => {};
+    store.on("stopped", (message) => (away = toast(message.sentence ?? "Stopped")));
+    store.on("state", ({ enabled }) => enabled && away());
+}
+
 async function begin() {
     const scopes = makeScopes();
     const { socket, commands } = makeConnection(scopes);
     makeStop(store, commands); // first of all
     makeLink(store);
     makeFreshness(store, scopes);
+    makeBeat(store, scopes, socket);
     const mountExtra = makeExtras(store, commands);
     const views = makeTabs(byId("views"), (tab) => {
         byId("keep").hidden = tab !== "tab-scopes";
@@ -84,7 +93,7 @@ async function begin() {
     makeLive(store, commands);
     makeStart(store, commands);
     makeCutoff(store, commands);
-    store.on("stopped", (message) => toast(message.sentence ?? "Stopped"));
+    makeStopped(store);
     try {
         store.mayDrive = (await session()).operator;
         const catalogue = await get("/api/catalogue");

@@ -214,7 +214,7 @@ function factsOf(recording) {
     return [signalName(recording), length, when].filter(Boolean).join("  ·  ");
 }
 
-const SEVERITIES = { warning: "warn", refusal: "bad" };
+const SEVERITIES = { warning: "warn", refusal: "bad", danger: "bad" };
 const LEVELS = { trusted: "ok", doubtful: "warn", refused: "bad" };
 
 function verdictMark(verdict) {

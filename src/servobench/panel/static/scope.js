@@ -18,7 +18,7 @@ export class Scope {
         this.definition = definition;
         this.shared = shared;
         this.traces = definition.traces.map((trace) => ({ ...trace, factor: 1, unit: "", there: true }));
-        this.span = new Span();
+        this.span = new Span(definition.least);
         this.last = false;
         this.plot = null;
         this.element = this.build();
@@ -109,7 +109,7 @@ export class Scope {
             ],
             cursor: { drag: { x: true, y: false, setScale: false }, points: { show: false }, y: false, sync: { key: "scopes" } },
             series: [{}, ...series],
-            hooks: { setSelect: [(plot) => this.selected(plot)], drawClear: [(plot) => this.under(plot)], draw: [(plot) => this.over(plot)] },
+            hooks: { setSelect: [(plot) => this.selected(plot)], drawClear: [(plot) => this.under(plot)], draw: [(plot) => this.over(plot), () => this.shared.onDrawn(this)] },
         };
         this.plot = new uPlot(options, [[], ...this.traces.map(() => [])], this.canvas);
         this.plot.over.addEventListener("dblclick", () => this.shared.onZoom(null));

@@ -20,7 +20,9 @@ export class Scopes {
         this.read = 0;
         this.taken = -Infinity; // when rows came last [ms]
         this.old = false;
-        this.onDrawn = () => {};
+        this.pending = new Set(); // scopes that are being drawn
+        this.reached = 0; // the number of the row after the newest one that they show then
+        this.onFrame = () => {}; // for each picture, with the number of the row after the newest one that it shows
         this.onView = () => {};
         this.shared = {
             origin: 0,
@@ -30,6 +32,7 @@ export class Scopes {
             onKey: (event) => this.key(event),
             onPointer: (event, plot) => this.pointer(event, plot),
             onChange: () => this.layOut(),
+            onDrawn: (scope) => this.finish(scope),
         };
         this.scopes = SCOPES.map((definition) => Object.assign(new Scope(definition, this.shared), { shown: definition.shown }));
         for (const scope of this.scopes) byId("stack").append(scope.element);
@@ -89,6 +92,7 @@ export class Scopes {
     // Which scopes stand where; only the lowest has times below it.
     layOut() {
         const visible = this.visible();
+        this.pending.clear();
         for (const scope of this.scopes) {
             scope.element.hidden = !scope.shown;
             scope.element.classList.toggle("last", scope === visible.at(-1));
@@ -166,13 +170,23 @@ export class Scopes {
 
     frame() {
         requestAnimationFrame(() => this.frame());
-        if (!this.changed || byId("view-scopes").hidden) return;
+        if (this.changed && !byId("view-scopes").hidden) this.draw();
+        else if (!this.pending.size) this.onFrame(this.ring.next ?? 0);
+    }
+
+    // uPlot draws when the frame's own code is over, and each scope says when that is done: where it fails nothing is said.
+    finish(scope) {
+        if (this.pending.delete(scope) && !this.pending.size) this.onFrame(this.reached);
+    }
+
+    draw() {
         this.changed = false;
+        this.reached = this.ring.next ?? 0;
+        this.pending = new Set(this.visible());
         if (this.view.sweep() && !this.view.armed) this.onView();
         const shown = this.view.shown();
         Object.assign(this.shared, { origin: shown.origin, trigger: shown.trigger, cursors: this.view.cursorTimes() });
         for (const scope of this.visible()) scope.draw(shown.data, shown.from, shown.to);
-        this.onDrawn();
         const now = performance.now();
         if (now - this.read < READING_INTERVAL) return;
         this.read = now;

@@ -8,10 +8,11 @@ const LONGEST_WAIT = 4000; // ms
 const LOOK = 200; // ms between two looks at when something was heard
 const SILENCE = 900; // ms; with a look's length that is told within 1.1 s
 const GIVEN_UP = 3000; // ms of silence, or without a connection, after which another one is tried
+const UNKNOWN = 401; // the status of an answer to who isn't let in
 const BUSY = 600; // ms between two looks: the page itself had no time, and what came waits to be read
 
 export class Socket {
-    // `onLink` is told "connected", "silent" or "lost", once each time.
+    // `onLink` is told "connected", "silent", "lost", or "unknown" where the server is there and doesn't know this page; once each time.
     constructor({ onMessage, onFrame, onLink }) {
         Object.assign(this, { onMessage, onFrame, onLink });
         this.wait = FIRST_WAIT;
@@ -72,20 +73,21 @@ export class Socket {
         } else if (silent > SILENCE && this.link) this.tell("silent");
     }
 
-    lost() {
+    lost(how = "lost") {
         this.link = this.trying = null;
-        this.tell("lost");
+        this.tell(how);
         setTimeout(() => this.again(), this.wait);
         this.wait = Math.min(LONGEST_WAIT, 2 * this.wait);
     }
 
-    // A server that was started anew has another token.
+    // A server that was started anew has another token, and lets nobody in who was let in before; its address in another tab helps
+    // this one, too.
     async again() {
         try {
             await session(LONGEST_WAIT);
             this.open();
-        } catch {
-            this.lost();
+        } catch (error) {
+            this.lost(error.status === UNKNOWN ? "unknown" : "lost");
         }
     }
 }

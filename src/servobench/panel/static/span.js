@@ -4,7 +4,9 @@ const MARGIN = 0.12; // of what is shown, above and below
 const LEAST = 0.04; // what has to be left of that, or a line lies on the edge, half cut off
 
 export class Span {
-    constructor() {
+    // `least`: values below it are as good as none, such as what a filter has left long after a motor came to rest.
+    constructor(least = 0) {
+        this.least = least;
         this.forget();
     }
 
@@ -15,7 +17,8 @@ export class Span {
     // [min, max] that holds values from `low` to `high`.
     holding(low, high) {
         if (!(low <= high)) return this.range ?? [-1, 1];
-        const small = Math.max(Math.abs(low), Math.abs(high)) * 1e-3 || 1;
+        const most = Math.max(Math.abs(low), Math.abs(high));
+        const small = most > this.least ? Math.max(1e-3 * most, this.least) : 1;
         const size = Math.max(high - low, small);
         const wanted = [low - MARGIN * size - (size - (high - low)) / 2, high + MARGIN * size + (size - (high - low)) / 2];
         const held = this.range;

@@ -3,9 +3,10 @@
 export class Store {
     constructor() {
         this.state = null;
-        this.link = "lost"; // or "connected", or "silent": open, but nothing comes
+        this.link = "lost"; // or "connected", "silent": open, but nothing comes, or "unknown": the server doesn't know this page
         this.titles = new Map(); // of devices, by name
         this.mayDrive = true; // whether this page may become the operator's at all
+        this.beforeStart = async () => ""; // does what comes before a start; why the motor can't be started, "" where it can
         this.listeners = new Map();
     }
 
@@ -23,7 +24,7 @@ export class Store {
     turn(link) {
         const before = this.link;
         this.link = link;
-        if (!this.state || (link === "connected" && before === "lost")) return;
+        if (!this.state || (link === "connected" && before !== "silent")) return;
         this.emit("state", { ...this.state, unknown: link !== "connected" });
     }
 

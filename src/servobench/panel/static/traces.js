@@ -1,11 +1,13 @@
 // Which scopes there are, and which traces each of them has. A trace's colour is a token of the style sheet, `--trace-NAME`; those
 // of one scope also differ in their line. `follows` is the unit that a reference has to have, to be the scope's.
+// `least` is what is as good as nothing, in the scope's unit: less than its readings tell.
 
 export const SCOPES = [
     {
         id: "voltage",
         title: "Voltage",
         unit: "V",
+        least: 1e-3,
         shown: true,
         traces: [
             { column: "applied", title: "Applied", shown: true, line: "wide" },
@@ -16,6 +18,7 @@ export const SCOPES = [
         id: "speed",
         title: "Speed",
         unit: "rad/s",
+        least: 1e-3,
         shown: true,
         traces: [
             { column: "speed_raw", title: "Raw", shown: false, line: "thin" },
@@ -37,6 +40,7 @@ export const SCOPES = [
         id: "current",
         title: "Current",
         unit: "A",
+        least: 1e-4,
         shown: false,
         traces: [{ column: "current", title: "Current", shown: true }],
     },

@@ -12,16 +12,16 @@ and with z = (1 + w)/(1 - w) what `SampledLaw` holds. A difference is then exact
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TypeAlias
 
 import numpy as np
 
 from servobench.channels import Channel, DeviceInfo
+from servobench.control.base import Controller
 from servobench.control.running import Running
 from servobench.errors import UsageError
-from servobench.tuning.base import Tunable
+from servobench.sampled_loop import SampledLaw, in_w
 
 _Matrix: TypeAlias = list[list[Fraction]]
 _Polynomial: TypeAlias = list[Fraction]  # highest power first
@@ -29,18 +29,7 @@ _FAR = Fraction(1, 10**7)  # beyond, the squares of the roots are further apart 
 _ROUNDING = Fraction(1, 2**50)  # of a sum of a few products, each rounded to one part in 2^53
 
 
-@dataclass(frozen=True, kw_only=True)
-class SampledLaw:
-    """C(w) of a law that runs at even ticks, from the angle [rad] to the voltage [V] with its sign turned round.
-
-    z = (1 + w)/(1 - w); `numerator` and `denominator`, (n + 1,) each, stand with the highest power of w first.
-    """
-
-    numerator: tuple[float, ...]
-    denominator: tuple[float, ...]
-
-
-def sampled_law(controller: Tunable, sample_time: float) -> SampledLaw:
+def sampled_law(controller: Controller, sample_time: float) -> SampledLaw:
     """Return what a controller that runs every `sample_time` [s] makes of the angle, away from the limits of the voltage.
 
     Raises `UsageError` for gains so large that what it computes is no number.
@@ -49,11 +38,11 @@ def sampled_law(controller: Tunable, sample_time: float) -> SampledLaw:
     above, below = _ratio(a, b, c, d)
     while len(below) > 1 and above[-1] == 0 == below[-1]:  # samples that are kept and have no part in it
         above, below = above[:-1], below[:-1]
-    numerator = _in_w(above)
+    numerator = in_w(above)
     # A filter by the trapezoid rule passes nothing at z = -1; the law's own products are rounded there.
     if abs(numerator[0]) <= _ROUNDING * sum(map(abs, above)):
         numerator[0] = Fraction(0)
-    denominator = _in_w(below)
+    denominator = in_w(below)
     # A filter far faster than the ticks does nothing.
     while len(denominator) > 1 and _vanishes(numerator) and _vanishes(denominator):
         numerator, denominator = numerator[1:], denominator[1:]
@@ -136,18 +125,3 @@ def _ratio(a: _Matrix, b: list[Fraction], c: list[Fraction], d: Fraction) -> tup
         below.append(coefficient)
         above.append(through + d * coefficient)
     return above, below
-
-
-def _in_w(polynomial: _Polynomial) -> _Polynomial:
-    """(1 - w)^n P((1 + w)/(1 - w)) for P of order n."""
-    order = len(polynomial) - 1
-    total = [Fraction(0)] * (order + 1)
-    for n, coefficient in enumerate(polynomial):
-        term = [coefficient]
-        for sign in (1,) * (order - n) + (-1,) * n:  # of z^(order - n): (1 + w)^(order - n) (1 - w)^n
-            term = [
-                sign * high + low
-                for high, low in zip([*term, Fraction(0)], [Fraction(0), *term], strict=True)
-            ]
-        total = [x + y for x, y in zip(total, term, strict=True)]
-    return total

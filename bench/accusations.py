@@ -1,0 +1,37 @@
+"""The codes of findings that accuse a motor, its sensor, its amplifier or its record of something in particular."""
+
+ACCUSATIONS = frozenset(
+    {
+        "backlash",
+        "clock-drift",
+        "data-repeated",
+        "dead-zone",
+        "delay-negative",
+        "directions-differ",
+        "drag-differs",
+        "drag-not-linear",
+        "fast-pole",
+        "friction-changes",
+        "friction-depends-on-speed",
+        "friction-grows-with-load",
+        "gain-falls",
+        "hysteresis",
+        "input-is-a-goal",
+        "input-is-output",
+        "input-is-reference",
+        "input-settles-at-output",
+        "input-unrelated",
+        "level-disagrees",
+        "limit-cycle",
+        "motor-changes",
+        "output-clipped",
+        "output-spikes",
+        "output-stops",
+        "records-disagree",
+        "response-oscillates",
+        "ripple",
+        "second-pole",
+        "sign-flips",
+        "size-absurd",
+    }
+)

@@ -1,0 +1,1 @@
+"""Parts of `bench/causes.py`: plain motors, the real recordings, and what each is told."""

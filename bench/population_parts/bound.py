@@ -1,0 +1,137 @@
+"""The smallest standard deviations that an unbiased estimator can have (Cramér-Rao), by differences of the exact simulation.
+
+Unknown are gain, time constant, delay, what is lost of the input, and where and how fast the shaft starts. What was the input
+before the first row counts as known, and so does a start at rest with friction. Approximate: the rounding of counts is taken as
+white noise of variance Q²/12, and the random torque for what it does to a shaft that slides all through a tick.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from population_parts import kernels
+from population_parts.inputs import Array
+from population_parts.motors import Case, Motor
+from population_parts.simulator import KICKS, Motion, plain, rows
+
+_WORST = 1e9  # beyond this condition a parameter isn't told from the others
+_STILL = 1e-3  # of the top speed: who turned back by less never turned both ways
+
+
+def turns_both_ways(case: Case, motion: Motion) -> bool:
+    """Whether the shaft would turn both ways without a random torque."""
+    start = (float(motion.speed[0]), 0.0)
+    speed = plain(case.motor, *rows(case), motion.before, start)[:, 0]
+    top = float(np.abs(speed).max())
+    return bool(speed.min() < -_STILL * top and speed.max() > _STILL * top)
+
+
+def bound(case: Case, motion: Motion) -> dict[str, float]:
+    """Return the bounds on the sd of each parameter: relative of gain and time constant, of the others in s and V.
+
+    `lag` is time constant plus delay, in s. Infinite for what the record doesn't tell; all are where nothing moves.
+    """
+    motor = replace(case.motor, torque=0.0)
+    names = _unknown(case, motion)
+    columns = jacobian(case, motor, motion, names)
+    scale = np.linalg.norm(columns, axis=0)
+    told = scale > 0
+    found = dict.fromkeys(("gain", "time_constant", "delay", "coulomb_voltage", "lag"), np.inf)
+    if not told[:2].all():
+        return found
+    names = [name for name, is_told in zip(names, told, strict=True) if is_told]
+    root = _root(columns[:, told] / scale[told]) / scale[told][:, None]
+    sd = dict(zip(names, np.linalg.norm(root, axis=1).tolist(), strict=True))
+    found["gain"], found["time_constant"] = sd["gain"] / motor.gain, sd["tau"] / motor.tau
+    found["delay"] = sd.get("delay", np.inf)
+    found["coulomb_voltage"] = sd.get("coulomb", np.inf)
+    if "delay" in names:
+        found["lag"] = float(np.linalg.norm(root[names.index("tau")] + root[names.index("delay")]))
+    return found
+
+
+def _root(columns: Array) -> Array:
+    """A root (C, C) of the inverse of the information; infinite rows for what isn't told from other columns."""
+    _, s, v = np.linalg.svd(columns, full_matrices=False)
+    told = s > s[0] / _WORST
+    root = v[told].T / s[told]
+    # What has a part in a combination that leaves no trace is known by none of its other parts.
+    lost = np.abs(v[~told]).max(axis=0, initial=0.0) > 1e-6
+    return np.hstack([np.where(lost[:, None], np.inf, root), np.zeros((len(v), int((~told).sum())))])
+
+
+def jacobian(case: Case, motor: Motor, motion: Motion, names: list[str]) -> Array:
+    """Return the derivatives of what is read (N, C), each row over its standard deviation, innovations where torque is random."""
+    t, u = rows(case)
+    output = 0 if case.output == "speed" else 1
+    steps = {
+        "gain": 1e-5 * motor.gain,
+        "tau": 1e-5 * motor.tau,
+        "delay": 1e-3 * motor.sample_time,
+        "coulomb": 1e-5 * case.amplitude,
+        "offset": 1e-5 * case.amplitude,
+        "speed": 1e-5 * motor.gain * case.amplitude,
+        "angle": 1.0,
+    }
+
+    def response(name: str, change: float) -> Array:
+        changed, offset, w, theta = motor, 0.0, float(motion.speed[0]), 0.0
+        if name == "offset":
+            offset = change
+        elif name == "speed":
+            w += change
+        elif name == "angle":
+            theta += change
+        else:
+            changed = replace(motor, **{name: getattr(motor, name) + change})
+        return plain(changed, t, u, motion.before, (w, theta), offset)[:, output]
+
+    columns = []
+    for name in names:
+        h = steps[name]
+        # A delay or a Coulomb voltage below zero has no meaning.
+        is_edge = name in ("delay", "coulomb") and getattr(motor, name) < h
+        at, weight = ((0.0, h, 2 * h), (-1.5, 2.0, -0.5)) if is_edge else ((-h, 0.0, h), (-0.5, 0.0, 0.5))
+        columns.append(sum(w * response(name, x) for w, x in zip(weight, at, strict=True)) / h)
+    return _weighed(case, motion, np.ascontiguousarray(np.column_stack(columns)))
+
+
+def transition(motor: Motor) -> tuple[Array, Array]:
+    """Return the transition (2, 2) of (ω, θ) over a sample time and the covariance that the random torque adds to it."""
+    step = motor.sample_time / KICKS
+    gone = -np.expm1(-step / motor.tau)
+    a = np.array([[1.0 - gone, 0.0], [motor.tau * gone, 1.0]])
+    b = motor.gain * np.array([gone, step - motor.tau * gone])
+    whole, noise = np.eye(2), np.zeros((2, 2))
+    for _kick in range(KICKS):
+        noise = a @ noise @ a.T + np.outer(b, b) * motor.torque / step
+        whole = a @ whole
+    return whole, noise
+
+
+def _unknown(case: Case, motion: Motion) -> list[str]:
+    """The unknowns: who sees a motor turn one way only can't tell friction from offset, nor leave friction out."""
+    names = ["gain", "tau", "delay"]
+    both = turns_both_ways(case, motion)
+    if case.motor.coulomb > 0.0 or not both:
+        names.append("coulomb")
+    if both:
+        names.append("offset")
+    if case.output != "speed":
+        names.append("angle")
+    if case.motor.coulomb == 0.0 or motion.speed[0] != 0.0:
+        names.append("speed")
+    return names
+
+
+def _weighed(case: Case, motion: Motion, columns: Array) -> Array:
+    motor = case.motor
+    variance = motor.noise**2 + (0.0 if case.output == "speed" else motor.quantum**2 / 12)
+    if not motor.torque:
+        return columns / np.sqrt(variance)
+    # A shaft that is at rest at both ends of a tick stayed so.
+    sliding = (motion.speed != 0.0) | (np.append(motion.speed[1:], motion.speed[-1]) != 0.0)
+    if motor.coulomb == 0.0:
+        sliding[:] = True
+    kernels.whiten(*transition(motor), sliding, case.output == "speed", variance, columns)
+    return columns

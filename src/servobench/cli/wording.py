@@ -1,0 +1,52 @@
+"""How the command line says what a message below it calls by Python's keyword: `sample_time=0.02` is `--sample-time 0.02`."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+
+OPTIONS: Mapping[str, str] = {
+    "bandwidth": "--bandwidth",
+    "chain": "--chain",
+    "closed_loop": "--closed-loop",
+    "counts_per_rev": "--counts-per-rev",
+    "current": "--current",
+    "damping": "--damping",
+    "folder": "--folder",
+    "inertia": "--inertia",
+    "input": "--input",
+    "known": "--known",
+    "nominal": "--nominal",
+    "output": "--output",
+    "poles": "--poles",
+    "port": "--port",
+    "recording": "--from",
+    "reference": "--reference",
+    "sample_time": "--sample-time",
+    "structure": "--structure",
+    "supply": "--supply",
+    "time": "--time",
+    "unit": "--unit",
+    "until": "--until",
+    "voltage_limit": "--voltage-limit",
+    "with_motor": "--with-motor",
+}
+"""The option of each keyword that a message may name."""
+
+TUNE: Mapping[str, str] = {**OPTIONS, "closed_loop": "--lambda"}
+"""The same for `servobench tune`."""
+
+_KEYWORD = re.compile(r"`([a-z_]+)=([^`\n]+)`")
+_WITHOUT_VALUE = "..."
+
+
+def with_options(sentence: str, options: Mapping[str, str] = OPTIONS) -> str:
+    """Return a sentence with options in the place of keywords; what isn't among the options stays as it is."""
+
+    def option(found: re.Match[str]) -> str:
+        name, value = found.groups()
+        if name not in options:
+            return found[0]
+        return options[name] if value == _WITHOUT_VALUE else f"{options[name]} {value}"
+
+    return _KEYWORD.sub(option, sentence)

@@ -1,0 +1,288 @@
+"""What the model's being no more than a model adds to the intervals: from the residual, and from experience.
+
+A residual that is coloured by model error says more or less of a parameter the slower it changes beside the information that the
+record gives of it. So the scores J'e are summed on a clock of information, bins of equal leverage, and their long-run variance
+is taken with lags that are a fixed part b of the record (Kiefer and Vogelsang 2005). Where that is well above what white noise
+would make, or where a record has one event only and can't show it, the recordings of other motors say by how much one record
+errs beyond what it shows (`experience`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.channels import Array
+from servobench.estimators import delay_prior
+from servobench.estimators.base import Fit, FittedRecord
+from servobench.estimators.budget import Contribution, beyond
+from servobench.estimators.covariance import fixed_b, long_run
+from servobench.rounding import TWO_SIDED
+from servobench.score_test import by_rounding, innovations_and_jacobian
+from servobench.uncertainty.experience import (
+    FEW_EVENTS,
+    MOTORS,
+    ONE_LEVEL,
+    RECORDINGS,
+    SEVERAL_EVENTS,
+    Experience,
+)
+
+_EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
+SOURCE: Final = "model error"
+_BINS = 400
+_LAGS = 120  # of the bins
+_WEAK = 3.0  # of its size: the standard deviation of the prior of each parameter
+# Times what white noise makes: from there on model error counts, and counts whole. Ideal motors behind coarse encoders reach 2.1,
+# real ones that turn both ways are almost all above 2.5.
+_NOTICED, _PLAIN = 2.0, 3.0
+_SEVERAL = 4.0  # events: with fewer, the figures for few are used
+_ONE = 2.0  # events: with fewer a record can't show its own model error
+_JUMP = 0.05  # of the input's range
+_JUMP_SAMPLES = 2  # a measured voltage may take two samples for a jump
+_BARE = 0.2  # of p/N: what each sample adds to the clock
+_LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelError:
+    """What a fit shows of the error of its model.
+
+    `ratio` is how much wider than for white noise the residual makes the intervals, at the worst parameter; `events` how many
+    stretches of equal weight tell gain, lag and friction, as far as they are there; `shares` (0 to 1) how much of the experience
+    counts for each of them, `covariance` (P, P) what the parameters have by it, `white` (P, P) by white noise alone.
+    """
+
+    ratio: float
+    events: Mapping[str, float]
+    shares: Mapping[str, float]
+    covariance: Array
+    white: Array
+
+
+def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
+    """Return what the model's error adds to a fit, whose motor only moved under `one_level` or under several.
+
+    None where the model isn't first order, or nothing is left over.
+    """
+    names = fit.model.names
+    if (
+        not {"gain", "time_constant"} <= set(names)
+        or not np.isfinite(fit.residual_sd)
+        or fit.residual_sd == 0
+    ):
+        return None
+    jacobian, e = innovations_and_jacobian(fit)
+    scale = _scales(fit, jacobian.shape[1])
+    j = jacobian * scale
+    freedom = max(len(e) - j.shape[1], 1)
+    variance = float(e @ e) / freedom
+    # By QR and not by J'J, and in coordinates q = Rθ in which white noise is round: where two parameters are told together only,
+    # differences of huge numbers would come out as variances below zero.
+    triangle = np.linalg.qr(np.vstack([j, np.sqrt(variance) * np.diag(1.0 / _priors(fit, scale))]), mode="r")
+    root = np.linalg.inv(triangle)
+    of_scores = _long_run_on_the_clock(j @ root, e)
+    white, coloured = variance * root @ root.T, root @ of_scores @ root.T
+    shared = len(names)
+    directions, asked = _directions(fit, scale)
+    of_white, of_coloured = (
+        np.sqrt(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions))
+        for each in (white, coloured)
+    )
+    influence = j @ root @ root[:shared].T @ directions.T
+    rounded = (
+        by_rounding(fit, influence) if float(np.max(of_coloured / of_white, initial=0.0)) > _NOTICED else None
+    )
+    of_chance = of_white if rounded is None else np.maximum(of_white, np.sqrt(np.diag(rounded)))
+    positive = of_white > 0
+    ratio = float(np.max(of_coloured[positive] / of_chance[positive], initial=0.0))
+    events = dict(zip(asked, _events(_stretches(fit), influence), strict=True))
+    evident = float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
+    # Friction is told at a few places of most records; one event is what gain or lag have one of.
+    single = one_level or min(events["lag"], events["gain"]) < _ONE
+    shares = {name: 1.0 if single and count < _ONE else evident for name, count in events.items()}
+    known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
+    factors = {name: each.factor for name, each in known.items()}
+    units = np.outer(scale[:shared], scale[:shared])
+    more = beyond(fixed_b(_LAGS / _BINS) ** 2 * of_scores, variance * np.eye(len(of_scores)))
+    wide = (white + root @ more @ root.T)[:shared, :shared] * units
+    times = np.array([1.0 + _of(shares, name) * (_of(factors, name) - 1.0) for name in names])
+    return ModelError(
+        ratio=ratio,
+        events=events,
+        shares=shares,
+        covariance=np.outer(times, times) * wide + _floors(fit, known, shares),
+        white=white[:shared, :shared] * units,
+    )
+
+
+def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
+    """Return the fit with the line of its budget for model error; the same where there is nothing to add."""
+    found = model_error(fit, one_level)
+    if found is None or not any(found.shares.values()):
+        return fit
+    finite = np.isfinite(np.diag(fit.covariance))
+    if one_level:  # the estimator's own covariance is nearly singular there, and rounding error in what is known together
+        fit = replace(
+            fit, covariance=np.where(np.outer(finite, finite), found.white, fit.covariance), intervals={}
+        )
+    added = beyond(found.covariance, np.where(np.outer(finite, finite), fit.covariance, 0.0))
+    added[~finite, :] = 0.0
+    added[:, ~finite] = 0.0
+    few = min(found.events.values())
+    return fit.widened(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
+
+
+def _experience(events: float) -> Experience:
+    return SEVERAL_EVENTS if events >= _SEVERAL else FEW_EVENTS
+
+
+def _of(each: Mapping[str, float], name: str) -> float:
+    """What is so for a parameter: for both parts of the lag that of the lag, else the most of gain and friction."""
+    if name in ("time_constant", "delay"):
+        return each["lag"]
+    return max(value for of, value in each.items() if of != "lag")
+
+
+def _reason(found: ModelError, events: float) -> str:
+    if events < _ONE:
+        return (
+            "the record has one event, which can't show how wrong the model is: allowed for from experience with "
+            f"{_EXPERIENCE}; a second step would make this less"
+        )
+    return (
+        f"the residual moves the parameters {found.ratio:.1f} times as much as white noise would; beyond that, from experience "
+        f"with {_EXPERIENCE}"
+    )
+
+
+def _priors(fit: Fit, scale: Array) -> Array:
+    """The standard deviations of the priors, in units of the scales: weak, but for a delay that was taken as loops have it."""
+    out = np.full(len(scale), _WEAK)
+    if any(finding.code == delay_prior.CODE for finding in fit.findings):
+        data = [record.data for record in fit.records]
+        prior = delay_prior.expected_delay(fit.model.structure, data)
+        if prior is not None:
+            out[prior.at] = prior.scale / scale[prior.at]
+    return out
+
+
+def _scales(fit: Fit, size: int) -> Array:
+    """A size (P + ΣQ,) for each entry of the joint vector, in its unit: none of them is far from what is possible."""
+    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records) or 1.0
+    lag = abs(fit.model["time_constant"]) or 1.0
+    of_shared = []
+    for name, value in zip(fit.model.names, fit.model.theta, strict=True):
+        least = {"delay": lag, "time_constant": lag}.get(
+            name, 0.1 * largest if name.endswith("voltage") else 0.0
+        )
+        of_shared.append(max(abs(float(value)), least) or 1.0)
+    own = []
+    for record in fit.records:
+        spread = float(np.ptp(record.data.y)) or 1.0
+        rate = spread / lag if record.data.kind == "position" else spread
+        own += [max(abs(float(v)), rate if n else spread) for n, v in enumerate(record.nuisance)]
+    return np.concatenate([of_shared, np.array(own)])[:size]
+
+
+def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
+    """What is asked of the parameters as rows (G, P) in scaled parameters, and their names: gain, lag τ + d, friction."""
+    names = fit.model.names
+    lag = np.zeros(len(names))
+    for name in ("time_constant", "delay"):
+        if name in names:
+            lag[names.index(name)] = scale[names.index(name)]
+    each = np.eye(len(names))
+    asked = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
+    return np.array([lag / np.linalg.norm(lag), *(each[names.index(name)] for name in asked)]), [
+        "lag",
+        *asked,
+    ]
+
+
+def _long_run_on_the_clock(j: Array, e: Array) -> Array:
+    """The long-run variance of the scores j'e (P, P) of orthonormal columns j, by bins of equal leverage."""
+    leverage = np.sum(j**2, axis=1) + _BARE * j.shape[1] / len(j)
+    clock = np.cumsum(leverage)
+    bins = np.minimum((clock / clock[-1] * _BINS).astype(int), _BINS - 1)
+    summed = np.zeros((_BINS, j.shape[1]))
+    np.add.at(summed, bins, j * e[:, None])
+    return long_run(summed, _LAGS - 1)
+
+
+def _stretches(fit: Fit) -> NDArray[np.int64]:
+    """Where stretches begin, among the valid samples of all records."""
+    starts, row = [], 0
+    for record in fit.records:
+        starts += [row + n for n in _cuts(record)]
+        row += int(record.valid.sum())
+    return np.unique(np.array(starts, dtype=np.int64))
+
+
+def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
+    """How many stretches of the record tell each of what is asked, influence (N, G): 1/Σ s², s the share of each stretch."""
+    power = np.add.reduceat(influence**2, starts, axis=0)
+    shares = power / np.maximum(power.sum(axis=0), 1e-300)
+    return [float(count) for count in 1.0 / np.maximum(np.sum(shares**2, axis=0), 1e-300)]
+
+
+def _cuts(record: FittedRecord) -> list[int]:
+    """Where stretches of a record begin, among its valid samples: at jumps of the input, and where it turns round without one."""
+    u = record.data.input_at_output[record.valid]
+    least = _JUMP * float(np.ptp(record.data.u))
+    jumps = _jumps(u, least)
+    turns = np.array([0, *_turns(u, least), len(u)])
+    smooth = np.searchsorted(jumps, turns[1:]) == np.searchsorted(jumps, turns[:-1])
+    return [0, *jumps.tolist(), *turns[:-1][smooth].tolist()]
+
+
+def _jumps(u: Array, least: float) -> NDArray[np.int64]:
+    """The samples with which an input (N,) jumps by more than `least`; a steep slope goes on for longer than a jump does."""
+    up = np.sign(np.diff(u)) * (np.abs(np.diff(u)) > least)
+    edges = np.flatnonzero(np.diff(up, prepend=0.0, append=0.0))
+    return np.array(
+        [first + 1 for first, after in pairwise(edges) if up[first] and after - first <= _JUMP_SAMPLES],
+        dtype=np.int64,
+    )
+
+
+def _turns(u: Array, least: float) -> list[int]:
+    """The samples from which an input (N,) goes up or down by more than `least` after it went the other way."""
+    found, way = [], 0
+    high = low = 0
+    values = u.tolist()
+    for n, value in enumerate(values):
+        high = n if value > values[high] else high
+        low = n if value < values[low] else low
+        if way >= 0 and value < values[high] - least:
+            found.append(high)
+            way, low = -1, n
+        elif way <= 0 and value > values[low] + least:
+            found.append(low)
+            way, high = 1, n
+    return found
+
+
+def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
+    """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
+    names, theta = fit.model.names, fit.model.theta
+    out = np.zeros((len(names), len(names)))
+    at = {name: n for n, name in enumerate(names)}
+    lag = abs(float(theta[at["time_constant"]] + (theta[at["delay"]] if "delay" in at else 0.0)))
+    out[at["gain"], at["gain"]] += (shares["gain"] * known["gain"].gain * theta[at["gain"]]) ** 2
+    out[at["time_constant"], at["time_constant"]] += (shares["lag"] * known["lag"].lag * lag) ** 2
+    if "delay" in at:
+        split = np.zeros(len(names))
+        split[at["time_constant"]], split[at["delay"]] = 1.0, -1.0
+        out += (shares["lag"] * known["lag"].split * lag) ** 2 * np.outer(split, split)
+        step = max(record.data.sample_time for record in fit.records)
+        out[at["time_constant"], at["time_constant"]] += (shares["lag"] * 0.5 * step) ** 2
+    for name in known:
+        if name.startswith("coulomb_voltage"):
+            out[at[name], at[name]] += (shares[name] * known[name].friction * theta[at[name]]) ** 2
+    return out / TWO_SIDED**2

@@ -1,0 +1,38 @@
+"""What is said of single motors of the population: each was once trusted and wrong, and its cause has been mended.
+
+The truth is that of the bench's own simulator, which shares nothing with the package.
+"""
+
+import pytest
+from population_parts.judge import off
+from population_parts.runs import outcome
+
+
+@pytest.mark.parametrize(
+    "number",
+    [
+        pytest.param(9, id="on a ramp from rest a delay of 11 s stood for friction"),
+        pytest.param(27, id="on a ramp from rest a time constant of 1 s stood for friction"),
+        pytest.param(332, id="a delay of whole samples more stood for friction on a ramp of stairs"),
+        pytest.param(121, id="half a sample of a differenced speed was taken for the motor's delay"),
+        pytest.param(175, id="the mean of a random torque, too small to be seen, was taken for an offset"),
+        pytest.param(191, id="a torque that no test finds in a short record was taken for none"),
+        pytest.param(285, id="a torque that no test finds behind noise was taken for none"),
+        pytest.param(578, id="a slow drift took the rounding of a rest for motion, with a delay of 2.5 s"),
+    ],
+)
+def test_nothing_that_is_stated_is_far_off(number: int) -> None:
+    """Three standard deviations are the limit that the population is judged by."""
+    row = outcome(number)
+
+    assert row["verdict"] in ("trusted", "doubtful")
+    assert row["estimates"]
+    assert off(row) == {}
+
+
+def test_a_motor_that_rests_for_most_of_a_multisine_is_found() -> None:
+    """Its fit explained 60 %, with a gain of -4e6: where the shaft rests, the search took it for moving."""
+    row = outcome(195)
+
+    assert row["fit_percent"] > 99.9
+    assert off(row) == {}
