@@ -92,9 +92,12 @@ def test_what_is_started_is_the_signal_that_is_drawn(panel: Panel) -> None:
 def test_a_signal_with_a_mistake_is_not_started(panel: Panel) -> None:
     panel.page.get_by_label("High").fill("")
     panel.button("Start").click()
-    panel.page.get_by_text("The signal has a mistake").wait_for()
+    told = panel.page.locator("#start-status").get_by_text("The signal has a mistake")
+    told.wait_for()
 
     assert not panel.bench.motor.enabled
+    panel.page.wait_for_timeout(1500)  # several states later it is still there to be read
+    assert told.count() == 1
 
 
 def test_why_the_motor_was_stopped_is_taken_away_when_it_is_driven_again(panel: Panel) -> None:

@@ -21,7 +21,7 @@ export function makeStart(store, commands) {
         }
         const halts = running && enabled;
         const wrong = halts ? "" : await store.beforeStart();
-        if (wrong) return showStatus(chip, "none", `Not started. ${wrong}`);
+        if (wrong) return showStatus(chip, "unstarted", wrong);
         const outcome = await track(chip, commands, { do: halts ? "halt" : "start" });
         if (!outcome.accepted) announce(failed(outcome));
     });

@@ -3,7 +3,7 @@
 import { say } from "./dom.js";
 import { fixed } from "./format.js";
 
-const WORDS = { edited: "Not sent", pending: "Pending", applied: "Applied", refused: "Refused", silent: "No answer", unknown: "Not known now", none: "" };
+const WORDS = { edited: "Not sent", pending: "Pending", applied: "Applied", refused: "Refused", silent: "No answer", unstarted: "Not started", unknown: "Not known now", none: "" };
 
 export function showStatus(chip, status, detail = "") {
     chip.dataset.status = status;
