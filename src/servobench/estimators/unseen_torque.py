@@ -21,8 +21,8 @@ import numpy as np
 from servobench.channels import Array
 from servobench.estimators.base import Fit
 from servobench.estimators.budget import Contribution, beyond
-from servobench.estimators.disturbance import Trial
-from servobench.estimators.prediction_error import PredictionError, disturbance_test, linearised
+from servobench.estimators.disturbance import Disturbance, Trial
+from servobench.estimators.prediction_error import PredictionError, linearised
 from servobench.estimators.second_weighing import SOURCE as NOISE_MODEL
 
 SOURCE: Final = "random torque not seen"
@@ -41,26 +41,22 @@ def with_unseen_torque(fit: Fit) -> Fit:
     first_order = {"gain", "time_constant"} <= set(fit.model.names)
     if tried or not first_order or PredictionError().supports(structure, data) is not None:
         return fit
-    added = _added(fit)
-    if added is None:
-        return fit
-    covariance = beyond(fit.covariance + added, fit.covariance)
+    covariance = beyond(fit.covariance + _added(fit), fit.covariance)
     reason = "a random torque that is too small to be seen moves the parameters by more than the rounding of an encoder does"
     return fit.widened(Contribution(source=SOURCE, covariance=covariance, reason=reason))
 
 
-def _added(fit: Fit) -> Array | None:
+def _added(fit: Fit) -> Array:
     """What the mixture has more than the covariance without a torque (P, P)."""
     data = [record.data for record in fit.records]
-    found = disturbance_test(fit)
-    if found is None:
-        return None
-    tau, shared = fit.model["time_constant"], len(fit.model.theta)
-    near = linearised(fit.model.structure, data, fit.vector, found.disturbance)
-    none = near.under(tau, 0.0)
+    structure, tau, shared = fit.model.structure, fit.model["time_constant"], len(fit.model.theta)
     speed = abs(fit.model["gain"]) * max(float(np.abs(record.u).max(initial=0.0)) for record in data)
-    # The speed wanders by √(q τ / 2), and the trial wants q/r.
-    ratios = 2.0 * (_LEVELS * speed) ** 2 / tau / none.variance
+    q = 2.0 * (_LEVELS * speed) ** 2 / tau  # the speed wanders by √(q τ / 2)
+    r = linearised(structure, data, fit.vector, None).under(tau, 0.0).variance
+    finest = Disturbance(tau=tau, ratio=float(q[-1] / r), variance=r)
+    near = linearised(structure, data, fit.vector, finest)
+    none = near.under(tau, 0.0)
+    ratios = q / none.variance
     trials = [none, *(near.under(tau, float(ratio)) for ratio in ratios)]
     weights = _weights(trials)
     out = np.zeros((shared, shared))

@@ -104,23 +104,29 @@ class FirstOrder:
 
         Where friction holds the shaft for long, one is that of an input that lacks what friction takes.
         """
-        from servobench.models.search import guess_behind_dead_zone, separable_guesses
+        from servobench.models.search import is_held, separable_guesses
 
         guesses = separable_guesses(self, data)
         found = [guess for _, guess in guesses]
         if not self.friction:
             return tuple(found)
-        frictionless = FirstOrder(tuple(p for p in self.parameters if p not in (COULOMB, OFFSET)))
-        cost, held = guess_behind_dead_zone(frictionless, self.parameters.index(COULOMB), data)
-        if OFFSET not in self.parameters:
-            found.append(held)
-        elif cost < guesses[0][0]:
-            found.append(np.insert(held, self.parameters.index(OFFSET), 0.0))
+        if is_held(data):
+            found += self._held(data, guesses[0][0])
         return tuple(
             guess
             for moving in found
             for guess in beside_rest(moving, self._still(moving, data), self._lost_speed(moving))
         )
+
+    def _held(self, data: Sequence[Dataset], lowest: float) -> list[Array]:
+        """Guess as if of a shaft behind a dead zone; with an offset voltage only where that costs less than `lowest`."""
+        from servobench.models.search import guess_behind_dead_zone
+
+        frictionless = FirstOrder(tuple(p for p in self.parameters if p not in (COULOMB, OFFSET)))
+        cost, held = guess_behind_dead_zone(frictionless, self.parameters.index(COULOMB), data)
+        if OFFSET not in self.parameters:
+            return [held]
+        return [np.insert(held, self.parameters.index(OFFSET), 0.0)] if cost < lowest else []
 
     def starts(self, theta: Array, data: Dataset) -> tuple[Array, ...]:
         """Return start vectors (P + Q,) for a search of the nuisance parameters alone, with the parameters theta (P,) held.

@@ -104,6 +104,15 @@ def _searched(structure: FirstOrder, data: Sequence[Dataset]) -> tuple[list[_Rec
     return records, found
 
 
+def is_held(data: Sequence[Dataset]) -> bool:
+    """Return whether a shaft stands still in at least one sample in fifty although its input isn't off."""
+    found = [
+        (directions(record) == 0.0) & (np.abs(record.input_at_output) > 0.02 * np.abs(record.u).max())
+        for record in data
+    ]
+    return bool(np.mean(np.concatenate(found)) > 0.02)
+
+
 def guess_behind_dead_zone(
     structure: FirstOrder, friction: int, data: Sequence[Dataset]
 ) -> tuple[float, Array]:
