@@ -3,7 +3,11 @@
 from __future__ import annotations
 
 import math
+import os
+import subprocess
+import sys
 from itertools import pairwise
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -172,3 +176,30 @@ def test_a_twin_that_is_entered_again_wants_a_new_start() -> None:
 def test_an_encoder_without_counts_is_refused() -> None:
     with pytest.raises(UsageError, match="counts_per_rev"):
         Twin(TwinSettings(counts_per_rev=0))
+
+
+def test_beside_the_wall_clock_nothing_is_left_to_compile_for_a_call_of_the_device(tmp_path: Path) -> None:
+    """A call that compiles looks like a device that doesn't answer, and whoever stands there is told to switch off the supply."""
+    program = """
+import time
+from servobench.compiled import told_while_compiling
+from servobench.devices.twin import Twin, TwinSettings
+compiled = []
+with told_while_compiling(compiled.append, lambda: None):
+    twin = Twin(TwinSettings(timing="host"))
+    before = len(compiled)
+    with twin:
+        twin.start(0.002, None)
+        for voltage in (2.0, -2.0, 0.0):
+            twin.read()
+            twin.write(voltage)
+            time.sleep(0.003)
+print(before, len(compiled) - before)
+"""
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", program], env=environment, capture_output=True, text=True, check=True
+    )
+    before, after = map(int, done.stdout.split())
+    assert before > 0
+    assert after == 0

@@ -153,6 +153,17 @@ class Twin:
         self._plant: Plant | None = None
         self._clock = time.perf_counter
         self._index, self._sample_time, self._started, self._coasted = -1, math.nan, 0.0, 0.0
+        if self.settings.timing == "host":
+            self._load_kernels()
+
+    def _load_kernels(self) -> None:
+        """Compile or load what a run computes with: within a call it would look like a device that doesn't answer."""
+        step = 1e-3
+        solver = SOLVERS[self.settings.solver].prepare(self._physics, step, self.settings.solver_step)
+        plant = Plant(self._physics, solver, step, self.settings.torque_noise, 0.0, np.random.default_rng(0))
+        for voltage, now in ((1.0, 0.5 * step), (0.0, 1.2 * step), (-1.0, 3.0 * step)):
+            plant.act(voltage, now)
+            plant.advance_to(now)
 
     @property
     def info(self) -> DeviceInfo:
