@@ -44,6 +44,7 @@ from servobench.uncertainty.answers import Answer, Combination, answers, combina
 from servobench.uncertainty.model_error import with_model_error
 from servobench.uncertainty.rounded_times import with_rounded_times
 from servobench.uncertainty.stated import about_answers
+from servobench.uncertainty.weak_priors import with_weak_priors
 from servobench.validation import validate
 from servobench.winding import about_winding
 
@@ -129,12 +130,14 @@ def _judged(
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
-    fit = with_what_records_tell(with_fast_pole(choice.fit), method, allow)
+    one_level = moves_under_one_level(records)
+    fit = with_weak_priors(choice.fit) if one_level else choice.fit
+    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)
     fit = with_rounded_times(fit)
-    fit = with_model_error(fit, one_level=moves_under_one_level(records))
+    fit = with_model_error(fit, one_level)
     fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
     fit = with_gain_and_friction_apart(fit)
     told = answers(fit), combinations(fit)

@@ -16,7 +16,7 @@ from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.covariance import andrews_lag, long_run
 from servobench.finding import Finding, info, warning
 from servobench.models.rational import Rational
-from servobench.rounding import TWO_SIDED
+from servobench.rounding import TWO_SIDED, plain
 from servobench.score_test import ScoreTest, Shown, Term
 
 _RIPPLES = range(1, 17)  # times a revolution
@@ -44,7 +44,7 @@ def _directions_sized(shown: Shown) -> str:
     size, half = shown.whole
     percent = 100 * 2 / shown.largest
     way = "positive" if shown.amount[0] > 0 else "negative"
-    return f"Turning the {way} way it answers about {percent * size:.2g} ± {percent * half:.1g} % more."
+    return f"Turning the {way} way it answers about {plain(percent * size, 2)} ± {plain(percent * half, 1)} % more."
 
 
 def _directions_within(shown: Shown) -> bool:
@@ -72,6 +72,7 @@ def _backlash_sized(shown: Shown) -> str:
 def _ripple(cycles: int) -> Term:
     return Term(
         code="ripple",
+        name="ripple",
         sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an eccentric encoder), which the "
         "model doesn't know; where the motor lingers at one angle it moves gain and time constant.",
         to_input=lambda m: m.wave(cycles),
@@ -83,6 +84,7 @@ def _ripple(cycles: int) -> Term:
 # A fast pole 1/(1 + s d) is a delay d to first order; to second order it adds d²/2 times the second derivative by the delay.
 _FAST_POLE = Term(
     code="fast-pole",
+    name="a second pole",
     sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
     "which a first-order model takes into its time constant.",
     curved="delay",
@@ -93,6 +95,7 @@ _FAST_POLE = Term(
 TERMS = (
     Term(
         code="friction-depends-on-speed",
+        name="friction that depends on the speed",
         sentence="Friction is not the same at all speeds: near standstill it differs from what the model takes everywhere "
         "(Stribeck), which moves gain and time constant.",
         to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.1),),
@@ -101,6 +104,7 @@ TERMS = (
     ),
     Term(
         code="drag-not-linear",
+        name="drag that isn't linear",
         sentence="The speed doesn't follow the input in proportion: drag grows faster or slower than the speed, so that the gain "
         "belongs to this range of speeds only.",
         to_input=lambda m: (-m.speed * np.abs(m.speed),),
@@ -108,6 +112,7 @@ TERMS = (
     ),
     Term(
         code="directions-differ",
+        name="directions that differ",
         sentence="The motor answers differently in its two directions; one gain for both is a mean of the two.",
         to_input=lambda m: (m.input * np.sign(m.speed),),
         rung="asymmetric",
@@ -116,6 +121,7 @@ TERMS = (
     ),
     Term(
         code="drag-differs",
+        name="drag that differs by direction",
         sentence="Drag isn't the same in the two directions; one gain and one time constant for both are a mean of the two.",
         to_input=lambda m: (-np.abs(m.speed),),
         rung="asymmetric",
@@ -123,6 +129,7 @@ TERMS = (
     ),
     Term(
         code="friction-grows-with-load",
+        name="friction that grows with the load",
         sentence="Friction is larger where gravity pulls harder, as in a gear that carries a load, which the model doesn't know.",
         to_input=lambda m: (-m.load * np.sign(m.speed),),
         rung="load",
@@ -130,17 +137,20 @@ TERMS = (
     ),
     Term(
         code="motor-changes",
+        name="a motor that changes",
         sentence="The motor wasn't the same at the end of the record as at its beginning: it warmed up, or its friction or its "
         "supply changed. What was found is a mean over the record.",
         to_input=lambda m: (m.input * m.gone, m.speed * m.gone),
     ),
     Term(
         code="friction-changes",
+        name="friction that changes",
         sentence="Friction, or the input's offset, wasn't the same at the end of the record as at its beginning.",
         to_input=lambda m: (np.sign(m.speed) * m.gone, m.gone),
     ),
     Term(
         code="backlash",
+        name="backlash",
         sentence="The output lags behind whenever the motion turns round, as behind a gear with backlash: near a reversal the "
         "model is wrong, and gain and time constant suffer from it.",
         to_output=lambda m: (np.sign(m.speed),),
@@ -174,13 +184,27 @@ def with_missing_terms(fit: Fit, shown: Sequence[Shown]) -> Fit:
         if len(one.off) != len(fit.model.theta) or not np.isfinite(one.off).all():
             continue
         known = np.isfinite(np.diag(fit.covariance))
-        off = np.where(known, one.off, 0.0)
+        off = np.where(known, _within_reach(fit, one.off), 0.0)
         already = np.where(np.outer(known, known), fit.covariance, 0.0)
         added = beyond(np.outer(off, off), already)
         if added.any():
-            reason = f"the data ask for {one.term.code.replace('-', ' ')}, which the model lacks"
-            fit = fit.widened(Contribution(source=one.term.code, covariance=added, reason=reason))
+            reason = f"the data ask for {one.term.name}, which the model lacks"
+            fit = fit.widened(Contribution(source=one.term.name, covariance=added, reason=reason))
     return fit
+
+
+def _within_reach(fit: Fit, off: Array) -> Array:
+    """A change of the parameters (P,), shortened to where neither gain nor time constant changes by more than its own value.
+
+    By then they aren't known, and the linear step that it comes from says nothing any more of what is known of them together.
+    """
+    at = [
+        n
+        for n, name in enumerate(fit.model.names)
+        if name in ("gain", "time_constant") and fit.model.theta[n]
+    ]
+    farthest = max((float(abs(off[n] / fit.model.theta[n])) for n in at), default=0.0)
+    return off / max(farthest, 1.0)
 
 
 def _strongest(shown: Sequence[Shown]) -> dict[str, Shown]:

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servobench.channels import Array
 from servobench.doubts.single_level import with_what_one_level_tells
 from servobench.errors import NotIdentifiable
 from servobench.estimators.base import Estimate, Estimator, Fit
@@ -61,7 +62,7 @@ def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     for name in apart:
         told = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
         at = fit.model.names.index(name)
-        added[at, at] = _beyond_stated(fit[name], told, len(fit.records))
+        added += _beyond_stated(fit[name], told, len(fit.records)) * _moved_along(fit, at, selections)
         holding[name] = _holding([fit[name], *told])
     line = Contribution(
         source="disagreement between records",
@@ -113,6 +114,19 @@ def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> flo
     values = np.array([each.value for each in told])
     jackknife = float(np.sqrt((count - 1) * np.mean((values - values.mean()) ** 2)))
     return max(jackknife**2 - whole.sd**2, 0.0) if np.isfinite(whole.sd) else 0.0
+
+
+def _moved_along(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
+    """What a parameter's variance is times to be the covariance (P, P), with those parameters along that no selection tells.
+
+    Those go with it as they do in the fit: of a record shorter than its time constant, gain and time constant in proportion.
+    """
+    slope = np.zeros(len(fit.model.names))
+    slope[at] = 1.0
+    for n, name in enumerate(fit.model.names):
+        if not any(np.isfinite(each.fit[name].sd) for each in selections) and fit.covariance[at, at] > 0:
+            slope[n] = fit.covariance[n, at] / fit.covariance[at, at]
+    return np.outer(slope, slope)
 
 
 def _holding(estimates: Sequence[Estimate]) -> tuple[float, float]:

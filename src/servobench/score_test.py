@@ -61,14 +61,16 @@ class Motion:
 
 @dataclass(frozen=True, kw_only=True)
 class Term:
-    """A term that a model may lack: its finding's code, a sentence, and what it adds, `to_input` or `to_output`, for a motion.
+    """A term that a model may lack: its finding's code, its name for people, a sentence, and what it adds for a motion.
 
+    It is added `to_input` or `to_output`.
     `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations. `rung` is what a
     structure with the term has in its name, where there is one. `sized` says how much of the term there is, `within` whether
     that is so little that the intervals of the fit hold it as well.
     """
 
     code: str
+    name: str
     sentence: str
     to_input: Callable[[Motion], tuple[Array, ...]] | None = None
     to_output: Callable[[Motion], tuple[Array, ...]] | None = None

@@ -13,6 +13,7 @@ from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
 from servobench.uncertainty.experience import FEW_EVENTS, SEVERAL_EVENTS
 from servobench.uncertainty.model_error import SOURCE, model_error, with_model_error
+from servobench.uncertainty.weak_priors import with_weak_priors
 from tests.datasets import QUANTUM, dataset, square
 from tests.motor.reference import Truth, march
 
@@ -151,7 +152,13 @@ def test_parameters_that_exact_readings_tell_together_only_are_no_error(seed: in
     """Under one level gain and friction are known together only, and a reading without noise leaves no room for a prior."""
     angle = march(Truth(), np.full(600, 2.0 + seed), 0.002, angle=0.1 * seed)[:, 2]
     data = dataset(seed=seed, samples=600, u=np.full(600, 2.0 + seed), y=angle)
-    found = model_error(fitted(replace(data, quantum=None)))
+    found = with_weak_priors(fitted(replace(data, quantum=None)))
 
-    assert found is not None
-    assert np.linalg.eigvalsh(found.white).min() >= -1e-12 * np.linalg.eigvalsh(found.white).max()
+    sd = np.sqrt(np.diag(found.covariance))
+    assert np.linalg.eigvalsh(found.covariance / np.outer(sd, sd)).min() >= -1e-12
+    # The speed that the level leads to is known to the last digits all the same, by algebra: K (u - u_c).
+    names = list(found.model.names)
+    left = 2.0 + seed - found.model["coulomb_voltage"]
+    slope = np.zeros(len(names))
+    slope[names.index("gain")], slope[names.index("coulomb_voltage")] = left, -found.model["gain"]
+    assert slope @ found.covariance @ slope < (1e-6 * found.model["gain"] * left) ** 2

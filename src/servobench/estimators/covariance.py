@@ -28,7 +28,15 @@ def sandwiched(bread: Array, scores: Sequence[Array]) -> Array:
     meat = np.zeros_like(bread)
     for s in scores:
         meat += long_run(s, andrews_lag(s @ bread))
-    return np.asarray(bread @ meat @ bread, dtype=np.float64)
+    return _between(bread, meat)
+
+
+def _between(bread: Array, meat: Array) -> Array:
+    """B M B, from a root of M: a product of all three has variances below zero where B says next to nothing of a direction."""
+    scale = np.sqrt(np.maximum(np.diag(meat), 1e-300))
+    values, vectors = np.linalg.eigh(meat / np.outer(scale, scale))
+    root = bread @ (vectors * np.sqrt(np.maximum(values, 0.0)) * scale[:, None])
+    return np.asarray(root @ root.T, dtype=np.float64)
 
 
 def sandwich_over(h: Array, scores: Sequence[Array], lags: Sequence[int]) -> Array:
@@ -40,7 +48,7 @@ def sandwich_over(h: Array, scores: Sequence[Array], lags: Sequence[int]) -> Arr
     meat = np.zeros_like(h)
     for s, lag in zip(scores, lags, strict=True):
         meat += fixed_b((lag + 1) / len(s)) ** 2 * long_run(s, lag)
-    return np.asarray(bread @ meat @ bread, dtype=np.float64)
+    return _between(bread, meat)
 
 
 def fixed_b(b: float) -> float:

@@ -159,8 +159,8 @@ def finding(minimum: Minimum, prior: Expected, covariance: Array) -> Finding:
     return info(
         CODE,
         f"These data can't tell the delay apart from friction and the time constant. {1e3 * value:.2g} ± {1e3 * half:.2g} ms is "
-        "taken for it, as is usual in control loops, and the other intervals allow for that. A step from rest, sampled faster, "
-        "tells it.",
+        "taken for it, as is usual in control loops, and the other intervals allow for that. Faster samples of a step from "
+        "rest would tell it.",
         parameters=("delay",),
     )
 

@@ -119,7 +119,8 @@ class Linearised:
     """Records near one point of the parameters: blocks of [residual, Jacobian], and where each record's columns stand.
 
     `places` are the columns of each record in the joint vector, `free` (P + ΣQ,) which of its entries may move. The
-    `kind` of output is that of all records, the `sample_time` [s] the longest that any has.
+    `kind` of output is that of all records, the `sample_time` [s] the longest that any has. `prior` (P + ΣQ,) is what is known
+    of each entry beforehand, as r over its variance.
     """
 
     blocks: tuple[Blocks, ...]
@@ -128,6 +129,7 @@ class Linearised:
     free: NDArray[np.bool_]
     kind: Kind
     sample_time: float
+    prior: Array | None = None
 
     def levels(self, tau: float) -> Array:
         """Return a grid of ln(q/r), for memories of the filter from 100 τ down to a third of a sample time."""
@@ -145,6 +147,8 @@ class Linearised:
             g[place] += product[1:, 0]
             logarithms += float(np.sum(np.log(spread)))
             filtered.append(x)
+        if self.prior is not None:
+            h += np.diag(self.prior)
         held = ~self.free
         h[held], h[:, held], g[held] = 0.0, 0.0, 0.0
         inverse, information = _inverse(h)

@@ -14,6 +14,7 @@ Raftery and Volinsky 1999).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -24,6 +25,7 @@ from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.disturbance import Disturbance, Trial
 from servobench.estimators.prediction_error import PredictionError, linearised
 from servobench.estimators.second_weighing import SOURCE as NOISE_MODEL
+from servobench.estimators.sizes import WEAK, sizes
 
 SOURCE: Final = "random torque not seen"
 # By what part of the largest speed that its input can ask of it a motor wanders: below, nothing shows; above, it is seen.
@@ -54,7 +56,7 @@ def _added(fit: Fit) -> Array:
     q = 2.0 * (_LEVELS * speed) ** 2 / tau  # the speed wanders by √(q τ / 2)
     r = linearised(structure, data, fit.vector, None).under(tau, 0.0).variance
     finest = Disturbance(tau=tau, ratio=float(q[-1] / r), variance=r)
-    near = linearised(structure, data, fit.vector, finest)
+    near = replace(linearised(structure, data, fit.vector, finest), prior=r / (WEAK * sizes(fit)) ** 2)
     none = near.under(tau, 0.0)
     ratios = q / none.variance
     trials = [none, *(near.under(tau, float(ratio)) for ratio in ratios)]

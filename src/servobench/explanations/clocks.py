@@ -12,6 +12,7 @@ from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.explanations.equation import Motion, Regression, input_at, regression, swept
 from servobench.finding import warning
 from servobench.measurement.dataset import Dataset
+from servobench.rounding import plain
 
 _RATES = np.array([3e-4, 6e-4, 1e-3, 1.5e-3, 2e-3, 3e-3, 5e-3, 7e-3, 1e-2, 1.5e-2, 2e-2, 3e-2])
 _SWEPT = (
@@ -29,7 +30,7 @@ def _drift(case: Case) -> Explained | None:
     longest = max(float(each.t[-1] - each.t[0]) for each in case.motions)
     sentence = (
         f"The delay between input and output changes steadily, by about {1000 * abs(rate) * longest:.2g} ms over the record: "
-        f"their times come from two clocks, one of them {100 * abs(rate):.2g} % faster. Take both times from one clock."
+        f"their times come from two clocks, one of them {plain(100 * abs(rate), 2)} % faster. Take both times from one clock."
     )
     return Explained(
         finding=warning("clock-drift", sentence, parameters=("delay", "time_constant", "gain")),

@@ -7,11 +7,13 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.channels import Array
+from servobench.doubts.single_level import moves_under_one_level
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.explanations.equation import swept, with_extra
 from servobench.finding import warning
 from servobench.measurement.dataset import Dataset
 from servobench.models.search import directions
+from servobench.rounding import plain
 
 _SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
 _APART = 0.02  # of the gain: records of one motor differ by less
@@ -21,15 +23,19 @@ def _records(case: Case) -> Explained | None:
     """Whether the records hold to the equation with a gain each, and not with a common one."""
     if len(case.motions) < 2:
         return None
-    columns = []
-    for k in range(1, len(case.motions)):
-        for make in (1, 2):
-            columns.append(
-                [each.base[0][:, make] * (1.0 if n == k else 0.0) for n, each in enumerate(case.motions)]
-            )
+    columns = [
+        [each.base[0][:, make] * (1.0 if n == k else 0.0) for n, each in enumerate(case.motions)]
+        for k in range(1, len(case.motions))
+        for make in (1, 2)
+    ]
     found = case.with_columns(*columns)
     first = found.coefficients[1]
-    gains = np.array([first, *(first + found.coefficients[5 + 2 * k] for k in range(len(case.motions) - 1))])
+    if moves_under_one_level([each.data for each in case.motions]):
+        # Gain and friction can't be told apart; what counts is what is left of the level.
+        driven = case.motions[0].u[case.motions[0].sense != 0]
+        level = float(np.median(driven)) if len(driven) else 0.0
+        first -= found.coefficients[3] / abs(level) if level else 0.0
+    gains = np.array([first, *(first + found.coefficients[5::2])])
     middle = float(np.median(gains))
     if middle == 0 or float(np.abs(gains / middle - 1).max()) < _APART:
         return None
@@ -63,8 +69,8 @@ def _changes(case: Case) -> Explained | None:
     added = np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ found.coefficients[5:]
     share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly
     sentence = (
-        f"The motor answered differently at the end of the record than at its beginning, by about {100 * share:.2g} % of its "
-        "speed: the supply sagged, the motor warmed up, or its friction changed. What was found is a mean over the record."
+        f"The motor answered differently at the end of the record than at its beginning, by about {plain(100 * share, 2)} % of "
+        "its speed: the supply sagged, the motor warmed up, or its friction changed. What was found is a mean over the record."
     )
     return Explained(
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),

@@ -19,6 +19,8 @@ def _unrelated(case: Case) -> Explained | None:
         return None
     columns, speed = case.base
     without = regression(columns[:, [0, 3, 4]], speed)
+    if without.misfit == 0:  # a shaft that stands still follows anything
+        return None
     if case.plain.misfit < _SHARE * without.misfit or case.plain.misfit < 0.02 * case.plain.total:
         return None
     name = case.motions[0].data.name

@@ -194,21 +194,25 @@ def _at_the_edge(richer: Fit, plain: Fit) -> bool:
 def amount(term: str, fit: Fit) -> tuple[float, float]:
     """Return how much of a term a fit has, with its standard deviation: of Stribeck friction u_s ω_s, which reversals tell."""
     names = fit.model.names
-    value, slope = 0.0, np.zeros(len(names))
+    value, slope = 0.0, np.zeros(len(names), dtype=np.float64)
     if term == "stribeck":
         u, speed = (names.index(n) for n in ("stribeck_voltage", "stribeck_speed"))
         value = float(fit.model.theta[u] * fit.model.theta[speed])
         slope[u], slope[speed] = fit.model.theta[speed], fit.model.theta[u]
     elif term in ("gravity", "coulomb_gravity"):
-        at = [names.index(n) for n in ("gravity_voltage_sine", "gravity_voltage_cosine")]
-        value = float(np.hypot(*fit.model.theta[at]))
-        slope[at] = fit.model.theta[at] / (value or 1.0)
+        both = [names.index(n) for n in ("gravity_voltage_sine", "gravity_voltage_cosine")]
+        value = float(np.hypot(*fit.model.theta[both]))
+        slope[both] = fit.model.theta[both] / (value or 1.0)
     else:
         at_one = names.index(_NAMES[term])
         value = abs(float(fit.model.theta[at_one]))
         slope[at_one] = 1.0
-    variance = float(slope @ fit.covariance @ slope)
-    return value, float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf
+    concerned = np.flatnonzero(slope)
+    covariance = fit.covariance[np.ix_(concerned, concerned)]
+    if not np.isfinite(covariance).all():
+        return value, np.inf
+    variance = float(slope[concerned] @ covariance @ slope[concerned])
+    return value, float(np.sqrt(max(variance, 0.0)))
 
 
 def _embedded(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:

@@ -2,7 +2,8 @@
 
 A record may know a gain to 1 % and nothing of a time constant. Two parameters that nothing tells apart are often well known
 together: time constant and delay as the lag behind a slow input, gain and friction as the speed that a voltage leads to, gain
-and time constant as the acceleration that a voltage begins with.
+and time constant as the acceleration that a voltage begins with, all three of gain, friction and time constant as that under
+one level.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ class Combination:
     """What is known of several parameters together: `parameters`, in words as `meaning`, with its 95 % interval."""
 
     name: str
-    """`lag`, `speed_at_level` or `acceleration`."""
+    """`lag`, `speed_at_level`, `acceleration` or `acceleration_at_level`."""
     meaning: str
     parameters: tuple[str, ...]
     estimate: Estimate
@@ -72,13 +73,15 @@ def answers(fit: Fit) -> dict[str, Answer]:
 
 def combinations(fit: Fit) -> tuple[Combination, ...]:
     """Return the combinations of parameters that are known where not all of their parts are, in the order of `answers`."""
-    whole = [make(fit) for make in (_lag, _drive, _acceleration)]
     parts = fit.estimates
-    return tuple(
+    found = [
         each
-        for each in whole
+        for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
         if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
-    )
+    ]
+    # The acceleration under one level follows from either of the others.
+    elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in found)
+    return tuple(each for each in found if not (elsewhere and each.name == "acceleration_at_level"))
 
 
 def _tells_more(whole: Combination, parts: Mapping[str, Estimate]) -> bool:
@@ -95,7 +98,7 @@ def _answer(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combina
         )
     if _is_known(fit, name, estimate, among):
         return Answer(name=name, state=State.KNOWN, estimate=estimate)
-    bounded = all(map(np.isfinite, estimate.interval)) and estimate.interval[1] <= _largest(fit, name)
+    bounded = all(map(np.isfinite, estimate.interval)) and 0 < estimate.interval[1] <= _largest(fit, name)
     state = State.BOUNDED if bounded else State.UNKNOWN
     return Answer(name=name, state=state, estimate=estimate, remedy=_remedy(name))
 
@@ -105,6 +108,8 @@ def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
         return False
     if name in ("gain", "time_constant", "loop_gain"):
         return _relative(estimate) <= (_ROUGH if among else _KNOWN)
+    if name == "delay" and estimate.half_width > max(record.data.duration for record in fit.records):
+        return False
     if name == "delay" or name in _FRICTION + _GRAVITY:
         return estimate.half_width <= max(_KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
     return True
@@ -171,8 +176,8 @@ def _drive(fit: Fit) -> Combination | None:
         left = level - value[lost[0]] * sense
         return value["gain"] * left, {"gain": left, lost[0]: -value["gain"] * sense}
 
-    sense = float(np.sign(level)) if fit.model.structure.friction and "one_way" not in fit.structure else 1.0
-    meaning = f"speed at {level:.4g} {data.input_unit}"
+    sense = _sense_of_friction(fit, level)
+    meaning = f"speed at {_level_in_words(level, data.input_unit)}"
     return _combined(fit, "speed_at_level", meaning, ("gain", lost[0]), f"{data.position_unit}/s", speed)
 
 
@@ -199,6 +204,36 @@ def _acceleration(fit: Fit) -> Combination | None:
 
     unit = f"{data.position_unit}/(s²·{data.input_unit})"
     return _combined(fit, "acceleration", "gain / time constant", ("gain", "time_constant"), unit, slope)
+
+
+def _acceleration_at_level(fit: Fit) -> Combination | None:
+    """That with which a level of the input sets a motor off whose record ends long before it has its speed."""
+    lost = [name for name in _FRICTION if name in fit.model.names]
+    if not {"gain", "time_constant"} <= set(fit.model.names) or len(lost) != 1:
+        return None
+    data, level = fit.records[0].data, driving_level(fit)
+    sense = _sense_of_friction(fit, level)
+
+    def slope(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        k, tau, left = value["gain"], value["time_constant"], level - value[lost[0]] * sense
+        return k * left / tau, {
+            "gain": left / tau,
+            lost[0]: -k * sense / tau,
+            "time_constant": -k * left / tau**2,
+        }
+
+    meaning = f"acceleration at {_level_in_words(level, data.input_unit)}"
+    parameters = ("gain", lost[0], "time_constant")
+    return _combined(fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope)
+
+
+def _level_in_words(level: float, unit: str) -> str:
+    return f"{level:.4g}" if unit == "1" else f"{level:.4g} {unit}"
+
+
+def _sense_of_friction(fit: Fit, level: float) -> float:
+    """The sign of what friction takes of a level: of a motor that turns one way it is that of its own parameter."""
+    return float(np.sign(level)) if fit.model.structure.friction and "one_way" not in fit.structure else 1.0
 
 
 def _combined(

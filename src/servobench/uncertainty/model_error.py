@@ -10,7 +10,7 @@ errs beyond what it shows (`experience`).
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Final
 
@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
-from servobench.estimators import delay_prior
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.covariance import fixed_b, long_run
+from servobench.estimators.sizes import sizes
 from servobench.rounding import TWO_SIDED
 from servobench.score_test import by_rounding, innovations_and_jacobian
 from servobench.uncertainty.experience import (
@@ -32,12 +32,12 @@ from servobench.uncertainty.experience import (
     SEVERAL_EVENTS,
     Experience,
 )
+from servobench.uncertainty.weak_priors import root_of_covariance
 
 _EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
 SOURCE: Final = "model error"
 _BINS = 400
 _LAGS = 120  # of the bins
-_WEAK = 3.0  # of its size: the standard deviation of the prior of each parameter
 # Times what white noise makes: from there on model error counts, and counts whole. Ideal motors behind coarse encoders reach 2.1,
 # real ones that turn both ways are almost all above 2.5.
 _NOTICED, _PLAIN = 2.0, 3.0
@@ -55,14 +55,13 @@ class ModelError:
 
     `ratio` is how much wider than for white noise the residual makes the intervals, at the worst parameter; `events` how many
     stretches of equal weight tell gain, lag and friction, as far as they are there; `shares` (0 to 1) how much of the experience
-    counts for each of them, `covariance` (P, P) what the parameters have by it, `white` (P, P) by white noise alone.
+    counts for each of them, `covariance` (P, P) what the parameters have by it.
     """
 
     ratio: float
     events: Mapping[str, float]
     shares: Mapping[str, float]
     covariance: Array
-    white: Array
 
 
 def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
@@ -78,14 +77,12 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     ):
         return None
     jacobian, e = innovations_and_jacobian(fit)
-    scale = _scales(fit, jacobian.shape[1])
+    scale = sizes(fit)[: jacobian.shape[1]]
     j = jacobian * scale
     freedom = max(len(e) - j.shape[1], 1)
     variance = float(e @ e) / freedom
-    # By QR and not by J'J, and in coordinates q = Rθ in which white noise is round: where two parameters are told together only,
-    # differences of huge numbers would come out as variances below zero.
-    triangle = np.linalg.qr(np.vstack([j, np.sqrt(variance) * np.diag(1.0 / _priors(fit, scale))]), mode="r")
-    root = np.linalg.inv(triangle)
+    # In coordinates q = Rθ, in which white noise is round.
+    root = root_of_covariance(fit, jacobian, scale, variance)
     of_scores = _long_run_on_the_clock(j @ root, e)
     white, coloured = variance * root @ root.T, root @ of_scores @ root.T
     shared = len(names)
@@ -117,7 +114,6 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
         events=events,
         shares=shares,
         covariance=np.outer(times, times) * wide + _floors(fit, known, shares),
-        white=white[:shared, :shared] * units,
     )
 
 
@@ -127,10 +123,6 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
     if found is None or not any(found.shares.values()):
         return fit
     finite = np.isfinite(np.diag(fit.covariance))
-    if one_level:  # the estimator's own covariance is nearly singular there, and rounding error in what is known together
-        fit = replace(
-            fit, covariance=np.where(np.outer(finite, finite), found.white, fit.covariance), intervals={}
-        )
     added = beyond(found.covariance, np.where(np.outer(finite, finite), fit.covariance, 0.0))
     added[~finite, :] = 0.0
     added[:, ~finite] = 0.0
@@ -159,35 +151,6 @@ def _reason(found: ModelError, events: float) -> str:
         f"the residual moves the parameters {found.ratio:.1f} times as much as white noise would; beyond that, from experience "
         f"with {_EXPERIENCE}"
     )
-
-
-def _priors(fit: Fit, scale: Array) -> Array:
-    """The standard deviations of the priors, in units of the scales: weak, but for a delay that was taken as loops have it."""
-    out = np.full(len(scale), _WEAK)
-    if any(finding.code == delay_prior.CODE for finding in fit.findings):
-        data = [record.data for record in fit.records]
-        prior = delay_prior.expected_delay(fit.model.structure, data)
-        if prior is not None:
-            out[prior.at] = prior.scale / scale[prior.at]
-    return out
-
-
-def _scales(fit: Fit, size: int) -> Array:
-    """A size (P + ΣQ,) for each entry of the joint vector, in its unit: none of them is far from what is possible."""
-    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records) or 1.0
-    lag = abs(fit.model["time_constant"]) or 1.0
-    of_shared = []
-    for name, value in zip(fit.model.names, fit.model.theta, strict=True):
-        least = {"delay": lag, "time_constant": lag}.get(
-            name, 0.1 * largest if name.endswith("voltage") else 0.0
-        )
-        of_shared.append(max(abs(float(value)), least) or 1.0)
-    own = []
-    for record in fit.records:
-        spread = float(np.ptp(record.data.y)) or 1.0
-        rate = spread / lag if record.data.kind == "position" else spread
-        own += [max(abs(float(v)), rate if n else spread) for n, v in enumerate(record.nuisance)]
-    return np.concatenate([of_shared, np.array(own)])[:size]
 
 
 def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
@@ -268,6 +231,20 @@ def _turns(u: Array, least: float) -> list[int]:
     return found
 
 
+def _of_short_records(fit: Fit, lag: float) -> Array:
+    """What the floor of the lag [s] is more times (P, P), where all records end before the motor has its speed.
+
+    Over a time T the speed bends away from a straight line by T/2τ of itself, so that a model error that moves the lag by a part
+    of itself in a whole step moves it by (τ/T)² of that. The gain goes with it: what is known is the slope K/τ.
+    """
+    names, theta = fit.model.names, fit.model.theta
+    longest = max(record.data.duration for record in fit.records)
+    along = np.zeros(len(names))
+    along[names.index("time_constant")] = 1.0
+    along[names.index("gain")] = theta[names.index("gain")] / lag
+    return (max(lag / longest, 1.0) ** 4 - 1.0) * np.outer(along, along)
+
+
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
     """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
     names, theta = fit.model.names, fit.model.theta
@@ -275,7 +252,9 @@ def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, floa
     at = {name: n for n, name in enumerate(names)}
     lag = abs(float(theta[at["time_constant"]] + (theta[at["delay"]] if "delay" in at else 0.0)))
     out[at["gain"], at["gain"]] += (shares["gain"] * known["gain"].gain * theta[at["gain"]]) ** 2
-    out[at["time_constant"], at["time_constant"]] += (shares["lag"] * known["lag"].lag * lag) ** 2
+    of_lag = shares["lag"] * known["lag"].lag * lag
+    out[at["time_constant"], at["time_constant"]] += of_lag**2
+    out += of_lag**2 * _of_short_records(fit, lag)
     if "delay" in at:
         split = np.zeros(len(names))
         split[at["time_constant"]], split[at["delay"]] = 1.0, -1.0

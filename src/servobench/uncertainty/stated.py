@@ -23,7 +23,8 @@ def about_answers(answers: Mapping[str, Answer], combinations: Sequence[Combinat
 
 
 def _together(known: Combination) -> Finding:
-    names = " and ".join(parameter_in_words(name) for name in known.parameters)
+    *first, last = (parameter_in_words(name) for name in known.parameters)
+    names = f"{', '.join(first)} and {last}"
     value = rounded_interval(known.estimate.value, known.estimate.interval, known.estimate.unit)
     sentence = f"The data tell {names} together only, not each by itself: {known.meaning} is {value}."
     return info("known-together", sentence, parameters=known.parameters)
