@@ -219,4 +219,4 @@ def test_a_fast_shaft_under_gravity_is_stepped_rarely_and_still_where_it_should_
     p = np.zeros(kernels.COLUMNS)
     p[[kernels.GAIN, kernels.TAU, kernels.SINE, kernels.COSINE]] = gain, tau, sine, cosine
     # A tenth of the time in which it turns by a radian would be the step beside a gravity that moves it.
-    assert kernels.longest_step(p, speed, 0.0, False, False, True) > 2 * 0.1 / speed
+    assert kernels.longest_step(kernels.motor_of(p), speed, 0.0, False, True) > 2 * 0.1 / speed

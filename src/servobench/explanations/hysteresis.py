@@ -41,11 +41,9 @@ def _hysteresis(case: Case) -> Explained | None:
 
 def play(u: Array, width: float) -> Array:
     """Return u (N,) behind a play of `width` on either side, in the unit of u, from its first value on."""
-    out, now = np.empty(len(u)), float(u[0])
-    for k, value in enumerate(u.tolist()):
-        now = min(max(now, value - width), value + width)
-        out[k] = now
-    return out
+    from servobench.explanations import kernels
+
+    return kernels.play(u, width)
 
 
 EXPLANATIONS.member("hysteresis")(_hysteresis)
