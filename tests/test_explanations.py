@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.explanations.base import EXPLANATIONS, Case, explain, is_damaged
+from servobench.explanations.base import EXPLANATIONS, Case, Causes, explain
 from servobench.explanations.equation import motion
 from servobench.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -37,8 +37,9 @@ def test_an_input_whose_simulation_explains_the_output_is_not_unrelated() -> Non
     other = dataset(seed=4, kind="prbs", hold=20)
 
     assert explain([replace(record, u=other.u)], 91.0) == []
-    assert is_damaged([replace(record, u=other.u)])
-    assert not is_damaged([replace(record, u=other.u)], 91.0)
+    causes = Causes((replace(record, u=other.u),))
+    assert causes.are_damage()
+    assert not causes.are_damage(91.0)
 
 
 def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 
 import numpy as np
@@ -21,7 +21,7 @@ from servobench.doubts.single_level import (
 from servobench.errors import NotIdentifiable, UsageError
 from servobench.estimators.base import ESTIMATORS, Fit
 from servobench.estimators.unseen_torque import with_unseen_torque
-from servobench.explanations.base import explain, unexplained
+from servobench.explanations.base import Causes, unexplained
 from servobench.finding import Finding, Verdict, refusal, verdict
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
@@ -76,16 +76,16 @@ def identify(
     findings += [*restored, *about_data(records, _parameters(nominal))]
     records, left_out = stretches_of_motion(records)
     findings += left_out
-    judged = _Judged()
+    judged = _Judged(causes=Causes(records))
     try:
         if verdict(findings) is not Verdict.REFUSED:
             judged = _judged(records, structure, estimator, nominal, validate_on, known)
     except NotIdentifiable as error:
-        judged = _Judged(findings=(refusal("not-identifiable", f"{error}."),))
+        judged = replace(judged, findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings
     if unexplained(findings):
         told = {finding.code for finding in findings}
-        causes = explain(records, judged.fit.fit_percent if judged.fit else np.nan)
+        causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
         findings += [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
     return Result(
         data=records,
@@ -107,8 +107,9 @@ def identify(
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class _Judged:
-    """A fit and what was made of it; nothing where there is no fit."""
+    """A fit and what was made of it, nothing where there is no fit; and what may be wrong with the records."""
 
+    causes: Causes
     fit: Fit | None = None
     answers: Mapping[str, Answer] = field(default_factory=dict)
     combinations: tuple[Combination, ...] = ()
@@ -160,6 +161,7 @@ def _judged(
     if (known or has_current(fit)) and verdict(findings) is not Verdict.REFUSED:
         motor = motor_parameters(fit, known=known)
     return _Judged(
+        causes=choice.causes,
         fit=fit,
         answers=told[0],
         combinations=told[1],

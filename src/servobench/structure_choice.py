@@ -12,16 +12,16 @@ Then the tests look at what is left, until they ask for nothing, or for nothing 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from servobench.doubts.base import about_data
 from servobench.errors import NotIdentifiable, UsageError
-from servobench.estimators.base import Estimator, Fit
+from servobench.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.estimators.delay_prior import is_usual
-from servobench.explanations.base import is_damaged, names_a_cause
+from servobench.explanations.base import Causes, names_a_cause
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import shown_terms
@@ -46,11 +46,24 @@ _NEARLY_ALL = 90.0  # % of the output
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Choice:
-    """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it."""
+    """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it.
+
+    `causes` are what may be wrong with the records, as far as that has been looked into.
+    """
 
     fit: Fit
+    causes: Causes
     shown: tuple[Shown, ...] = ()
     findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Base:
+    """The fit of the simplest structure that suits a motion, why it is that one, and all `fits` that were made, by structure."""
+
+    fit: Fit
+    findings: tuple[Finding, ...] = ()
+    fits: Mapping[str, Fit]
 
 
 def chosen(
@@ -68,8 +81,10 @@ def chosen(
     if structure != "auto":
         _check_combination(method, STRUCTURES[structure], data, estimator)
         fit = allow(fitted(method, STRUCTURES[structure], data))
-        return Choice(fit=fit, shown=shown_terms(fit))
-    return _climbed(method, data, *_base(method, data), allow)
+        return Choice(fit=fit, causes=Causes(tuple(data)), shown=shown_terms(fit))
+    base = _base(method, data)
+    known = base.fits if method is ESTIMATORS["output_error"] else {}
+    return _climbed(method, data, base, Causes(tuple(data), known), allow)
 
 
 def _check_combination(
@@ -81,54 +96,59 @@ def _check_combination(
         raise UsageError(hindrance.sentence)
 
 
-def _base(method: Estimator, data: Sequence[Dataset]) -> tuple[Fit, tuple[Finding, ...]]:
-    """The fit of the simplest structure for a motor that turned so, with Coulomb friction if that is needed, and why."""
+def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
+    """The simplest structure for a motor that turned so, with Coulomb friction if that is needed."""
     if not turns_both_ways(data):
         return _resting(method, data, fitted(method, STRUCTURES["first_order_one_way"], data))
     frictionless = fitted(method, STRUCTURES["first_order"], data)
     try:
         with_friction = fitted(method, STRUCTURES["first_order_coulomb"], data)
     except NotIdentifiable:
-        return frictionless, ()
+        return _Base(fit=frictionless, fits={frictionless.structure: frictionless})
+    fits = {each.structure: each for each in (frictionless, with_friction)}
     if better(with_friction, frictionless):
         sentence = (
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
             f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless.model['gain']:.4g} instead of "
             f"{with_friction.model['gain']:.4g}."
         )
-        return with_friction, (info("friction-found", sentence, parameters=("coulomb_voltage",)),)
+        told = info("friction-found", sentence, parameters=("coulomb_voltage",))
+        return _Base(fit=with_friction, findings=(told,), fits=fits)
     if moved(with_friction, frictionless):
         sentence = (
             "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
             f"would be {frictionless.model['gain']:.5g} instead of {with_friction.model['gain']:.5g}, and seem better "
             "known than it is."
         )
-        return with_friction, (info("friction-possible", sentence, parameters=("coulomb_voltage",)),)
+        told = info("friction-possible", sentence, parameters=("coulomb_voltage",))
+        return _Base(fit=with_friction, findings=(told,), fits=fits)
     sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
-    return frictionless, (info("friction-not-found", sentence),)
+    return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
 
 
-def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> tuple[Fit, tuple[Finding, ...]]:
-    """The fit for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
+def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
+    """The base for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
+    simple = _Base(fit=one_way, fits={one_way.structure: one_way})
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
     stands = any(stands_at_first(record) for record in data)
     late = not is_usual(one_way)  # a delay may stand for friction that the input has to overcome
     if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
-        return one_way, ()
+        return simple
     try:
         with_rest = fitted(method, STRUCTURES["first_order_one_way_rest"], data)
     except NotIdentifiable:
-        return one_way, ()
+        return simple
+    fits = {each.structure: each for each in (one_way, with_rest)}
     # A shaft that rests when the record begins is held by something; without that, a delay or an offset stands for it.
     drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     if not with_rest.converged or not worth:
-        return one_way, ()
+        return replace(simple, fits=fits)
     sentence = (
         "The motor stands still in a part of the record, so the model has friction that holds the shaft: without it the "
         f"simulation explains {one_way.fit_percent:.2f} % of the output, with it {with_rest.fit_percent:.2f} %."
     )
-    return with_rest, (info(_REST, sentence, parameters=("coulomb_voltage",)),)
+    return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
 
 
 def _stands(data: Sequence[Dataset]) -> bool:
@@ -141,17 +161,20 @@ def _stands(data: Sequence[Dataset]) -> bool:
 def _climbed(
     method: Estimator,
     data: Sequence[Dataset],
-    base: Fit,
-    findings: tuple[Finding, ...],
+    base: _Base,
+    causes: Causes,
     allow: Callable[[Fit], Fit],
 ) -> Choice:
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
-    plain, fit, refused = base, allow(base), dict[str, Rung]()
+    plain, fit, refused = base.fit, allow(base.fit), dict[str, Rung]()
+    findings = base.findings
     shown = shown_terms(fit)
     if any(finding.code == _REST for finding in findings):
-        return Choice(fit=fit, shown=shown, findings=findings)  # nothing more can be told of its friction
-    if _suspected(shown, fit) and _damaged(data, fit):
-        return Choice(fit=fit, shown=shown, findings=findings)
+        return Choice(
+            fit=fit, causes=causes, shown=shown, findings=findings
+        )  # nothing more can be told of its friction
+    if _suspected(shown, fit) and _damaged(causes, fit):
+        return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
     for _ in range(_RUNGS):
         terms = [t for t in _suspected(shown, fit) if t not in refused and with_term_more(fit.structure, t)]
         asked = _asked(shown)
@@ -164,13 +187,14 @@ def _climbed(
         plain, fit = kept.plain, kept.fit
         shown = shown_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
-    return Choice(fit=fit, shown=shown, findings=(*findings, stopped(fit, shown, refused), *hidden))
+    told = (*findings, stopped(fit, shown, refused), *hidden)
+    return Choice(fit=fit, causes=causes, shown=shown, findings=told)
 
 
-def _damaged(data: Sequence[Dataset], fit: Fit) -> bool:
+def _damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
-    told = [finding for record in data for finding in record.findings]
-    return names_a_cause([*told, *about_data(data)]) or is_damaged(data, fit.fit_percent)
+    told = [finding for record in causes.records for finding in record.findings]
+    return names_a_cause([*told, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
 
 
 def _noted(rung: Rung, refused: dict[str, Rung]) -> bool:

@@ -8,16 +8,17 @@ only that something is wrong. A cause is an accusation: without evidence of its 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TypeAlias
 
 import numpy as np
 
 from servobench.channels import Array
+from servobench.estimators.base import Fit
 from servobench.explanations.equation import Motion, Regression, joined, motion, regression
-from servobench.explanations.trial import is_borne_out
+from servobench.explanations.trial import fitted_plainly, is_borne_out
 from servobench.finding import Finding, Severity
 from servobench.measurement.dataset import Dataset
 from servobench.registry import Registry
@@ -64,7 +65,7 @@ class Case:
         return regression(np.column_stack([columns, *(np.concatenate(list(each)) for each in extra)]), speed)
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Explained:
     """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
 
@@ -151,37 +152,77 @@ def is_cause(finding: Finding) -> bool:
     return finding.severity != Severity.INFO and finding.code in _CAUSES | _EXPLAINED
 
 
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """What may be wrong with records. Each cause is looked for and fitted once, however often it is asked for.
+
+    `known` are output error's fits of these records by the names of their structures, as far as they have been made.
+    """
+
+    records: tuple[Dataset, ...]
+    known: Mapping[str, Fit] = field(default_factory=dict)
+
+    def explain(self, simulated: float = np.nan) -> list[Finding]:
+        """Return the finding of the cause that explains best why no model fits these records; none where no cause does.
+
+        `simulated` is what the simulation of the best fit explains of the output, in percent; NaN where there is no fit.
+        """
+        best = self._best(_CONVINCING, simulated)
+        if best is None:
+            return []
+        has_a_size = best.structural and simulated >= _EXPLAINED_ALREADY
+        return [replace(best.finding, severity=Severity.INFO) if has_a_size else best.finding]
+
+    def are_damage(self, simulated: float = np.nan) -> bool:
+        """Return whether a cause that lies in the records, and not in the motor, explains nearly all that a plain motor doesn't.
+
+        Then richer structures needn't be tried: they would bend to the damage, and take long. `simulated` is as in `explain`.
+        """
+        best = self._best(_CERTAIN, simulated)
+        return best is not None and not best.structural
+
+    def _best(self, most: float, simulated: float) -> Explained | None:
+        """The cause that leaves least of the misfit, and at most that part of it, of those that a fit bears out."""
+        motions = self._motions
+        if not motions or len(motions) < len(self.records):
+            return None
+        if simulated not in self._found:
+            case = Case(motions, simulated)
+            explained = (member(case) for member in EXPLANATIONS)
+            self._found[simulated] = case, [each for each in explained if each is not None]
+        case, found = self._found[simulated]
+        good = [each for each in found if each.misfit <= most * case.plain.misfit]
+        return next((each for each in _ranked(good)[:_TRIALS] if self._is_evident(each)), None)
+
+    def _is_evident(self, cause: Explained) -> bool:
+        if cause.remedy is None and not cause.structure:
+            return True
+        if cause not in self._tried:
+            self._tried[cause] = is_borne_out(cause, self.records, self._without)
+        return self._tried[cause]
+
+    @cached_property
+    def _motions(self) -> tuple[Motion, ...]:
+        return tuple(found for found in map(motion, self.records) if found is not None)
+
+    @cached_property
+    def _without(self) -> Fit | None:
+        return fitted_plainly(self.records, self.known)
+
+    @cached_property
+    def _found(self) -> dict[float, tuple[Case, list[Explained]]]:
+        """The causes that may be, for what a simulation explains."""
+        return {}
+
+    @cached_property
+    def _tried(self) -> dict[Explained, bool]:
+        """Whether a fit bears a cause out."""
+        return {}
+
+
 def explain(records: Sequence[Dataset], simulated: float = np.nan) -> list[Finding]:
-    """Return the finding of the cause that explains best why no model fits these records; none where no cause does.
-
-    `simulated` is what the simulation of the best fit explains of the output, in percent; NaN where there is no fit.
-    """
-    best = _best(records, _CONVINCING, simulated)
-    if best is None:
-        return []
-    has_a_size = best.structural and simulated >= _EXPLAINED_ALREADY
-    return [replace(best.finding, severity=Severity.INFO) if has_a_size else best.finding]
-
-
-def is_damaged(records: Sequence[Dataset], simulated: float = np.nan) -> bool:
-    """Return whether a cause that lies in the records, and not in the motor, explains nearly all that a plain motor doesn't.
-
-    Then richer structures needn't be tried: they would bend to the damage, and take long. `simulated` is as in `explain`.
-    """
-    best = _best(records, _CERTAIN, simulated)
-    return best is not None and not best.structural
-
-
-def _best(records: Sequence[Dataset], most: float, simulated: float) -> Explained | None:
-    """The cause that leaves least of the misfit, and at most that part of it, of those that a fit bears out."""
-    motions = [found for found in map(motion, records) if found is not None]
-    if not motions or len(motions) < len(records):
-        return None
-    case = Case(tuple(motions), simulated)
-    found = [each for each in (member(case) for member in EXPLANATIONS) if each is not None]
-    good = [each for each in found if each.misfit <= most * case.plain.misfit]
-    borne_out = (each for each in _ranked(good)[:_TRIALS] if _is_evident(each, records))
-    return next(borne_out, None)
+    """Return the same as `Causes.explain` for records that nothing is known of yet."""
+    return Causes(tuple(records)).explain(simulated)
 
 
 def _ranked(causes: Sequence[Explained]) -> list[Explained]:
@@ -195,9 +236,3 @@ def _ranked(causes: Sequence[Explained]) -> list[Explained]:
             else (True, 0, each.misfit)
         ),
     )
-
-
-def _is_evident(cause: Explained, records: Sequence[Dataset]) -> bool:
-    if cause.remedy is None and not cause.structure:
-        return True
-    return is_borne_out(cause, records)

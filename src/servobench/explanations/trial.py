@@ -12,7 +12,7 @@ cause that had thirty sizes and two numbers to choose reaches 20 by chance once 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -32,10 +32,12 @@ _FITS = 50.0  # percent of the output that a fit with the cause explains at leas
 _LONGEST = 0.1  # of the record: the longest lag over which residuals are differenced
 
 
-def is_borne_out(cause: Explained, records: Sequence[Dataset]) -> bool:
-    """Return whether the motor that the cause makes of the records, or of its structure, is the better one by simulation."""
+def is_borne_out(cause: Explained, records: Sequence[Dataset], without: Fit | None) -> bool:
+    """Return whether the motor that the cause makes of the records, or of its structure, is the better one by simulation.
+
+    `without` is the fit without any cause, as `fitted_plainly` gives it.
+    """
     motors = _motors(records)
-    without = _best(records, motors)
     treated = [cause.remedy(each) for each in records] if cause.remedy else list(records)
     with_it = _best(treated, (cause.structure,) if cause.structure else motors)
     if with_it is None or not with_it.fit_percent > _FITS:
@@ -50,16 +52,29 @@ def is_borne_out(cause: Explained, records: Sequence[Dataset]) -> bool:
     return after == 0 or time / lag * float(np.log(before / after)) >= _LIKELIER
 
 
+def fitted_plainly(records: Sequence[Dataset], known: Mapping[str, Fit]) -> Fit | None:
+    """Return the fit of a motor that nothing is wrong with, None where the records support none.
+
+    `known` are output error's fits of these records by the names of their structures, as far as they have been made.
+    """
+    return _best(records, _motors(records), known)
+
+
 def _motors(records: Sequence[Dataset]) -> tuple[str, ...]:
     if turns_both_ways(records):
         return ("first_order_coulomb", "first_order")
     return ("first_order_one_way_rest", "first_order_one_way")
 
 
-def _best(records: Sequence[Dataset], structures: Sequence[str]) -> Fit | None:
+def _best(
+    records: Sequence[Dataset], structures: Sequence[str], known: Mapping[str, Fit] | None = None
+) -> Fit | None:
     """The fit that leaves least; None where the records support none of the structures."""
     found = []
     for name in structures:
+        if known and name in known:
+            found.append(known[name])
+            continue
         method, structure = ESTIMATORS["output_error"], STRUCTURES[name]
         if method.supports(structure, records) is not None:
             continue
