@@ -46,19 +46,23 @@ def of_known_errors(structure: Structure, records: Sequence[Weighed], bread: Arr
     count = sum(errors.shape[1] for errors in columns)
     if not count:
         return np.zeros_like(bread)
-    shift, at = np.zeros((len(bread), count)), 0
-    for each, errors in zip(records, columns, strict=True):
-        own = slice(at, at + errors.shape[1])
+    ends = np.cumsum([errors.shape[1] for errors in columns])
+    each_own = [slice(end - errors.shape[1], end) for end, errors in zip(ends, columns, strict=True)]
+    shift = np.zeros((len(bread), count))
+    for each, errors, own in zip(records, columns, each_own, strict=True):
         shift[each.place, own] = (each.jacobian * each.weight[:, None]).T @ errors
-        at = own.stop
-    moved, at = bread @ shift, 0
-    told, said = np.eye(shift.shape[1]), np.zeros(shift.shape[1])
-    for each, errors in zip(records, columns, strict=True):
-        left = -each.jacobian @ moved[each.place]
-        left[:, at : at + errors.shape[1]] += errors
-        at += errors.shape[1]
-        told += (left * each.weight[:, None]).T @ left
-        said += left.T @ each.score
+    moved = bread @ shift
+    # E⊥'wE⊥ is multiplied out: E⊥ itself has a column in each record for the errors of all the others.
+    told, said = np.eye(count), np.zeros(count)
+    for each, errors, own in zip(records, columns, each_own, strict=True):
+        part, weighed = moved[each.place], each.weight[:, None]
+        told += part.T @ ((each.jacobian * weighed).T @ each.jacobian) @ part
+        crossed = shift[each.place, own].T @ part
+        told[own] -= crossed
+        told[:, own] -= crossed.T
+        told[own, own] += (errors * weighed).T @ errors
+        said -= part.T @ (each.jacobian.T @ each.score)
+        said[own] += errors.T @ each.score
     mean = moved @ np.linalg.solve(told, said)
     return np.asarray(moved @ np.linalg.solve(told, moved.T) + np.outer(mean, mean), dtype=np.float64)
 
