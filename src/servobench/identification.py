@@ -34,7 +34,7 @@ from servobench.motor.parameters import MotorParameters, data_sheet
 from servobench.motor_parameters.combined import MotorEstimates, motor_parameters
 from servobench.motor_parameters.current import has_current
 from servobench.motor_parameters.current_input import about_current_input
-from servobench.noise_choice import allowing_for_disturbance, as_it_is
+from servobench.noise_choice import allowing_for_disturbance, as_it_is, with_counts_as_bins
 from servobench.reconciliation.asking import reconcile
 from servobench.records_apart import with_what_records_tell
 from servobench.restored_counts import with_counts_restored
@@ -131,8 +131,9 @@ def _judged(
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
+    fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = moves_under_one_level(records)
-    fit = with_weak_priors(choice.fit) if one_level else choice.fit
+    fit = with_weak_priors(fit) if one_level else fit
     fit = with_what_records_tell(with_fast_pole(fit), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)

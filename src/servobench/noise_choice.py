@@ -10,6 +10,8 @@ from servobench.errors import NotIdentifiable
 from servobench.estimators import delay_prior
 from servobench.estimators.base import ESTIMATORS, Fit
 from servobench.estimators.budget import Contribution
+from servobench.estimators.covariance import inverse
+from servobench.estimators.encoder_rounding import is_rounded
 from servobench.estimators.prediction_error import (
     THRESHOLD,
     PredictionError,
@@ -19,7 +21,12 @@ from servobench.estimators.prediction_error import (
 from servobench.estimators.repetition import period, repeats, stretches_repeat
 from servobench.estimators.second_weighing import weighed_twice
 from servobench.finding import info
+from servobench.score_test import innovations_and_jacobian
 from servobench.validation import explains_the_colour
+
+_LASTS = 1.5  # times what white noise would make: from there on the rounding of a shaft at rest is what makes intervals wide
+_WORTH = 0.64  # the product of two parameters' standard deviations over what they were: a fifth less of each
+_AGREES = 3.0  # standard deviations of the wider estimate
 
 
 def as_it_is(fit: Fit) -> Fit:
@@ -52,6 +59,50 @@ def allowing_for_disturbance(fit: Fit) -> Fit:
         allowing = PredictionError().fit_after(fit)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
     return allowing if fed_back or explains_the_colour(allowing) else weighed_twice(fit)
+
+
+def with_counts_as_bins(fit: Fit) -> Fit:
+    """Return output error's fit, or that of the interval likelihood where the rounding of counts lasts and that one says more.
+
+    A shaft at rest, or one that turns back, is rounded the same way for many samples. Output error takes the middle of each
+    count for as many readings, and so errs by several times what white rounding would make; its intervals say so. A count that
+    is taken for the bin that it is says no more than that the shaft was in it.
+    """
+    if fit.estimator != "output_error" or fit.budget or not _rounding_lasts(fit):
+        return fit
+    data = [record.data for record in fit.records]
+    counts = ESTIMATORS["interval_likelihood"]
+    if counts.supports(fit.model.structure, data) is not None:
+        return fit
+    counted = counts.fit(fit.model.structure, data, [fit.vector])
+    if any(finding.severity != "info" for finding in counted.findings) or not _says_more(counted, fit):
+        return fit
+    sentence = (
+        "Where the shaft rests or turns back, the encoder rounds many samples the same way, which doesn't average out. The "
+        "estimator interval_likelihood takes each count for what it is, and knows the motor better."
+    )
+    return replace(counted, findings=(*counted.findings, info("rounding-lasts", sentence)))
+
+
+def _rounding_lasts(fit: Fit) -> bool:
+    """Whether gain or time constant has a far wider interval than white rounding would make, and the data tell the delay."""
+    told = all(finding.code != delay_prior.CODE for finding in fit.findings)
+    if not told or not {"gain", "time_constant"} <= set(fit.model.names):
+        return False
+    if not all(is_rounded(record.data) and record.valid.all() for record in fit.records):
+        return False
+    jacobian, _ = innovations_and_jacobian(fit)
+    white = np.diag(inverse(jacobian.T @ jacobian))
+    at = [fit.model.names.index(name) for name in ("gain", "time_constant")]
+    return bool(np.any(np.diag(fit.covariance)[at] > _LASTS**2 * white[at]))
+
+
+def _says_more(counted: Fit, fit: Fit) -> bool:
+    """Whether one fit knows gain and time constant much better than another, and contradicts none of its parameters."""
+    apart = np.abs(counted.model.theta - fit.model.theta)
+    own = np.sqrt(np.diag(fit.covariance))
+    smaller = np.prod([counted.sd(name) / fit.sd(name) for name in ("gain", "time_constant")])
+    return bool(smaller < _WORTH and np.all(apart <= _AGREES * own))
 
 
 def _where_that_tells_the_delay(fit: Fit) -> Fit:

@@ -168,7 +168,7 @@ class ScoreTest:
     def shift(self, lacking: Sequence[Array]) -> Array:
         """By how much the parameters (P,) are off where each record's output has `lacking` (M,) that the prediction lacks."""
         columns = [
-            _in_innovations(self.fit, record, extra[:, None])
+            in_innovations(self.fit, record, extra[:, None])
             for record, extra in zip(self.fit.records, lacking, strict=True)
         ]
         return self.moved(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
@@ -251,7 +251,7 @@ class _Run:
         if term.curved in self.fit.model.names:
             added.append(self._curvature(self.fit.model.names.index(term.curved)))
         columns = np.column_stack(added) if added else np.zeros((len(self.record.data.y), 1))
-        return _in_innovations(self.fit, self.record, columns)
+        return in_innovations(self.fit, self.record, columns)
 
     def _curvature(self, at: int) -> Array:
         """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way.
@@ -325,11 +325,11 @@ def innovations_and_jacobian(fit: Fit) -> tuple[Array, Array]:
 
 def _jacobian(fit: Fit, record: FittedRecord) -> Array:
     theta = np.concatenate([fit.model.theta, record.nuisance])
-    return _in_innovations(fit, record, fit.model.structure.predict(theta, record.data).jacobian)
+    return in_innovations(fit, record, fit.model.structure.predict(theta, record.data).jacobian)
 
 
-def _in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
-    """Columns of the output as columns of the innovations, the valid samples of them."""
+def in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
+    """Return columns (M, K) of a record's output as columns of its innovations, the valid samples of them."""
     if fit.disturbance is None:
         counted = x if record.valid.all() else x[record.valid]
         return np.asarray(counted / fit.residual_sd, dtype=np.float64)

@@ -8,12 +8,10 @@ from servobench.channels import Array
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.disturbance import innovations_of_blocks
 from servobench.estimators.prediction_error import rounding_explains
+from servobench.estimators.response_left_over import TIED, tied_to_input
 from servobench.finding import Finding, info, warning
 
 _LAGS = 20
-# In standard deviations, over 21 lags. An ideal encoder's rounding, which isn't white, reached 4.3 in 24 records of a right
-# model; a pole of 5 ms beside one of 100 ms makes 8 and more.
-_TIED = 5.0
 # The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
 # is something else than rounding.
 _ROUNDING = 1.2
@@ -42,10 +40,10 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
                 f"model doesn't know. {allowance}",
             )
         )
-    tied = max(_tied_to_input(record) for record in fit.records)
+    tied = max(tied_to_input(record) for record in fit.records)
     # Rounding that repeats with the input follows it, too; but where each count is where it belongs, no response is missing.
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
-    if tied > _TIED and not counted:
+    if tied > TIED and not counted:
         found.append(
             say(
                 "residual-follows-input",
@@ -121,28 +119,3 @@ def _whiteness(residual: Array) -> float:
         return 0.0
     rho = np.array([float(e[lag:] @ e[:-lag]) for lag in range(1, _LAGS + 1)]) / power
     return float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))
-
-
-def _tied_to_input(record: FittedRecord) -> float:
-    """The largest correlation of the residual with the changes of the past input, in standard deviations (Ljung 1999, 16.6)."""
-    keep = record.valid
-    e = record.innovations[keep] - record.innovations[keep].mean()
-    u = np.diff(record.data.input_at_output, prepend=record.data.input_before)[keep]
-    u = u - u.mean()
-    n = len(e)
-    norm = float(np.sqrt(np.sum(e**2) * np.sum(u**2)))
-    if n <= 4 * _LAGS or norm == 0:
-        return 0.0
-    spread = float(np.sum(_correlation(e) * _correlation(u)))
-    lags = [float(e[lag:] @ u[: n - lag]) / norm for lag in range(_LAGS + 1)]
-    return float(np.max(np.abs(lags)) * np.sqrt(n / max(spread, 1.0)))
-
-
-def _correlation(x: Array) -> Array:
-    """The two-sided autocorrelation of a series, up to a quarter of its length."""
-    n = len(x)
-    size = 1 << int(np.ceil(np.log2(2 * n)))
-    spectrum = np.fft.rfft(x, size)
-    one_sided = np.fft.irfft(np.abs(spectrum) ** 2, size)[: max(n // 4, 1)]
-    rho = one_sided / one_sided[0]
-    return np.concatenate([rho[:0:-1], rho])

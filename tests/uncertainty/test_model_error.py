@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 
 from servobench.estimators.base import ESTIMATORS, Fit
+from servobench.estimators.response_left_over import TIED, tied_to_input
 from servobench.identification import identify
 from servobench.measurement.dataset import Dataset
 from servobench.models.base import STRUCTURES
-from servobench.uncertainty.experience import FEW_EVENTS, SEVERAL_EVENTS
+from servobench.uncertainty.experience import FEW_EVENTS, ONE_LEVEL, SEVERAL_EVENTS
 from servobench.uncertainty.model_error import SOURCE, model_error, with_model_error
 from servobench.uncertainty.weak_priors import with_weak_priors
 from tests.datasets import QUANTUM, dataset, square
@@ -77,6 +78,59 @@ def test_one_step_has_the_whole_allowance_and_says_why() -> None:
     tau = answer("time_constant")
     assert wider["time_constant"].sd >= 0.99 * FEW_EVENTS.lag * tau / 1.96
     assert "a second step would" in wider.budget[-1].reason
+
+
+def with_small_steps(second: float) -> Dataset:
+    """The step from 1 to 2 V, and 2 s later one to `second` volt, and back after another 2 s."""
+    u = np.repeat([1.0, 2.0, second, 2.0], 1000)
+    angle = march(Truth(), u, 0.002, angle=0.3 * QUANTUM)[:, 2]
+    data = dataset(seed=1, samples=len(u), u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+    return data.part(1.0, 8.0)
+
+
+def test_smaller_steps_that_agree_with_the_large_one_make_the_allowance_less() -> None:
+    """Steps of a tenth tell the lag ten times worse: that bounds how far the large one's lag may be off, not to nothing."""
+    found = model_error(fitted(with_small_steps(2.1)))
+
+    assert found is not None
+    assert found.events["lag"] < 2
+    assert 0 < found.shares["lag"] < 0.6
+
+
+def test_a_smaller_step_that_disagrees_leaves_the_allowance_whole() -> None:
+    """From the second step on the shaft answers a tenth of a second late."""
+    data = with_small_steps(2.5)
+    late = np.where(data.t_output > 3.0, np.interp(data.t_output - 0.1, data.t_output, data.y), data.y)
+    agreeing, found = model_error(fitted(data)), model_error(fitted(replace(data, y=late, quantum=None)))
+
+    assert agreeing is not None
+    assert found is not None
+    assert agreeing.shares["lag"] < 0.5
+    assert found.shares["lag"] == 1
+
+
+def test_a_delay_that_is_expected_is_not_expected_to_vary_more_for_a_residual() -> None:
+    """A step that the record begins with: the delay is what loops have, and was doubled as if the data had said it."""
+    u = np.full(400, 2.0)
+    angle = march(Truth(), u, 0.002, angle=0.3 * QUANTUM)[:, 2]
+    fit = fitted(dataset(seed=1, samples=len(u), u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM))
+    assert "delay-expected" in {finding.code for finding in fit.findings}
+
+    wider = with_model_error(fit, one_level=True)
+
+    split = ONE_LEVEL.split * (fit.model["time_constant"] + fit.model["delay"]) / 1.96
+    assert fit.sd("delay") <= wider.sd("delay") <= np.hypot(fit.sd("delay"), split)
+
+
+def test_a_residual_that_follows_the_input_is_model_error_where_its_size_does_not_tell() -> None:
+    """A winding of a twentieth of the time constant, taken for a random torque."""
+    data = dataset(seed=2, kind="prbs", samples=1500, truth=Truth(inductance=0.05), torque_noise=1e-6)
+    fit = ESTIMATORS["prediction_error"].fit(STRUCTURES["first_order_coulomb"], [data])
+    found = model_error(fit)
+
+    assert found is not None
+    assert tied_to_input(fit.records[0]) > TIED
+    assert set(found.shares.values()) == {1.0}
 
 
 def test_a_random_torque_is_no_model_error() -> None:

@@ -18,12 +18,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.channels import Array
+from servobench.estimators import delay_prior
 from servobench.estimators.base import Fit, FittedRecord
 from servobench.estimators.budget import Contribution, beyond
 from servobench.estimators.covariance import fixed_b, long_run
+from servobench.estimators.prediction_error import rounding_explains
+from servobench.estimators.response_left_over import TIED, tied_to_input
 from servobench.estimators.sizes import sizes
 from servobench.rounding import TWO_SIDED
-from servobench.score_test import by_rounding, innovations_and_jacobian
+from servobench.score_test import by_rounding, in_innovations, innovations_and_jacobian
 from servobench.uncertainty.experience import (
     FEW_EVENTS,
     MOTORS,
@@ -45,6 +48,8 @@ _SEVERAL = 4.0  # events: with fewer, the figures for few are used
 _ONE = 2.0  # events: with fewer a record can't show its own model error
 _JUMP = 0.05  # of the input's range
 _JUMP_SAMPLES = 2  # a measured voltage may take two samples for a jump
+_NOTHING = 1e-9  # of the whole information: what is less is rounding error
+_ALONG = 1e-6  # of a direction's length: what lies along another by less is rounding error
 _BARE = 0.2  # of p/N: what each sample adds to the clock
 _LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
 
@@ -83,7 +88,8 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     variance = float(e @ e) / freedom
     # In coordinates q = Rθ, in which white noise is round.
     root = root_of_covariance(fit, jacobian, scale, variance)
-    of_scores = _long_run_on_the_clock(j @ root, e)
+    told = j @ root
+    of_scores = _long_run_on_the_clock(told, e)
     white, coloured = variance * root @ root.T, root @ of_scores @ root.T
     shared = len(names)
     directions, asked = _directions(fit, scale)
@@ -91,29 +97,36 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
         np.sqrt(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions))
         for each in (white, coloured)
     )
-    influence = j @ root @ root[:shared].T @ directions.T
+    influence = told @ root[:shared].T @ directions.T
     rounded = (
         by_rounding(fit, influence) if float(np.max(of_coloured / of_white, initial=0.0)) > _NOTICED else None
     )
     of_chance = of_white if rounded is None else np.maximum(of_white, np.sqrt(np.diag(rounded)))
     positive = of_white > 0
     ratio = float(np.max(of_coloured[positive] / of_chance[positive], initial=0.0))
-    events = dict(zip(asked, _events(_stretches(fit), influence), strict=True))
-    evident = float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
-    # Friction is told at a few places of most records; one event is what gain or lag have one of.
-    single = one_level or min(events["lag"], events["gain"]) < _ONE
-    shares = {name: 1.0 if single and count < _ONE else evident for name, count in events.items()}
+    starts = _stretches(fit)
+    events = dict(zip(asked, _events(starts, influence), strict=True))
     known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
+    shares = dict.fromkeys(asked, _evident(fit, ratio))
+    # Friction is told at a few places of most records; one event is what gain or lag have one of.
+    if one_level or min(events["lag"], events["gain"]) < _ONE:
+        for n in (n for n, name in enumerate(asked) if events[name] < _ONE):
+            along = root[:shared].T @ directions[n]
+            off = np.inf if one_level else _by_the_others(fit, told, e, starts, influence[:, n], along)
+            wider = _sd(fit, directions[n] / scale[:shared]) / of_white[n]
+            most = _floor(fit, asked[n], known[asked[n]])
+            shares[asked[n]] = max(shares[asked[n]], min(1.0, max(wider, 1.0) * off / most) if most else 1.0)
     factors = {name: each.factor for name, each in known.items()}
     units = np.outer(scale[:shared], scale[:shared])
     more = beyond(fixed_b(_LAGS / _BINS) ** 2 * of_scores, variance * np.eye(len(of_scores)))
-    wide = (white + root @ more @ root.T)[:shared, :shared] * units
+    white = white[:shared, :shared] * units
+    wide, expected = white + (root @ more @ root.T)[:shared, :shared] * units, _by_prior(fit, white)
     times = np.array([1.0 + _of(shares, name) * (_of(factors, name) - 1.0) for name in names])
     return ModelError(
         ratio=ratio,
         events=events,
         shares=shares,
-        covariance=np.outer(times, times) * wide + _floors(fit, known, shares),
+        covariance=np.outer(times, times) * (wide - expected) + expected + _floors(fit, known, shares),
     )
 
 
@@ -128,6 +141,14 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
     added[:, ~finite] = 0.0
     few = min(found.events.values())
     return fit.widened(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
+
+
+def _evident(fit: Fit, ratio: float) -> float:
+    """How plainly a residual shows that the model is wrong (0 to 1): its long-run variance is large, or it follows the input."""
+    counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
+    if not counted and max(tied_to_input(record) for record in fit.records) > TIED:
+        return 1.0
+    return float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
 
 
 def _experience(events: float) -> Experience:
@@ -153,6 +174,15 @@ def _reason(found: ModelError, events: float) -> str:
     )
 
 
+def _by_prior(fit: Fit, white: Array) -> Array:
+    """What of a covariance (P, P) is there as a delay is expected and not told: no residual says that loops differ by more."""
+    prior = delay_prior.prior_of(fit)
+    if prior is None:
+        return np.zeros_like(white)
+    column = white[:, prior.at] / prior.scale
+    return np.outer(column, column)
+
+
 def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
     """What is asked of the parameters as rows (G, P) in scaled parameters, and their names: gain, lag τ + d, friction."""
     names = fit.model.names
@@ -160,12 +190,9 @@ def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
     for name in ("time_constant", "delay"):
         if name in names:
             lag[names.index(name)] = scale[names.index(name)]
-    each = np.eye(len(names))
+    each = np.diag(scale[: len(names)])
     asked = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
-    return np.array([lag / np.linalg.norm(lag), *(each[names.index(name)] for name in asked)]), [
-        "lag",
-        *asked,
-    ]
+    return np.array([lag, *(each[names.index(name)] for name in asked)]), ["lag", *asked]
 
 
 def _long_run_on_the_clock(j: Array, e: Array) -> Array:
@@ -192,6 +219,48 @@ def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
     power = np.add.reduceat(influence**2, starts, axis=0)
     shares = power / np.maximum(power.sum(axis=0), 1e-300)
     return [float(count) for count in 1.0 / np.maximum(np.sum(shares**2, axis=0), 1e-300)]
+
+
+def _by_the_others(
+    fit: Fit, told: Array, e: Array, starts: NDArray[np.int64], influence: Array, direction: Array
+) -> float:
+    """How far off a parameter may be by what the record says of it without the stretch that tells most, in e's deviations.
+
+    √(s² + d²): s is the standard deviation that the rest gives it, d by how much the rest's estimate differs. `told` (N, J) is
+    the Jacobian in coordinates in which the whole information is the unit matrix, `direction` (J,) the parameter in them. Speed
+    and position are free after the stretch, whose error they would else carry on.
+    """
+    first = int(np.argmax(np.add.reduceat(influence**2, starts)))
+    begin, end = int(starts[first]), int([*starts[1:], len(e)][first])
+    left = told[begin:end]
+    free = _free_from(fit, end)
+    shared = free.T @ told
+    inverse = np.linalg.pinv(free.T @ free, hermitian=True)
+    information = np.eye(told.shape[1]) - left.T @ left - shared.T @ inverse @ shared
+    score = -left.T @ e[begin:end] - shared.T @ inverse @ (free.T @ e)
+    values, vectors = np.linalg.eigh(information)
+    along = vectors.T @ direction
+    if np.any(np.abs(along[values < _NOTHING]) > _ALONG * np.linalg.norm(direction)):
+        return np.inf
+    known = values >= _NOTHING
+    sd = np.linalg.norm(along[known] / np.sqrt(values[known]))
+    off = along[known] @ ((vectors.T @ score)[known] / values[known])
+    return float(np.hypot(sd * np.std(e), off))
+
+
+def _free_from(fit: Fit, row: int) -> Array:
+    """What other speeds and positions from a valid sample on, to the end of its record, make of the innovations (N, 2)."""
+    tau, columns = abs(fit.model["time_constant"]) or 1.0, []
+    for record in fit.records:
+        t, count = record.data.t_output, int(record.valid.sum())
+        x = np.zeros((len(t), 2))
+        if 0 < row < count:
+            gone = t - t[record.valid][row]
+            x[:, 0] = (gone >= 0) * np.exp(-np.maximum(gone, 0.0) / tau)
+            x[:, 1] = (gone >= 0) * (record.data.kind == "position")
+        columns.append(in_innovations(fit, record, x))
+        row -= count
+    return np.concatenate(columns)
 
 
 def _cuts(record: FittedRecord) -> list[int]:
@@ -245,23 +314,40 @@ def _of_short_records(fit: Fit, lag: float) -> Array:
     return (max(lag / longest, 1.0) ** 4 - 1.0) * np.outer(along, along)
 
 
+def _lag(fit: Fit) -> float:
+    """Time constant and delay together [s]."""
+    return abs(
+        float(fit.model["time_constant"] + (fit.model["delay"] if "delay" in fit.model.names else 0.0))
+    )
+
+
+def _floor(fit: Fit, name: str, known: Experience) -> float:
+    """The standard deviation of gain, lag or friction between recordings of one motor, in its unit."""
+    if name == "lag":
+        return known.lag * _lag(fit) / TWO_SIDED
+    return (known.gain if name == "gain" else known.friction) * abs(float(fit.model[name])) / TWO_SIDED
+
+
+def _sd(fit: Fit, gradient: Array) -> float:
+    """The standard deviation of a combination (P,) of the parameters so far; 0 where one of them has none."""
+    at = np.flatnonzero(gradient)
+    variance = float(gradient[at] @ fit.covariance[np.ix_(at, at)] @ gradient[at])
+    return float(np.sqrt(variance)) if 0.0 < variance < np.inf else 0.0
+
+
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
     """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
-    names, theta = fit.model.names, fit.model.theta
+    names = fit.model.names
     out = np.zeros((len(names), len(names)))
-    at = {name: n for n, name in enumerate(names)}
-    lag = abs(float(theta[at["time_constant"]] + (theta[at["delay"]] if "delay" in at else 0.0)))
-    out[at["gain"], at["gain"]] += (shares["gain"] * known["gain"].gain * theta[at["gain"]]) ** 2
-    of_lag = shares["lag"] * known["lag"].lag * lag
-    out[at["time_constant"], at["time_constant"]] += of_lag**2
-    out += of_lag**2 * _of_short_records(fit, lag)
+    at = {"lag": names.index("time_constant")} | {name: n for n, name in enumerate(names)}
+    for name, each in known.items():
+        out[at[name], at[name]] += (shares[name] * _floor(fit, name, each)) ** 2
+    out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
     if "delay" in at:
         split = np.zeros(len(names))
         split[at["time_constant"]], split[at["delay"]] = 1.0, -1.0
-        out += (shares["lag"] * known["lag"].split * lag) ** 2 * np.outer(split, split)
-        step = max(record.data.sample_time for record in fit.records)
-        out[at["time_constant"], at["time_constant"]] += (shares["lag"] * 0.5 * step) ** 2
-    for name in known:
-        if name.startswith("coulomb_voltage"):
-            out[at[name], at[name]] += (shares[name] * known[name].friction * theta[at[name]]) ** 2
-    return out / TWO_SIDED**2
+        lag, step = known["lag"], max(record.data.sample_time for record in fit.records)
+        apart = lag.split / lag.lag * _floor(fit, "lag", lag)
+        out += (shares["lag"] * apart) ** 2 * np.outer(split, split)
+        out[at["lag"], at["lag"]] += (shares["lag"] * 0.5 * step / TWO_SIDED) ** 2
+    return out
