@@ -14,7 +14,6 @@ from servobench.doubts.chain_unknown import with_unknown_chain
 from servobench.doubts.host_delay import with_what_the_computer_hides
 from servobench.doubts.lag_not_split import with_what_the_lag_tells
 from servobench.doubts.single_level import (
-    moves_under_one_level,
     with_gain_and_friction_apart,
     with_what_one_level_tells,
 )
@@ -26,6 +25,7 @@ from servobench.finding import Finding, Verdict, refusal, verdict
 from servobench.held_out import about_validation, cross_validate, validate_with
 from servobench.measurement.dataset import Dataset
 from servobench.missing_terms import missing_terms, superfluous_terms, with_fast_pole, with_missing_terms
+from servobench.models.level import single_level
 from servobench.models.nominal import nominal_values
 from servobench.models.nonlinear.structure import SINE
 from servobench.models.search import smoothed_speed
@@ -44,6 +44,7 @@ from servobench.uncertainty.answers import Answer, Combination, answers, combina
 from servobench.uncertainty.model_error import with_model_error
 from servobench.uncertainty.rounded_times import with_rounded_times
 from servobench.uncertainty.stated import about_answers
+from servobench.uncertainty.unresolved import with_unresolved_time_constant
 from servobench.uncertainty.weak_priors import with_weak_priors
 from servobench.validation import validate
 from servobench.winding import about_winding
@@ -132,14 +133,14 @@ def _judged(
     allow = allowing_for_disturbance if estimator == "auto" else as_it_is
     choice = chosen(method, records, structure, estimator, allow)
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
-    one_level = moves_under_one_level(records)
+    one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
     fit = with_what_records_tell(with_fast_pole(fit), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)
     fit = with_rounded_times(fit)
-    fit = with_model_error(fit, one_level)
+    fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
     fit = with_gain_and_friction_apart(fit)
     told = answers(fit), combinations(fit)

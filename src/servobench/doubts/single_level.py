@@ -7,57 +7,33 @@ from dataclasses import replace
 
 import numpy as np
 
-from servobench.channels import Array
 from servobench.doubts.base import DOUBTS, Doubt
 from servobench.estimators.base import Fit
 from servobench.estimators.budget import Contribution
 from servobench.finding import Finding, info
 from servobench.measurement.dataset import Dataset
-from servobench.models.search import smoothed_speed
+from servobench.models.level import single_level
 from servobench.uncertainty.answers import driving_level
 
-_MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
 _ANY_SPLIT = 3.0  # times its value: the standard deviation of a gain that nothing tells
-_ONE = 0.03  # of the largest input: levels that lie nearer than that are one level
 _FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
 
 
-def moves_under_one_level(records: Sequence[Dataset]) -> bool:
-    """Return whether one level of the input alone moved the motor."""
-    return bool(_single_level(records))
-
-
 def _single_level(records: Sequence[Dataset]) -> list[Finding]:
-    """Whether one level moved the motor: then only K (u - u_c), the speed that it leads to, is known, and not its two factors.
-
-    Coasting under no input counts as a second level: it is friction alone that brakes there.
-    """
-    levels = np.concatenate([_levels_while_moving(record) for record in records])
-    every = np.concatenate([np.append(record.u, record.input_before) for record in records])
-    largest = float(np.abs(every).max(initial=0.0))
-    if len(levels) < 10 or largest == 0:
+    """Whether one level moved the motor: then only K (u - u_c), the speed that it leads to, is known, and not its two factors."""
+    level = single_level(records)
+    if level is None:
         return []
-    low, high = (float(level) for level in np.percentile(levels, (1, 99)))
-    if high - low > _ONE * largest:
-        return []
+    unit = "" if records[0].input_unit == "1" else f" {records[0].input_unit}"
     return [
         info(
             "single-level",
-            f"The motor moved under one level of the input only, {0.5 * (low + high):.3g} {records[0].input_unit}: what is "
-            "known is the speed that this level leads to. How much of the level friction takes isn't, so that gain and "
-            "friction can't be "
-            "told apart; add a second level, or let the motor coast.",
+            f"The motor moved under one level of the input only, {level:.3g}{unit}: what is known is the speed that this level "
+            "leads to. How much of the level friction takes isn't, so that gain and friction can't be told apart; add a second "
+            "level, or let the motor coast.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]
-
-
-def _levels_while_moving(record: Dataset) -> Array:
-    """The input at those samples of the output at which the shaft moves."""
-    speed = np.abs(smoothed_speed(record))
-    return np.asarray(
-        record.input_at_output[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64
-    )
 
 
 def with_gain_and_friction_apart(fit: Fit) -> Fit:
@@ -68,7 +44,7 @@ def with_gain_and_friction_apart(fit: Fit) -> Fit:
     friction = next((name for name in _FRICTION if name in fit.model.names), "")
     if not friction or "gain" not in fit.model.names:
         return fit
-    if not moves_under_one_level([record.data for record in fit.records]):
+    if single_level([record.data for record in fit.records]) is None:
         return fit
     gain, level = fit.model["gain"], driving_level(fit)
     split = np.zeros(len(fit.model.names))

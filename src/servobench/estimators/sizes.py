@@ -1,7 +1,8 @@
 """What size a parameter may have at all: for a prior so weak that it counts only where the data tell nothing.
 
 Where two parameters are told together only, such as gain and friction under one level, a covariance without a prior has entries
-that are millions of times what is possible, and rounding error in what is known of the two together.
+that are millions of times what is possible, and rounding error in what is known of the two together. With a normal prior of
+variance P it is (J'J/s² + P⁻¹)⁻¹ (Lindley and Smith 1972).
 """
 
 from __future__ import annotations

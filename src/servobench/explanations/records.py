@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 
 from servobench.channels import Array
-from servobench.doubts.single_level import moves_under_one_level
 from servobench.explanations.base import EXPLANATIONS, Case, Explained
 from servobench.explanations.equation import swept, with_extra
 from servobench.finding import warning
 from servobench.measurement.dataset import Dataset
+from servobench.models.level import single_level
 from servobench.models.search import directions
 from servobench.rounding import plain
 
@@ -30,11 +30,9 @@ def _records(case: Case) -> Explained | None:
     ]
     found = case.with_columns(*columns)
     first = found.coefficients[1]
-    if moves_under_one_level([each.data for each in case.motions]):
-        # Gain and friction can't be told apart; what counts is what is left of the level.
-        driven = case.motions[0].u[case.motions[0].sense != 0]
-        level = float(np.median(driven)) if len(driven) else 0.0
-        first -= found.coefficients[3] / abs(level) if level else 0.0
+    level = single_level([each.data for each in case.motions])
+    if level:  # gain and friction can't be told apart; what counts is what is left of the level
+        first -= found.coefficients[3] / abs(level)
     gains = np.array([first, *(first + found.coefficients[5::2])])
     middle = float(np.median(gains))
     if middle == 0 or float(np.abs(gains / middle - 1).max()) < _APART:

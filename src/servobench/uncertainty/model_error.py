@@ -94,7 +94,7 @@ def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
     shared = len(names)
     directions, asked = _directions(fit, scale)
     of_white, of_coloured = (
-        np.sqrt(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions))
+        np.sqrt(np.maximum(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions), 0.0))
         for each in (white, coloured)
     )
     influence = told @ root[:shared].T @ directions.T
@@ -335,13 +335,26 @@ def _sd(fit: Fit, gradient: Array) -> float:
     return float(np.sqrt(variance)) if 0.0 < variance < np.inf else 0.0
 
 
+def _with_friction(fit: Fit) -> Array:
+    """By how much the parameters (P,) change with the gain: at the mean input the speed K (u - u_c) is what the data show."""
+    names, theta = fit.model.names, fit.model.theta
+    mean = float(np.mean(np.abs(np.concatenate([record.data.u for record in fit.records]))))
+    along = np.zeros(len(names))
+    along[names.index("gain")] = 1.0
+    for n, name in enumerate(names):
+        if name.startswith("coulomb_voltage"):
+            along[n] = (mean - float(theta[n])) / float(theta[names.index("gain")])
+    return along
+
+
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
     """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
     names = fit.model.names
     out = np.zeros((len(names), len(names)))
     at = {"lag": names.index("time_constant")} | {name: n for n, name in enumerate(names)}
     for name, each in known.items():
-        out[at[name], at[name]] += (shares[name] * _floor(fit, name, each)) ** 2
+        along = _with_friction(fit) if name == "gain" else np.eye(len(names))[at[name]]
+        out += (shares[name] * _floor(fit, name, each)) ** 2 * np.outer(along, along)
     out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
     if "delay" in at:
         split = np.zeros(len(names))

@@ -1,4 +1,7 @@
-"""Weak priors: what is possible for a parameter at all, where the data tell it only together with another."""
+"""Weak priors: what is possible for a parameter at all, where the data tell it only together with another.
+
+The covariance with a normal prior of variance P is (J'J/s² + P⁻¹)⁻¹ (Lindley and Smith 1972).
+"""
 
 from __future__ import annotations
 
