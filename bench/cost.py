@@ -24,10 +24,10 @@ from figures import Figure, shown
 from history import Timing, against_history, keep, milliseconds, timed
 
 import servobench as sb
-from servobench.estimators.output_error import OutputError
-from servobench.estimators.prediction_error import PredictionError
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES, Structure
+from servobench.identification.estimators.output_error import OutputError
+from servobench.identification.estimators.prediction_error import PredictionError
+from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 
 FITS = 200

@@ -22,9 +22,9 @@ import numpy as np
 from figures import Figure, shown
 
 if TYPE_CHECKING:
-    from servobench.design.search import Wish
-    from servobench.experiment import Experiment
-    from servobench.result import Result
+    from servobench.identification.design.search import Wish
+    from servobench.identification.result import Result
+    from servobench.rig.experiment import Experiment
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks" / "design.md"
 NAMES = ("gain", "time_constant")
@@ -55,13 +55,13 @@ def measured(experiment: Experiment, runs: int) -> Measured:
 
 def one_run(experiment: Experiment, number: int) -> tuple[np.ndarray, np.ndarray, bool]:
     """The relative errors and stated standard deviations of gain and time constant, and whether the verdict is trusted."""
-    from servobench.devices.twin import Twin, TwinSettings
-    from servobench.finding import Verdict
-    from servobench.identification import identify
-    from servobench.loop.run import run
-    from servobench.measurement.measure import measure
-    from servobench.models.nominal import nominal_values
-    from servobench.motor.parameters import QUBE_SERVO_2
+    from servobench.core.finding import Verdict
+    from servobench.identification.identify import identify
+    from servobench.identification.models.nominal import nominal_values
+    from servobench.recordings.measurement.measure import measure
+    from servobench.rig.devices.twin import Twin, TwinSettings
+    from servobench.rig.loop.run import run
+    from servobench.rig.motor.parameters import QUBE_SERVO_2
 
     random = np.random.default_rng([9, number])
     sheet = QUBE_SERVO_2.motor
@@ -91,9 +91,9 @@ def main(runs: int = _QUICK) -> list[Figure]:
     """
     from scipy.stats import chi2
 
-    from servobench.design.assumed import from_data_sheet
-    from servobench.design.limits import DesignLimits
-    from servobench.design.search import design
+    from servobench.identification.design.assumed import from_data_sheet
+    from servobench.identification.design.limits import DesignLimits
+    from servobench.identification.design.search import design
 
     made = design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=10.0))
     found = measured(made.experiment, runs)
@@ -123,10 +123,10 @@ def smallest() -> list[Figure]:
 
 def page(runs: int) -> str:
     """Return the table of all wishes."""
-    from servobench.design.assumed import from_data_sheet
-    from servobench.design.limits import DesignLimits
-    from servobench.design.search import Design, design
-    from servobench.experiment import PAPER
+    from servobench.identification.design.assumed import from_data_sheet
+    from servobench.identification.design.limits import DesignLimits
+    from servobench.identification.design.search import Design, design
+    from servobench.rig.experiment import PAPER
 
     motor, limits = from_data_sheet("qube_servo_2"), DesignLimits(voltage=10.0)
     wishes: tuple[Wish, ...] = ("both", "time_constant", "gain")
@@ -161,11 +161,11 @@ def _row(what: str, predicted: dict[str, float], found: Measured) -> str:
 
 def _stopping_row(wish: str, runs: int) -> str:
     """How runs under a random torque ended that were to go on until an interval was narrow enough, and what it was worth."""
-    from servobench.devices.twin import TwinSettings
-    from servobench.experiment import DeviceChoice, Experiment
-    from servobench.models.nominal import nominal_values
-    from servobench.signals.prbs import PRBS
-    from servobench.stopping_rule import parse_wish
+    from servobench.identification.design.stopping_rule import parse_wish
+    from servobench.identification.models.nominal import nominal_values
+    from servobench.rig.devices.twin import TwinSettings
+    from servobench.rig.experiment import DeviceChoice, Experiment
+    from servobench.systems.signals.prbs import PRBS
 
     names = tuple(parse_wish(wish))
     truth = nominal_values(TwinSettings().parameters)
@@ -187,11 +187,11 @@ def _stopping_row(wish: str, runs: int) -> str:
 
 def _until(asked: Experiment) -> tuple[float, Result]:
     """How long a run lasted [s], and its result."""
-    from servobench.devices.twin import Twin, TwinSettings
-    from servobench.identification import identify
-    from servobench.loop.run import run
-    from servobench.measurement.measure import measure
-    from servobench.stopping_rule import StoppingRule, parse_wish
+    from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
+    from servobench.identification.identify import identify
+    from servobench.recordings.measurement.measure import measure
+    from servobench.rig.devices.twin import Twin, TwinSettings
+    from servobench.rig.loop.run import run
 
     with Twin(TwinSettings(**asked.device.settings)) as twin:
         recording = run(asked, twin, look=StoppingRule(parse_wish(asked.until)))

@@ -15,15 +15,15 @@ import numpy as np
 from figures import Figure, shown
 from numpy.typing import NDArray
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit, FittedRecord
-from servobench.estimators.output_error import best_minimum, simulated
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.models.base import STRUCTURES
+from servobench.core.channels import Array
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.output_error import best_minimum, simulated
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
 
 FOLDER = Path(__file__).resolve().parent.parent.parent / "shared" / "data"
 STRUCTURE = STRUCTURES["first_order_coulomb"]

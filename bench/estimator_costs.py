@@ -21,9 +21,9 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")  # one core, before NumPy is impor
 from figures import Figure, shown
 
 import servobench as sb
-from servobench.estimators.base import ESTIMATORS, Estimator
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES, Structure
+from servobench.identification.estimators.base import ESTIMATORS, Estimator
+from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.recordings.measurement.dataset import Dataset
 
 FILE = Path(__file__).resolve().parent.parent / "docs" / "benchmarks" / "cost.json"
 PAIRS = 15

@@ -27,8 +27,8 @@ FIRST = 20  # samples
 MOST = 17  # samples that a kill may cost: a look of the recorder, and what came while it wrote
 PROGRAM = """
 import sys, time
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.process import LoopProcess
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.process import LoopProcess
 twin = DeviceChoice(name="twin", settings={"timing": "host"})
 with LoopProcess(Experiment(duration=None, sample_time=float(sys.argv[2]), device=twin), record=sys.argv[1]) as loop:
     print(loop.pid, loop._recording[0].pid, loop.ring.name, flush=True)
@@ -62,8 +62,8 @@ def losses(count: int) -> Iterator[int]:
 
 def lost(path: Path, after: float) -> int:
     """Kill a run so long after its first samples were kept [s], recover it, and return how many samples are missing."""
-    from servobench.loop.ring import ROWS_KEPT, RowRing
-    from servobench.recording.recover import recover
+    from servobench.recordings.native.recover import recover
+    from servobench.rig.loop.ring import ROWS_KEPT, RowRing
 
     program = subprocess.Popen(
         [sys.executable, "-c", PROGRAM, str(path), str(SAMPLE_TIME)], stdout=subprocess.PIPE, text=True

@@ -14,7 +14,8 @@ from pathlib import Path
 
 from figures import Figure, shown
 
-from servobench.lab.exercise import Exercise, exercises
+from servobench.lab.exercise import Exercise
+from servobench.lab.exercise_file import exercises
 from servobench.lab.page import exercise_page
 from servobench.lab.stand import stand_with
 from servobench.lab.worked import Worked

@@ -35,10 +35,10 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent))  # the tests' pr
 import numpy as np
 from figures import Figure, shown
 
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.process import LoopProcess
-from servobench.loop.ring import RowReader, RowRing
-from servobench.loop.spec import COLUMNS
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.process import LoopProcess
+from servobench.rig.loop.ring import RowReader, RowRing
+from servobench.rig.loop.spec import COLUMNS
 from tests.panel.browser import NAMES, chromium
 from tests.panel.doubles import rows_until
 from tests.processes import children
@@ -284,8 +284,8 @@ def alone(size: Size) -> np.ndarray:
 
 def columns(*names: str) -> list[int]:
     """Which of a row's channels have those names."""
-    from servobench.devices.base import connect
-    from servobench.loop.opening import opening
+    from servobench.rig.devices.base import connect
+    from servobench.rig.loop.opening import opening
 
     asked = experiment()
     with connect(asked.device.name, **asked.device.settings) as device:

@@ -28,13 +28,13 @@ FAR = 3.3  # standard deviations; one of a thousand pairs that agree is further 
 
 def main(seconds: float = QUICK) -> list[Figure]:
     """Run it, and return what isn't accounted for and how far the answers are apart."""
-    from servobench.devices.base import connect
-    from servobench.experiment import DeviceChoice, Experiment
-    from servobench.identification import identify
-    from servobench.loop.process import LoopProcess
-    from servobench.loop.run import run
-    from servobench.measurement.measure import measure
-    from servobench.signals.square import Square
+    from servobench.identification.identify import identify
+    from servobench.recordings.measurement.measure import measure
+    from servobench.rig.devices.base import connect
+    from servobench.rig.experiment import DeviceChoice, Experiment
+    from servobench.rig.loop.process import LoopProcess
+    from servobench.rig.loop.run import run
+    from servobench.systems.signals.square import Square
 
     twin = DeviceChoice(name="twin", settings={"timing": "host"})
     asked = Experiment(

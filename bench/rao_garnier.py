@@ -16,11 +16,11 @@ from dataclasses import replace
 import numpy as np
 from figures import Figure, shown
 
-from servobench.estimators.base import ESTIMATORS
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
-from servobench.signals.prbs import PRBS
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
+from servobench.systems.signals.prbs import PRBS
 
 STAGES, CLOCK, SAMPLE_TIME = 10, 7, 0.01
 TRUTH = {"a1": 5.0, "a2": 408.0, "a3": 416.0, "a4": 1600.0, "b0": -6400.0, "b1": 1600.0}

@@ -71,8 +71,8 @@ class Latency:
 
 def measured(seconds: float, cpu: int, condition: Condition) -> Latency:
     """Run the loop for some seconds and return its latency."""
-    from servobench.experiment import DeviceChoice, Experiment
-    from servobench.loop.process import LoopProcess
+    from servobench.rig.experiment import DeviceChoice, Experiment
+    from servobench.rig.loop.process import LoopProcess
 
     twin = DeviceChoice(name="twin", settings={"timing": "host"})
     # Under the plain scheduler a loaded machine holds the loop up for longer than the watchdog would wait.
@@ -145,7 +145,7 @@ def nothing() -> Iterator[None]:
 
 READER = """
 import json, sys
-from servobench.loop.ring import RowRing
+from servobench.rig.loop.ring import RowRing
 with RowRing.attach(sys.argv[1]) as ring:
     reader = ring.reader(0)
     while True:

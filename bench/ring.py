@@ -15,11 +15,11 @@ from pathlib import Path
 import numpy as np
 from figures import Figure, shown
 
-from servobench.channels import Array
-from servobench.compiled import compiled
-from servobench.loop.kernels import push_row, read_rows
-from servobench.loop.ring import LOOP_STATE, RowReader, RowRing
-from servobench.loop.segment import HEADER, Memory
+from servobench.core.channels import Array
+from servobench.core.compiled import compiled
+from servobench.rig.loop.kernels import push_row, read_rows
+from servobench.rig.loop.ring import LOOP_STATE, RowReader, RowRing
+from servobench.rig.loop.segment import HEADER, Memory
 
 ROWS = 10_000_000
 COLUMNS = 8

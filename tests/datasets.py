@@ -1,4 +1,4 @@
-"""Datasets for tests: the reference motor of `tests.motor.reference` behind an ideal encoder."""
+"""Datasets for tests: the reference motor of `tests.rig.motor.reference` behind an ideal encoder."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.recording.recording import Source
-from tests.motor.reference import Truth, march
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
+from tests.rig.motor.reference import Truth, march
 
 QUANTUM = 2 * np.pi / 2048
 

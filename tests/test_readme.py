@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servobench.loop.schedule import HOW_TO_PERMIT
+from servobench.rig.loop.schedule import HOW_TO_PERMIT
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")

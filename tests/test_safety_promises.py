@@ -4,13 +4,13 @@ from pathlib import Path
 
 import pytest
 
-from servobench.devices.guard.steps import _FASTER
-from servobench.experiment import Limits
-from servobench.experiment.limits import StallLimits, Watchdog
-from servobench.loop.attendants import LOOK_EVERY, RECORDER_SILENT
-from servobench.loop.missed import FEWEST_TICKS, MissedRule
-from servobench.loop.process import LOOK_INTERVAL, SLOTS
-from servobench.loop.recording_process import INTERVAL
+from servobench.rig.devices.guard.steps import _FASTER
+from servobench.rig.experiment import Limits
+from servobench.rig.experiment.limits import StallLimits, Watchdog
+from servobench.rig.loop.attendants import LOOK_EVERY, RECORDER_SILENT
+from servobench.rig.loop.missed import FEWEST_TICKS, MissedRule
+from servobench.rig.loop.process import LOOK_INTERVAL, SLOTS
+from servobench.rig.loop.recording_process import INTERVAL
 from tests.faults import test_row17_recorder_killed as row17
 from tests.faults import test_row18_killed as row18
 from tests.faults import test_row19_corrupted as row19
@@ -128,7 +128,7 @@ def test_the_figures_on_the_page_are_those_of_the_code_and_of_the_tests() -> Non
     listed, _ = check.promises((ROOT / check.PAGE).read_text(encoding="utf-8"))
     said = {promise.number: promise.sentence + promise.limit for promise in listed}
     stall = StallLimits()
-    timeouts = [0.02, 0.5]  # s; what is beyond is refused, as tests/devices/test_guarded.py holds
+    timeouts = [0.02, 0.5]  # s; what is beyond is refused, as tests/rig/devices/test_guarded.py holds
     assert [Watchdog(timeout=timeout).timeout for timeout in timeouts] == timeouts
     least, most = (1000 * timeout for timeout in timeouts)
     rule = MissedRule(0.002)  # 250 ticks are half a second

@@ -21,7 +21,7 @@ In the folders of methods (`LAWS`) and in the modules beside them:
   method, with or without a formula. What a folder's `base.py` asks of its members is no law. A source is one of these:
   an author with a year, "Van Loan 1978"; a standard, "JCGM 101:2008"; "section II.D of the paper" that this project starts from;
   a record or page of ours that is there, "docs/decisions/0006-intervals.md"; "by definition", "by algebra" or "follows from",
-  in a docstring that holds the formula, too; or "source: see `filters.response`", a module that has one itself.
+  in a docstring that holds the formula, too; or "source: see `systems.filters.response`", a module that has one itself.
 """
 
 import ast

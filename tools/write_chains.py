@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from servobench.measurement.base import STAGES
-from servobench.measurement.presets import PRESETS, Preset
+from servobench.recordings.measurement.base import STAGES
+from servobench.recordings.measurement.presets import PRESETS, Preset
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "chains.md"
 
 HEAD = """# Chains
 
-<!-- Written by tools/write_chains.py from src/servobench/measurement/presets.py: change that, then run it again. -->
+<!-- Written by tools/write_chains.py from src/servobench/recordings/measurement/presets.py: change that, then run it again. -->
 
 `--chain TEXT` says what lies between the shaft and the output ([why that matters](../why/chain-in-the-estimator.md)):
 stages joined by `|`, or the name of a device that is listed below, or `none` where nothing is in between.

@@ -10,15 +10,15 @@ from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
 from servobench.cli.catalogue import default_text, meaning, what_it_is
-from servobench.control.base import CONTROLLERS
-from servobench.devices.base import DEVICES
-from servobench.devices.faults.base import FAULTS
-from servobench.experiment.experiment import DeviceChoice, Experiment, WhenLate
-from servobench.experiment.limits import Limits
-from servobench.experiment.reading import _ExperimentTable
-from servobench.registry import Registry
-from servobench.settings import unit_of
-from servobench.signals.base import SIGNALS
+from servobench.core.registry import Registry
+from servobench.core.settings import unit_of
+from servobench.rig.devices.base import DEVICES
+from servobench.rig.devices.faults.base import FAULTS
+from servobench.rig.experiment.experiment import DeviceChoice, Experiment, WhenLate
+from servobench.rig.experiment.limits import Limits
+from servobench.rig.experiment.reading import _ExperimentTable
+from servobench.systems.control.base import CONTROLLERS
+from servobench.systems.signals.base import SIGNALS
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "experiment.md"
 

@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from importlib.resources import files
+from importlib.resources.abc import Traversable
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,11 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "schemas.
 
 HEAD = """# What the commands print as JSON
 
-<!-- Written by tools/write_schemas.py from src/servobench/schemas: change those, then run it again. -->
+<!-- Written by tools/write_schemas.py from src/servobench/*/schemas: change those, then run it again. -->
 
 With `--json` a command prints one object on standard output. Its key `schema` says which of these it is, and in which version.
-The schemas are JSON Schema 2020-12 and part of the package, in the folder `servobench/schemas`. `a.b` is the key `b` of the
-object `a`, and `a.*.b` that of each object in `a`.
+The schemas are JSON Schema 2020-12 and part of the package, in the folder `schemas` of the room that prints
+them. `a.b` is the key `b` of the object `a`, and `a.*.b` that of each object in `a`.
 """
 
 FROM = {
@@ -31,13 +32,17 @@ FROM = {
 }
 
 
+def schema_files() -> list[Traversable]:
+    """Return the files of all schemas, in whatever room they are."""
+    folders = [room.joinpath("schemas") for room in files("servobench").iterdir() if room.is_dir()]
+    return [each for folder in folders if folder.is_dir() for each in folder.iterdir()]
+
+
 def page() -> str:
     """Return the page."""
-    found = [
-        each for each in files("servobench").joinpath("schemas").iterdir() if each.name.endswith(".json")
-    ]
     schemas = {
-        each.name.removesuffix(".json"): json.loads(each.read_text(encoding="utf-8")) for each in found
+        each.name.removesuffix(".json"): json.loads(each.read_text(encoding="utf-8"))
+        for each in schema_files()
     }
     lines = [HEAD]
     for name in sorted(schemas):

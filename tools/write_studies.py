@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any, get_args
 
 from servobench.cli.catalogue import default_text, meaning, what_it_is
+from servobench.core.settings import Settings
 from servobench.lab.studies.base import STUDIES
-from servobench.settings import Settings
 
 PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "studies.md"
 

@@ -8,8 +8,8 @@ import sys
 from dataclasses import fields
 from pathlib import Path
 
-from servobench.estimators.base import ESTIMATORS, Abilities
-from servobench.rounding import with_unit
+from servobench.core.rounding import with_unit
+from servobench.identification.estimators.base import ESTIMATORS, Abilities
 
 DOCS = Path(__file__).resolve().parent.parent / "docs"
 PAGE = DOCS / "which-estimator.md"

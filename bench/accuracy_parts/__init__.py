@@ -1,4 +1,4 @@
 """What `bench/accuracy.py` is made of: simulated motors, the bound, the rows, their runs and the page.
 
-No simulator here shares a line with `servobench.motor` or `servobench.models`: they are what both are held against.
+No simulator here shares a line with `rig.motor` or `identification.models`: they are what both are held against.
 """

@@ -8,11 +8,11 @@ import numpy as np
 from accuracy_parts.inputs import SAMPLE_TIME
 from accuracy_parts.plants import QUANTUM, Case
 from accuracy_parts.rows import Row
-from servobench.errors import NotIdentifiable
-from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
-from servobench.recording.recording import Source
-from servobench.result import Result
+from servobench.core.errors import NotIdentifiable
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 
 Run = dict[str, Any]
 

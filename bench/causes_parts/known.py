@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from real_parts.recordings import FOLDER, RealRecording, usable
 
 from causes_parts.told import Told, told
-from servobench.measurement.dataset import Dataset
+from servobench.recordings.measurement.dataset import Dataset
 
 # What any real motor may have to some degree, so that nobody can call it false: friction's law, cogging, warming, a winding.
 _OF_ANY_MOTOR = frozenset(

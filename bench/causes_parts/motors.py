@@ -14,9 +14,9 @@ import numba
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.recording.recording import Source
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 
 Array = NDArray[np.float64]
 

@@ -10,10 +10,10 @@ import accusations
 import numpy as np
 
 from causes_parts.motors import drawn, recorded
-from servobench.errors import ServobenchError
-from servobench.finding import Finding, Severity
-from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
+from servobench.core.errors import ServobenchError
+from servobench.core.finding import Finding, Severity
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.dataset import Dataset
 
 # What says that something in particular is wrong with the motor, its sensor, its amplifier or its record.
 ACCUSATIONS = accusations.ACCUSATIONS | {

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.recording.recording import Recording, Series
+from servobench.recordings.recording import Recording, Series
 
 Array = NDArray[np.float64]
 Change = Callable[[Recording, np.random.Generator], Recording]

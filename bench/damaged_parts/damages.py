@@ -8,7 +8,7 @@ import numpy as np
 from damaged_parts import changes, plants
 from damaged_parts.changes import Change
 from damaged_parts.recordings import Ours
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

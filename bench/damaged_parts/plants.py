@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from damaged_parts.changes import Change, in_place_of
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 
 Array = NDArray[np.float64]
 _SUBSTEPS = 10

@@ -5,19 +5,19 @@ from functools import lru_cache
 
 import numpy as np
 
-from servobench.devices.base import connect
-from servobench.experiment.experiment import Experiment
-from servobench.loop.run import run
-from servobench.recording.recording import Recording
-from servobench.signals.chirp import Chirp
-from servobench.signals.constant import Constant
-from servobench.signals.multisine import Multisine
-from servobench.signals.prbs import PRBS
-from servobench.signals.ramp import Ramp
-from servobench.signals.square import Square
-from servobench.signals.staircase import Staircase
-from servobench.signals.step import Step
-from servobench.signals.triangle import Triangle
+from servobench.recordings.recording import Recording
+from servobench.rig.devices.base import connect
+from servobench.rig.experiment.experiment import Experiment
+from servobench.rig.loop.run import run
+from servobench.systems.signals.chirp import Chirp
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.multisine import Multisine
+from servobench.systems.signals.prbs import PRBS
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.staircase import Staircase
+from servobench.systems.signals.step import Step
+from servobench.systems.signals.triangle import Triangle
 
 SIGNALS = {
     "square": Square(low=1, high=3, frequency=0.4),

@@ -5,12 +5,12 @@ from dataclasses import dataclass
 
 from damaged_parts.damages import Copy, copies
 from damaged_parts.recordings import Ours, undamaged
-from servobench.finding import Severity
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording
-from servobench.result import Result
+from servobench.core.finding import Severity
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -18,12 +18,12 @@ from population_parts.inputs import Array
 from population_parts.motors import Case, drawn
 from population_parts.simulator import Motion, moved, read, rows
 from population_parts.statements import said
-from servobench.channels import Channel
-from servobench.errors import ServobenchError
-from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording, Series, Source
+from servobench.core.channels import Channel
+from servobench.core.errors import ServobenchError
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording, Series, Source
 
 SEED = 16
 LIMIT = 60.0

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from servobench.result import Result
+from servobench.identification.result import Result
 
 Statement = tuple[float, float, float, float]
 """Value, standard deviation, and the ends of the 95 % interval."""

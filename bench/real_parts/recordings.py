@@ -14,12 +14,12 @@ from pathlib import Path
 
 import numpy as np
 
-from servobench.channels import Channel
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording, Series
+from servobench.core.channels import Channel
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording, Series
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 FOLDER = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")

@@ -10,12 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from real_parts.recordings import RealRecording
-from servobench.errors import ServobenchError
-from servobench.finding import Severity
-from servobench.identification import identify
-from servobench.result import Result
-from servobench.rounding import TWO_SIDED
-from servobench.uncertainty.answers import State
+from servobench.core.errors import ServobenchError
+from servobench.core.finding import Severity
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.identification.uncertainty.answers import State
 
 PARAMETERS = ("gain", "time_constant", "lag", "coulomb_voltage")
 _HELD_OUT = ("lag", "acceleration")  # combinations that are the same in all recordings of a motor

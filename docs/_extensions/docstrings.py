@@ -15,7 +15,7 @@ from sphinx.application import Sphinx
 from sphinx.util import inspect
 
 from servobench.cli.catalogue import default_text, meaning
-from servobench.settings import unit_of
+from servobench.core.settings import unit_of
 
 SPAN = re.compile(r"`[^`]+`")
 MARKUP = re.compile(r"([*|\\_])")

@@ -18,17 +18,17 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 import servobench as sb
-from servobench.devices.base import connect
-from servobench.estimators.base import ESTIMATORS, Fit
-from servobench.estimators.covariance import plain
-from servobench.estimators.interval.bins import expected_information
-from servobench.estimators.least_squares import Layout, minimise, normal_equations
-from servobench.estimators.prediction_error import disturbance_test
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.models.nominal import nominal_values
-from servobench.motor.parameters import data_sheet
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.covariance import plain
+from servobench.identification.estimators.interval.bins import expected_information
+from servobench.identification.estimators.least_squares import Layout, minimise, normal_equations
+from servobench.identification.estimators.prediction_error import disturbance_test
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.nominal import nominal_values
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.rig.devices.base import connect
+from servobench.rig.motor.parameters import data_sheet
 
 FOLDER = Path(__file__).resolve().parent
 STRUCTURE = STRUCTURES["first_order_one_way"]

@@ -11,29 +11,29 @@ from typing import TYPE_CHECKING
 from servobench._version import __version__
 
 if TYPE_CHECKING:
-    from servobench.devices.base import connect
-    from servobench.experiment import Experiment
-    from servobench.formats.base import load, save
-    from servobench.identification import identify
-    from servobench.interop import from_control, from_scipy, to_control, to_scipy
-    from servobench.loop.run import run
-    from servobench.measurement.measure import measure
-    from servobench.reconciliation.asking import reconcile, why
-    from servobench.recording.recording import Recording
+    from servobench.identification.identify import identify
+    from servobench.identification.reconciliation.asking import reconcile, why
+    from servobench.identification.result import Result
+    from servobench.identification.simulation import predict, residuals, simulate
+    from servobench.identification.trust.validation import validate
+    from servobench.recordings.boundedness import bibo
+    from servobench.recordings.formats.base import load, save
+    from servobench.recordings.measurement.measure import measure
+    from servobench.recordings.recording import Recording
     from servobench.report.document import Report
-    from servobench.result import Result
-    from servobench.signals.chirp import Chirp
-    from servobench.signals.constant import Constant
-    from servobench.signals.multisine import Multisine
-    from servobench.signals.prbs import PRBS
-    from servobench.signals.sine import Sine
-    from servobench.signals.square import Square
-    from servobench.signals.step import Step
-    from servobench.simulation import predict, residuals, simulate
-    from servobench.stability_analysis.record import bibo
-    from servobench.stability_analysis.verdict import stability
-    from servobench.transfer_function import TransferFunction
-    from servobench.validation import validate
+    from servobench.rig.devices.base import connect
+    from servobench.rig.experiment import Experiment
+    from servobench.rig.loop.run import run
+    from servobench.systems.interop import from_control, from_scipy, to_control, to_scipy
+    from servobench.systems.signals.chirp import Chirp
+    from servobench.systems.signals.constant import Constant
+    from servobench.systems.signals.multisine import Multisine
+    from servobench.systems.signals.prbs import PRBS
+    from servobench.systems.signals.sine import Sine
+    from servobench.systems.signals.square import Square
+    from servobench.systems.signals.step import Step
+    from servobench.systems.stability.verdict import stability
+    from servobench.systems.transfer_function import TransferFunction
 
 __all__ = [
     "PRBS",
@@ -70,36 +70,36 @@ __all__ = [
 ]
 
 _HOMES = {
-    "PRBS": "servobench.signals.prbs",
-    "Chirp": "servobench.signals.chirp",
-    "Constant": "servobench.signals.constant",
-    "Experiment": "servobench.experiment",
-    "Multisine": "servobench.signals.multisine",
-    "Recording": "servobench.recording.recording",
+    "PRBS": "servobench.systems.signals.prbs",
+    "Chirp": "servobench.systems.signals.chirp",
+    "Constant": "servobench.systems.signals.constant",
+    "Experiment": "servobench.rig.experiment",
+    "Multisine": "servobench.systems.signals.multisine",
+    "Recording": "servobench.recordings.recording",
     "Report": "servobench.report.document",
-    "Result": "servobench.result",
-    "Sine": "servobench.signals.sine",
-    "Square": "servobench.signals.square",
-    "Step": "servobench.signals.step",
-    "TransferFunction": "servobench.transfer_function",
-    "bibo": "servobench.stability_analysis.record",
-    "connect": "servobench.devices.base",
-    "from_control": "servobench.interop",
-    "from_scipy": "servobench.interop",
-    "identify": "servobench.identification",
-    "load": "servobench.formats.base",
-    "measure": "servobench.measurement.measure",
-    "predict": "servobench.simulation",
-    "reconcile": "servobench.reconciliation.asking",
-    "residuals": "servobench.simulation",
-    "run": "servobench.loop.run",
-    "save": "servobench.formats.base",
-    "simulate": "servobench.simulation",
-    "stability": "servobench.stability_analysis.verdict",
-    "to_control": "servobench.interop",
-    "to_scipy": "servobench.interop",
-    "validate": "servobench.validation",
-    "why": "servobench.reconciliation.asking",
+    "Result": "servobench.identification.result",
+    "Sine": "servobench.systems.signals.sine",
+    "Square": "servobench.systems.signals.square",
+    "Step": "servobench.systems.signals.step",
+    "TransferFunction": "servobench.systems.transfer_function",
+    "bibo": "servobench.recordings.boundedness",
+    "connect": "servobench.rig.devices.base",
+    "from_control": "servobench.systems.interop",
+    "from_scipy": "servobench.systems.interop",
+    "identify": "servobench.identification.identify",
+    "load": "servobench.recordings.formats.base",
+    "measure": "servobench.recordings.measurement.measure",
+    "predict": "servobench.identification.simulation",
+    "reconcile": "servobench.identification.reconciliation.asking",
+    "residuals": "servobench.identification.simulation",
+    "run": "servobench.rig.loop.run",
+    "save": "servobench.recordings.formats.base",
+    "simulate": "servobench.identification.simulation",
+    "stability": "servobench.systems.stability.verdict",
+    "to_control": "servobench.systems.interop",
+    "to_scipy": "servobench.systems.interop",
+    "validate": "servobench.identification.trust.validation",
+    "why": "servobench.identification.reconciliation.asking",
 }
 
 

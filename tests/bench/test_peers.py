@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from tests.motor.reference import Truth, march
+from tests.rig.motor.reference import Truth, march
 
 PEERS = Path(__file__).resolve().parent.parent.parent / "bench" / "peers"
 

@@ -33,7 +33,9 @@ class Ended:
 
 def checked(result: dict[str, Any]) -> dict[str, Any]:
     """Return a result that the packaged schema allows."""
-    schema = json.loads(files("servobench").joinpath("schemas/result-2.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("identification/schemas/result-2.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator(
         schema, format_checker=jsonschema.Draft202012Validator.FORMAT_CHECKER
     ).validate(result)

@@ -18,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from servobench.channels import Array, Channel
 from servobench.cli import main
-from servobench.formats.base import save
-from servobench.recording.recording import Recording, Series, Source
+from servobench.core.channels import Array, Channel
+from servobench.recordings.formats.base import save
+from servobench.recordings.recording import Recording, Series, Source
 
 ENDINGS = (".csv", ".mat", ".mcap", ".parquet", ".arrow", ".wpilog")
 OUTCOMES = (0, 2, 3)  # a result; wrong usage, or a file that can't be used; refused

@@ -10,7 +10,7 @@ from rich.console import Console
 from servobench.cli.answer import show_findings
 from servobench.cli.layout import show_table
 from servobench.cli.terminal import printable
-from servobench.finding import Finding, info, parameter_in_words, refusal, warning
+from servobench.core.finding import Finding, info, parameter_in_words, refusal, warning
 from tests.cli.conftest import Command
 
 

@@ -7,11 +7,11 @@ import pytest
 from pydantic import Field
 
 from servobench.cli.catalogue import default_text, meaning
-from servobench.control.base import CONTROLLERS
-from servobench.devices.base import DEVICES
-from servobench.registry import Registry
-from servobench.settings import In, Settings, Time, Voltage
-from servobench.signals.base import SIGNALS
+from servobench.core.registry import Registry
+from servobench.core.settings import In, Settings, Time, Voltage
+from servobench.rig.devices.base import DEVICES
+from servobench.systems.control.base import CONTROLLERS
+from servobench.systems.signals.base import SIGNALS
 from tests.cli.conftest import Command
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servobench.measurement.presets import PRESETS
+from servobench.recordings.measurement.presets import PRESETS
 from tests.cli.conftest import Command
 
 

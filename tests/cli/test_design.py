@@ -16,7 +16,9 @@ def test_the_design_can_be_run_and_is_what_the_json_says(servobench: Command, tm
 
     assert made.status == 0
     told = json.loads(made.out)
-    schema = json.loads(files("servobench").joinpath("schemas/design-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("identification/schemas/design-1.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft202012Validator(schema).validate(told)
     assert told["experiment"] == file.read_text(encoding="utf-8")

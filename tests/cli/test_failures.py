@@ -8,12 +8,11 @@ from pathlib import Path
 
 import pytest
 
-from servobench.channels import DeviceInfo
 from servobench.cli.failures import failed
 from servobench.cli.terminal import OutputGone
-from servobench.errors import (
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import (
     DeviceError,
-    DeviceLost,
     ExperimentError,
     FormatError,
     MissingInformation,
@@ -25,7 +24,8 @@ from servobench.errors import (
     UnknownName,
     UsageError,
 )
-from servobench.recording.recording import Recording, Source
+from servobench.recordings.recording import Recording, Source
+from servobench.rig.lost_device import DeviceLost
 from tests.cli.conftest import Command, environment, process
 
 LOST = DeviceLost(
@@ -83,7 +83,7 @@ def test_who_interrupts_a_command_is_told_so_in_a_sentence(
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("servobench.formats.base.load", interrupted)
+    monkeypatch.setattr("servobench.recordings.formats.base.load", interrupted)
 
     ended = servobench("identify", tmp_path / "any.csv")
 

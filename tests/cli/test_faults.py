@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from servobench.devices.faults.base import FAULTS, table_of
-from servobench.errors import UsageError
-from servobench.experiment import load_experiment, read_experiment
-from servobench.recording.reader import read
+from servobench.core.errors import UsageError
+from servobench.recordings.native.reader import read
+from servobench.rig.devices.faults.base import FAULTS, table_of
+from servobench.rig.experiment import load_experiment, read_experiment
 from tests.cli.conftest import Command
 
 SHORT = """

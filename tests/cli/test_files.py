@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import servobench as sb
-from servobench.experiment import load_experiment
+from servobench.rig.experiment import load_experiment
 from tests.cli.conftest import Command
 
 

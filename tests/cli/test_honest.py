@@ -32,7 +32,9 @@ def test_an_experiment_is_repeated_and_its_recordings_say_the_same_again(
     first = servobench("honest", file, "--runs", "3", "--out", folder, "--json")
     assert first.status == 0
     told = json.loads(first.out)
-    schema = json.loads(files("servobench").joinpath("schemas/honest-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("identification/schemas/honest-1.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator(schema).validate(told)
     assert told["runs"] == ["run 1", "run 2", "run 3"]
     values = told["parameters"]["gain"]["values"]

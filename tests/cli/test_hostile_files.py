@@ -15,7 +15,7 @@ import pytest
 import scipy.io
 
 from tests.cli.conftest import Command, environment
-from tests.formats import bags
+from tests.recordings.formats import bags
 
 LOGGER = Path(__file__).parents[2] / "examples" / "logger.csv"
 WRONG_USAGE = 2
@@ -178,9 +178,9 @@ def test_a_topic_can_t_forge_a_line_of_ours(words: list[str], servobench: Comman
 
 @pytest.mark.promise("S59")
 def test_a_name_in_a_recording_of_ours_can_t_either(servobench: Command, tmp_path: Path) -> None:
-    from servobench.channels import Channel
-    from servobench.formats.base import save
-    from servobench.recording.recording import Recording, Series, Source
+    from servobench.core.channels import Channel
+    from servobench.recordings.formats.base import save
+    from servobench.recordings.recording import Recording, Series, Source
 
     t = np.arange(50) / 100
     series = tuple(

@@ -8,7 +8,7 @@ from typing import Any
 import jsonschema
 import pytest
 
-from servobench.lab.exercise import exercise, exercises
+from servobench.lab.exercise_file import exercise, exercises
 from servobench.lab.page import exercise_page
 from servobench.lab.worked import Worked
 from tests.cli.conftest import Command, Ended
@@ -72,7 +72,7 @@ def folder(tmp_path: Path) -> Path:
 def told(ended: Ended) -> dict[str, Any]:
     """The answer as JSON, which holds nothing else; checked against the packaged schema."""
     found: dict[str, Any] = json.loads(ended.out)
-    schema = json.loads(files("servobench").joinpath("schemas/lab-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(files("servobench").joinpath("lab/schemas/lab-1.json").read_text(encoding="utf-8"))
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft202012Validator(schema).validate(found)
     return found

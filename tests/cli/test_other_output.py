@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from servobench.cli.other_output import with_other_output
-from servobench.finding import refusal
-from servobench.identification import identify
-from servobench.recording.recording import Channel, Recording, Series, Source
-from servobench.result import Result
+from servobench.core.finding import refusal
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.recording import Channel, Recording, Series, Source
 from tests.datasets import dataset
 
 

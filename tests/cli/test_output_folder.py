@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from servobench.cli.output_folder import empty_folder, made_folder
-from servobench.errors import StorageError, UsageError
+from servobench.core.errors import StorageError, UsageError
 
 NOON = datetime(2024, 2, 29, 12, 0, 0)
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from servobench.cli import main, panel
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
 from servobench.panel.library import Library
 from servobench.panel.server import PORT, listening
 

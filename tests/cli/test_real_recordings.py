@@ -14,10 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.measure import measure
+from servobench.identification.identify import identify
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.measure import measure
 from tests.cli.conftest import Command
 
 RealData = Callable[[str], Path]

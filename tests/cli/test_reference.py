@@ -65,7 +65,9 @@ def test_the_statuses_are_those_of_the_code() -> None:
 
 
 def test_the_keys_of_a_result_are_those_of_the_schema() -> None:
-    schema = json.loads(files("servobench").joinpath("schemas/result-2.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("identification/schemas/result-2.json").read_text(encoding="utf-8")
+    )
     rows = re.findall(r"^\| (`.*?) \|", section("JSON"), re.MULTILINE)
 
     assert {key for row in rows for key in re.findall(r"`(\w+)`", row)} == set(schema["properties"])

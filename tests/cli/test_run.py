@@ -14,12 +14,12 @@ import pytest
 from pydantic import BaseModel
 
 import servobench as sb
-from servobench.channels import Sample
 from servobench.cli.run_folder import run_folder
-from servobench.devices.base import DEVICES
-from servobench.devices.twin import Twin
-from servobench.errors import DeviceError, StorageError, UsageError
-from servobench.experiment import load_experiment
+from servobench.core.channels import Sample
+from servobench.core.errors import DeviceError, StorageError, UsageError
+from servobench.rig.devices.base import DEVICES
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import load_experiment
 from tests.cli.conftest import Command, checked, environment, started
 
 FILES = {"experiment.toml", "recording.mcap", "data.csv", "result.json", "report.html"}
@@ -119,7 +119,7 @@ def test_the_seed_makes_the_noise(
     def spared(*_: object, **__: object) -> None:
         raise UsageError("only the recordings are compared here")
 
-    monkeypatch.setattr("servobench.identification.identify", spared)
+    monkeypatch.setattr("servobench.identification.identify.identify", spared)
     short.write_text(SHORT + "[device.settings]\ntorque_noise = 1e-5\n")
     counts = []
     for number, seed in enumerate((1, 1, 2)):
@@ -471,7 +471,7 @@ def test_a_single_sample_is_a_refused_result_with_all_its_files(
 
 def watched(monkeypatch: pytest.MonkeyPatch, watch: Callable[[Any], str | None]) -> None:
     """Have every run watched by that function too, before the command's own."""
-    import servobench.loop.run as loop
+    import servobench.rig.loop.run as loop
 
     real = loop.run
 
@@ -506,7 +506,7 @@ def test_an_error_after_the_run_loses_nothing(
     servobench: Command, short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("servobench.identification.identify", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("servobench.identification.identify.identify", lambda *_, **__: 1 / 0)
 
     ended = servobench("run", short, "--out", tmp_path / "run")
 

@@ -16,8 +16,8 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.finding import Severity
-from servobench.loop.child import RECORDER_PATIENCE
+from servobench.core.finding import Severity
+from servobench.rig.loop.child import RECORDER_PATIENCE
 from tests.cli.conftest import checked, process, started
 from tests.cli.test_run import FILES, HOST, names
 

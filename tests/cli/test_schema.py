@@ -9,11 +9,11 @@ from typing import Any
 import jsonschema
 import pytest
 
-from servobench.finding import Severity, Verdict
-from servobench.result import SCHEMA
+from servobench.core.finding import Severity, Verdict
+from servobench.identification.result import SCHEMA
 from tests.cli.conftest import checked
 
-SCHEMA_TEXT = files("servobench").joinpath("schemas/result-2.json").read_text(encoding="utf-8")
+SCHEMA_TEXT = files("servobench").joinpath("identification/schemas/result-2.json").read_text(encoding="utf-8")
 
 
 def objects(schema: Any) -> list[dict[str, Any]]:

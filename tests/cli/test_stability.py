@@ -51,7 +51,9 @@ def test_too_much_gain_is_unstable_as_it_runs(servobench: Command, finished_run:
 
 def told(text: str) -> dict[str, Any]:
     """What the packaged schema allows of standard output, which holds nothing else, in numbers that are finite."""
-    schema = json.loads(files("servobench").joinpath("schemas/stability-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("cli/schemas/stability-1.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator.check_schema(schema)
     found: dict[str, Any] = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
     jsonschema.Draft202012Validator(schema).validate(found)

@@ -8,7 +8,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
-from servobench.experiment import read_experiment
+from servobench.rig.experiment import read_experiment
 from tests.cli.conftest import Command
 
 WISH = ("--damping", "0.8", "--bandwidth", "20 rad/s")
@@ -19,7 +19,9 @@ def test_the_gains_can_be_pasted_and_are_what_the_json_says(servobench: Command,
 
     assert made.status == 0
     told = json.loads(made.out)
-    schema = json.loads(files("servobench").joinpath("schemas/tuning-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        files("servobench").joinpath("systems/schemas/tuning-1.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft202012Validator(schema).validate(told)
     assert told["sample_time"] == 0.002  # the data's own

@@ -8,12 +8,12 @@ from typing import Any
 import jsonschema
 import pytest
 
-from servobench.reconciliation.explanation import SCHEMA
+from servobench.identification.reconciliation.explanation import SCHEMA
 from tests.cli.conftest import Command, Ended
 from tests.cli.test_identify import motor, noisy, table
 from tests.cli.test_schema import objects
 
-SCHEMA_TEXT = files("servobench").joinpath("schemas/why-1.json").read_text(encoding="utf-8")
+SCHEMA_TEXT = files("servobench").joinpath("identification/schemas/why-1.json").read_text(encoding="utf-8")
 BEHIND = "derivative | lowpass 50 rad/s"
 
 

@@ -9,13 +9,13 @@ import typer.main
 
 from servobench.cli.app import app
 from servobench.cli.wording import OPTIONS, TUNE, with_options
-from servobench.errors import MissingInformation
+from servobench.core.errors import MissingInformation
 from servobench.export.base import TARGETS, Wishes
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.measurement.measure import measure
 from servobench.panel.wording import with_fields
-from servobench.tuning.base import Wish
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.measure import measure
+from servobench.systems.tuning.base import Wish
 from tests.cli.conftest import Command
 
 

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter, ValidationError
 
-from servobench.control.base import CONTROLLERS, Controller
-from servobench.experiment import Experiment, read_experiment
-from servobench.experiment.experiment import AnyController
-from servobench.settings import In, Settings, with_units
-from tests.control.laws import device, sample
+from servobench.core.settings import In, Settings, with_units
+from servobench.rig.experiment import Experiment, read_experiment
+from servobench.rig.experiment.experiment import AnyController
+from servobench.systems.control.base import CONTROLLERS, Controller
+from tests.systems.control.laws import device, sample
 
 ANY_CONTROLLER: TypeAdapter[Controller] = TypeAdapter(AnyController)
 H = 0.002

@@ -8,13 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.channels import DeviceInfo, Sample
-from servobench.devices.base import DEVICES, Device, RunEnded
-from servobench.devices.twin import Twin
-from servobench.errors import DeviceError, UsageError
-from servobench.experiment import Experiment
-from servobench.loop.run import run
-from servobench.recording.writer import save
+from servobench.core.channels import DeviceInfo, Sample
+from servobench.core.errors import DeviceError, UsageError
+from servobench.recordings.native.writer import save
+from servobench.rig.devices.base import DEVICES, Device, RunEnded
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.run import run
 
 SAMPLE_TIME = 0.002  # s
 NAMES = DEVICES.names()

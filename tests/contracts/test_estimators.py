@@ -16,15 +16,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS, Abilities, Estimator, Fit
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import ESTIMATORS, Abilities, Estimator, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 from servobench.report.bands import frequency_band
-from servobench.rounding import TWO_SIDED
-from tests.motor.reference import Truth, march
+from tests.rig.motor.reference import Truth, march
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 GAIN, TAU, LOST = 20.0, 0.1, 0.2

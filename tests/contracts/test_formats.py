@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings
 
-from servobench.channels import Channel
-from servobench.errors import FormatError, StorageError, UsageError
-from servobench.formats.base import FORMATS, Format, load, save
-from servobench.recording.recording import Recording, Series, Source
-from tests.recording.samples import recordings, small
+from servobench.core.channels import Channel
+from servobench.core.errors import FormatError, StorageError, UsageError
+from servobench.recordings.formats.base import FORMATS, Format, load, save
+from servobench.recordings.recording import Recording, Series, Source
+from tests.recordings.native.samples import recordings, small
 
 NAMES = FORMATS.names()
 MUTATIONS = 200

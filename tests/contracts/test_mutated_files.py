@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from servobench.formats.base import FORMATS, load
-from tests.formats.makers import MAKERS, make
+from servobench.recordings.formats.base import FORMATS, load
+from tests.recordings.formats.makers import MAKERS, make
 
 MUTATIONS = 1000
 MOST_MEMORY = 1e9  # bytes, those of Python and the libraries included
@@ -19,7 +19,7 @@ LONGEST = 500  # seconds; a thousand files take about ten, and a hang would take
 def readings(path: Path, seed: int) -> dict[str, Any]:
     """Damage the file 1,000 times, and return what came of it."""
     done = subprocess.run(
-        [sys.executable, "-m", "tests.formats.mutations", str(path), str(seed), str(MUTATIONS)],
+        [sys.executable, "-m", "tests.recordings.formats.mutations", str(path), str(seed), str(MUTATIONS)],
         capture_output=True,
         text=True,
         check=False,

@@ -11,9 +11,9 @@ import pytest
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.questions import Question, questions
 from servobench.lab.check import check_blank
-from servobench.lab.exercise import exercise, exercises
+from servobench.lab.exercise_file import exercise, exercises
 from servobench.lab.stand import MotorStand
-from servobench.motor.individual import TIME_CONSTANT, individual
+from servobench.rig.motor.individual import TIME_CONSTANT, individual
 from tests.lab.recommended_methods import METHODS, Student
 
 SECRET = bytes(range(32))

@@ -9,8 +9,8 @@ import pytest
 from pydantic import TypeAdapter, ValidationError
 from pydantic.fields import FieldInfo
 
-from servobench.settings import In, Settings, with_units
-from servobench.signals.base import SIGNALS, AnySignal, Signal
+from servobench.core.settings import In, Settings, with_units
+from servobench.systems.signals.base import SIGNALS, AnySignal, Signal
 
 ANY_SIGNAL: TypeAdapter[Signal] = TypeAdapter(AnySignal)
 

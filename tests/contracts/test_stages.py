@@ -5,8 +5,8 @@ from dataclasses import FrozenInstanceError
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
-from servobench.measurement.base import STAGES, Chain, Stage, fold
+from servobench.core.errors import UsageError
+from servobench.recordings.measurement.base import STAGES, Chain, Stage, fold
 
 EXAMPLES = [(name, text) for name in STAGES.names() for text in STAGES[name].examples]
 LINEAR = [text for name, text in EXAMPLES if STAGES[name].linear]

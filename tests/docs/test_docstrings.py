@@ -23,8 +23,8 @@ WITH_EXAMPLES = sorted(
 
 GOOD = '''"""A module."""
 
-from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 
 
 class Thing:
@@ -237,6 +237,8 @@ def test_the_examples_in_docstrings_run(name: str) -> None:
 
 
 def test_there_are_examples_in_docstrings() -> None:
-    assert {"servobench.units", "servobench.transfer_function", "servobench.measurement.base"} <= set(
-        WITH_EXAMPLES
-    )
+    assert {
+        "servobench.core.units",
+        "servobench.systems.transfer_function",
+        "servobench.recordings.measurement.base",
+    } <= set(WITH_EXAMPLES)

@@ -8,7 +8,7 @@ from pathlib import Path
 import jupytext
 import pytest
 
-from servobench.experiment.reading import read_experiment
+from servobench.rig.experiment.reading import read_experiment
 from tests.docs.pages import DOCS, RUN, SHOWN, Block, Reader, blocks
 
 PAGES = sorted(page for page in DOCS.rglob("*.md") if any(True for _ in blocks(page)))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
-from importlib.resources import files
 from typing import Any
 
 import pytest
@@ -12,9 +11,7 @@ import pytest
 from tests.docs.pages import DOCS
 from tests.test_house import tool
 
-SCHEMAS = sorted(
-    each.name for each in files("servobench").joinpath("schemas").iterdir() if each.name.endswith(".json")
-)
+SCHEMAS = sorted(each.name for each in tool("write_schemas").schema_files())
 
 
 def objects(schema: Any, where: str = "") -> Iterator[tuple[str, Any]]:
@@ -31,7 +28,8 @@ def objects(schema: Any, where: str = "") -> Iterator[tuple[str, Any]]:
 
 @pytest.mark.parametrize("name", SCHEMAS)
 def test_every_key_says_what_it_means(name: str) -> None:
-    schema = json.loads(files("servobench").joinpath("schemas", name).read_text(encoding="utf-8"))
+    (found,) = [each for each in tool("write_schemas").schema_files() if each.name == name]
+    schema = json.loads(found.read_text(encoding="utf-8"))
 
     silent = [where for where, value in objects(schema) if not {"description", "const"} & set(value)]
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import FormatError, NotIdentifiable, UsageError
+from servobench.core.errors import FormatError, NotIdentifiable, UsageError
 from servobench.export.answer import Answer
 from tests.export.conftest import GAIN, SD, document
 

@@ -14,7 +14,7 @@ import control
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes, export
 from servobench.export.first_order import FirstOrderMotor

@@ -5,11 +5,11 @@ import math
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from servobench.channels import Sample
-from servobench.devices.base import RunEnded
-from servobench.devices.guarded import Guarded
-from servobench.devices.twin import Twin, TwinSettings
-from servobench.experiment import Limits
+from servobench.core.channels import Sample
+from servobench.rig.devices.base import RunEnded
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.twin import Twin, TwinSettings
+from servobench.rig.experiment import Limits
 
 
 class Bench(Twin):

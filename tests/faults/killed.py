@@ -9,9 +9,9 @@ import sys
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from servobench.loop.recording_process import INTERVAL, record
-from servobench.loop.ring import MessageRing, RowRing
-from tests.loop.rings import RingLoop
+from servobench.rig.loop.recording_process import INTERVAL, record
+from servobench.rig.loop.ring import MessageRing, RowRing
+from tests.rig.loop.rings import RingLoop
 
 SAMPLE_TIME = 0.001  # s
 TICKS_A_LOOK = round(INTERVAL / SAMPLE_TIME)

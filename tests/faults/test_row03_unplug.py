@@ -9,16 +9,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servobench.devices.base import Device
-from servobench.devices.faults.base import fault_from, table_of
-from servobench.devices.faulty import Faulty
-from servobench.devices.twin import Twin, TwinSettings
-from servobench.errors import DeviceError, DeviceLost
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.live import run_live
-from servobench.loop.run import run
-from servobench.recording.reader import read
-from servobench.recording.recording import Recording
+from servobench.core.errors import DeviceError
+from servobench.recordings.native.reader import read
+from servobench.recordings.recording import Recording
+from servobench.rig.devices.base import Device
+from servobench.rig.devices.faults.base import fault_from, table_of
+from servobench.rig.devices.faulty import Faulty
+from servobench.rig.devices.twin import Twin, TwinSettings
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.live import run_live
+from servobench.rig.loop.run import run
+from servobench.rig.lost_device import DeviceLost
 
 H = 0.002
 EXPERIMENT = Experiment(duration=3.0, sample_time=H)

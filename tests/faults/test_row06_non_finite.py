@@ -13,14 +13,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.channels import Channel, DeviceInfo, Sample
-from servobench.devices.base import RunEnded
-from servobench.devices.guarded import Guarded
-from servobench.devices.observed import Call, Observed
-from servobench.errors import DeviceError, DeviceLost, UsageError
-from servobench.experiment import Limits, read_experiment
-from servobench.loop.run import run
-from tests.loop.shaft import Controller, Shaft, odd
+from servobench.core.channels import Channel, DeviceInfo, Sample
+from servobench.core.errors import DeviceError, UsageError
+from servobench.rig.devices.base import RunEnded
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.observed import Call, Observed
+from servobench.rig.experiment import Limits, read_experiment
+from servobench.rig.loop.run import run
+from servobench.rig.lost_device import DeviceLost
+from tests.rig.loop.shaft import Controller, Shaft, odd
 
 LIMIT = 10.0
 API_CASES, JSON_CASES, CONTROLLER_CASES, TOML_CASES = 60_000, 38_500, 1_000, 500

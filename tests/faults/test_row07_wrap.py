@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.devices.faults.base import fault_from, table_of
-from servobench.devices.faulty import Faulty
-from servobench.experiment import Experiment, Limits
-from servobench.loop.run import run
-from servobench.measurement.measure import measure
-from servobench.measurement.unwrap import Unwrap
-from servobench.recording.recording import Recording
-from servobench.signals.constant import Constant
-from tests.devices.faults import Numbered, wrapped
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.measurement.unwrap import Unwrap
+from servobench.recordings.recording import Recording
+from servobench.rig.devices.faults.base import fault_from, table_of
+from servobench.rig.devices.faulty import Faulty
+from servobench.rig.experiment import Experiment, Limits
+from servobench.rig.loop.run import run
+from servobench.systems.signals.constant import Constant
+from tests.rig.devices.faults import Numbered, wrapped
 
 H = 0.002
 BITS = [16, 24, 32]

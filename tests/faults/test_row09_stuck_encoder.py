@@ -7,9 +7,9 @@ from itertools import product
 import numpy as np
 import pytest
 
-from servobench.experiment import Limits
-from servobench.experiment.limits import Plausibility
-from servobench.motor.parameters import QUBE_SERVO_2
+from servobench.rig.experiment import Limits
+from servobench.rig.experiment.limits import Plausibility
+from servobench.rig.motor.parameters import QUBE_SERVO_2
 from tests.faults.doubles import Bench, Stuck, drive
 
 WITHIN = 0.1  # s

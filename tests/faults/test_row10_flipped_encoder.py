@@ -7,17 +7,17 @@ from typing import Any
 
 import pytest
 
-from servobench.channels import Sample
-from servobench.control.pid import Pid
-from servobench.devices.faults.base import fault_from, table_of
-from servobench.devices.faulty import Faulty
-from servobench.devices.twin import Twin, TwinSettings
-from servobench.experiment import Experiment, load_experiment
-from servobench.loop.run import run
-from servobench.recording.recording import Recording
-from servobench.signals.constant import Constant
-from servobench.signals.square import Square
-from servobench.signals.step import Step
+from servobench.core.channels import Sample
+from servobench.recordings.recording import Recording
+from servobench.rig.devices.faults.base import fault_from, table_of
+from servobench.rig.devices.faulty import Faulty
+from servobench.rig.devices.twin import Twin, TwinSettings
+from servobench.rig.experiment import Experiment, load_experiment
+from servobench.rig.loop.run import run
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.step import Step
 from tests.docs.pages import ROOT
 
 POSITION = load_experiment(ROOT / "examples" / "position.toml")

@@ -2,11 +2,11 @@
 
 import pytest
 
-from servobench.devices.guarded import Guarded
-from servobench.devices.twin import Twin
-from servobench.experiment import PAPER, Limits
-from servobench.experiment.limits import StallLimits
-from servobench.loop.run import run
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import PAPER, Limits
+from servobench.rig.experiment.limits import StallLimits
+from servobench.rig.loop.run import run
 from tests.faults.doubles import Bench, Jammed, drive
 
 HELD = {"coulomb_torque": 1.0}  # N·m; 24 times what the motor makes at 10 V

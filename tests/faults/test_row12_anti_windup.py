@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.channels import Array
-from servobench.control.pid import Pid
-from servobench.control.state_feedback import StateFeedback
-from servobench.experiment import Experiment, Limits
-from servobench.signals.square import Square
+from servobench.core.channels import Array
+from servobench.rig.experiment import Experiment, Limits
+from servobench.systems.control.pid import Pid
+from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.signals.square import Square
 
 COUNT = 2 * math.pi / 2048
 STEP = 20.0  # rad

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.devices.twin import Twin
-from servobench.experiment import Experiment, Limits
-from servobench.loop.run import run
-from servobench.motor.physics import Physics
-from servobench.signals.sine import Sine
-from servobench.signals.square import Square
-from servobench.signals.step import Step
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import Experiment, Limits
+from servobench.rig.loop.run import run
+from servobench.rig.motor.physics import Physics
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.step import Step
 from tests.faults.doubles import drive
 
 

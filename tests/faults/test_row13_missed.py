@@ -10,18 +10,18 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from servobench.clock import HostClock
-from servobench.devices.faults.base import fault_from, table_of
-from servobench.devices.faulty import Faulty
-from servobench.devices.twin import Twin
-from servobench.doubts.base import DOUBTS
-from servobench.experiment import Experiment
-from servobench.finding import warning
-from servobench.loop.run import run
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording
-from servobench.signals.prbs import PRBS
-from tests.loop.shaft import Shaft, experiment
+from servobench.core.finding import warning
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording
+from servobench.rig.clock import HostClock
+from servobench.rig.devices.faults.base import fault_from, table_of
+from servobench.rig.devices.faulty import Faulty
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.run import run
+from servobench.systems.signals.prbs import PRBS
+from tests.rig.loop.shaft import Shaft, experiment
 
 H = 0.01
 TICKS = 3000

@@ -8,17 +8,17 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import StorageError
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.process import LoopProcess
-from servobench.loop.recording_process import FAILED, RecorderProcess, record
-from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
-from servobench.recording import mcap_file
-from servobench.recording.reader import read
-from servobench.recording.recover import recover
+from servobench.core.errors import StorageError
+from servobench.recordings.native import mcap_file
+from servobench.recordings.native.reader import read
+from servobench.recordings.native.recover import recover
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.process import LoopProcess
+from servobench.rig.loop.recording_process import FAILED, RecorderProcess, record
+from servobench.rig.loop.ring import RECORDER_STATE, ROWS_KEPT
 from tests.faults.test_row17_recorder_killed import recorder_of
-from tests.loop.rings import RingLoop, ticks_of
-from tests.recording.disks import FullDisk
+from tests.recordings.native.disks import FullDisk
+from tests.rig.loop.rings import RingLoop, ticks_of
 
 LONGEST = 60.0  # seconds; a hang would take for ever
 

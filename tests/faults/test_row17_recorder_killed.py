@@ -8,16 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servobench.errors import StorageError
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.completion import complete
-from servobench.loop.drain import ROWS_MISSED, Drain
-from servobench.loop.process import LoopProcess
-from servobench.loop.recording_process import INTERVAL, RECORDING, Recorded, RecorderProcess, record
-from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
-from servobench.recording.reader import read
-from servobench.recording.recording import Recording
-from tests.loop.rings import RingLoop, ticks_of
+from servobench.core.errors import StorageError
+from servobench.recordings.native.reader import read
+from servobench.recordings.recording import Recording
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.completion import complete
+from servobench.rig.loop.drain import ROWS_MISSED, Drain
+from servobench.rig.loop.process import LoopProcess
+from servobench.rig.loop.recording_process import INTERVAL, RECORDING, Recorded, RecorderProcess, record
+from servobench.rig.loop.ring import RECORDER_STATE, ROWS_KEPT
+from tests.rig.loop.rings import RingLoop, ticks_of
 
 LONGEST = 60.0  # seconds; a hang would take for ever
 LARGEST_LOSS = 0.1  # s of samples, before the file is completed

@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 from mcap.reader import NonSeekingReader
 
-from servobench.loop.ring import ROWS_KEPT, RowRing
-from servobench.recording.recover import recover
+from servobench.recordings.native.recover import recover
+from servobench.rig.loop.ring import ROWS_KEPT, RowRing
 from tests.faults.killed import SAMPLE_TIME, TICKS_A_LOOK
-from tests.loop.rings import RingLoop, ticks_of
+from tests.rig.loop.rings import RingLoop, ticks_of
 
 KILLS = 100
 OLD = 0.25  # s
@@ -98,8 +98,8 @@ def test_of_100_killed_applications_all_that_is_older_than_250_ms_is_recovered(
 
 PROGRAM = """
 import sys, time
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.process import LoopProcess
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.process import LoopProcess
 twin = DeviceChoice(name="twin", settings={"timing": "host"})
 with LoopProcess(Experiment(duration=None, sample_time=0.002, device=twin), record=sys.argv[1]) as loop:
     print(loop.pid, loop._recording[0].pid, loop.ring.name, flush=True)

@@ -1,6 +1,6 @@
 """Row 19: a file that is damaged or cut gives a clean error or a beginning that is right; no wrong number, and little memory.
 
-`tests/recording/test_reader.py` holds the reader to the same with a file of two recordings, and with files made to deceive.
+`tests/recordings/native/test_reader.py` holds the reader to the same with a file of two recordings, and with deceptive files.
 Here it is the file that a run leaves, with its events, through the door that all commands use.
 """
 
@@ -10,11 +10,11 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import FormatError
-from servobench.formats.base import load
-from servobench.loop.recording_process import record
-from servobench.recording.recording import Recording
-from tests.loop.rings import RingLoop
+from servobench.core.errors import FormatError
+from servobench.recordings.formats.base import load
+from servobench.recordings.recording import Recording
+from servobench.rig.loop.recording_process import record
+from tests.rig.loop.rings import RingLoop
 
 TICKS = 12
 MOST_MEMORY = 200e6  # bytes, for the largest of all readings

@@ -11,17 +11,17 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from servobench.clock import HostClock
-from servobench.devices.base import Device
-from servobench.devices.faults.base import fault_from, table_of
-from servobench.devices.faulty import Faulty
-from servobench.devices.twin import Twin
-from servobench.errors import DeviceLost
-from servobench.experiment import Experiment
-from servobench.loop.run import run
-from servobench.recording.recording import Recording
-from tests.devices.faults import Numbered
-from tests.loop.shaft import Shaft, experiment
+from servobench.recordings.recording import Recording
+from servobench.rig.clock import HostClock
+from servobench.rig.devices.base import Device
+from servobench.rig.devices.faults.base import fault_from, table_of
+from servobench.rig.devices.faulty import Faulty
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.run import run
+from servobench.rig.lost_device import DeviceLost
+from tests.rig.devices.faults import Numbered
+from tests.rig.loop.shaft import Shaft, experiment
 
 H = 0.002
 EXPERIMENT = Experiment(duration=2.0, sample_time=H)

@@ -9,11 +9,11 @@ from typing import Any
 import pytest
 
 from servobench.cli.run import ended_like_ctrl_c
-from servobench.devices.twin import Twin
-from servobench.errors import DeviceError
-from servobench.loop.run import run
-from servobench.recording.reader import read
-from tests.loop.shaft import Controller, odd
+from servobench.core.errors import DeviceError
+from servobench.recordings.native.reader import read
+from servobench.rig.devices.twin import Twin
+from servobench.rig.loop.run import run
+from tests.rig.loop.shaft import Controller, odd
 
 SAMPLE_TIME = 0.002  # s
 AT = 400  # the tick in which it happens, at speed

@@ -4,12 +4,12 @@ import math
 
 import pytest
 
-from servobench.devices.guarded import Guarded
-from servobench.devices.twin import Twin, TwinSettings
-from servobench.errors import DeviceError, UsageError
-from servobench.finding import Severity
-from servobench.loop.run import run
-from tests.loop.shaft import experiment
+from servobench.core.errors import DeviceError, UsageError
+from servobench.core.finding import Severity
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.twin import Twin, TwinSettings
+from servobench.rig.loop.run import run
+from tests.rig.loop.shaft import experiment
 
 SAMPLE_TIME = 0.01  # s, that of the experiment
 LONG = 3.0  # s; by then a shaft that isn't driven stands: τ is 0.1 s

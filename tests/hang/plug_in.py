@@ -10,8 +10,8 @@ import sys
 import time
 from typing import Any, ClassVar, Literal
 
-from servobench.channels import Channel, DeviceInfo, Sample
-from servobench.settings import Settings
+from servobench.core.channels import Channel, DeviceInfo, Sample
+from servobench.core.settings import Settings
 
 Call = Literal["none", "enter", "start", "read", "write", "stop", "exit"]
 

@@ -15,8 +15,8 @@ from typing import Any
 import pytest
 
 import servobench as sb
-from servobench.loop.last_resort import _MARGIN
-from servobench.loop.silence import RUN_PATIENCE
+from servobench.rig.loop.last_resort import _MARGIN
+from servobench.rig.loop.silence import RUN_PATIENCE
 from tests.cli.test_run_killed import children
 
 if sys.platform != "win32":

@@ -17,16 +17,16 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
 
-from servobench.control.open_loop import OpenLoop
-from servobench.control.pid import Pid
-from servobench.experiment.experiment import DeviceChoice
 from servobench.lab.stand import MotorStand
-from servobench.signals.constant import Constant
-from servobench.signals.pulse import Pulse
-from servobench.signals.ramp import Ramp
-from servobench.signals.sine import Sine
-from servobench.signals.square import Square
-from servobench.signals.staircase import Staircase
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.systems.control.open_loop import OpenLoop
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.pulse import Pulse
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.staircase import Staircase
 
 Array = NDArray[np.float64]
 Answers = Mapping[str, float]

@@ -17,8 +17,7 @@ import pytest
 from mcap.reader import make_reader
 
 import servobench as sb
-from servobench.errors import FormatError, NotIdentifiable, StorageError, UsageError
-from servobench.experiment.experiment import DeviceChoice
+from servobench.core.errors import FormatError, NotIdentifiable, StorageError, UsageError
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import NAME, blank_form, forms_in, read_form
 from servobench.lab.assessment.handing_out import HandedOut, hand_out
@@ -32,10 +31,12 @@ from servobench.lab.assessment.questions import (
 )
 from servobench.lab.assessment.roster import Student, read_roster
 from servobench.lab.assessment.tables import harmless, read_table, unquoted
-from servobench.lab.exercise import Blank, exercise, exercises, load_exercise
+from servobench.lab.exercise import Blank
+from servobench.lab.exercise_file import exercise, exercises, load_exercise
 from servobench.lab.stand import MotorStand
 from servobench.lab.truth import truth_of
-from servobench.motor.individual import (
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.rig.motor.individual import (
     COULOMB_VOLTAGE,
     GAIN,
     RESISTANCE,
@@ -44,7 +45,7 @@ from servobench.motor.individual import (
     Individual,
     individual,
 )
-from servobench.motor.secret import keyed, new_secret, read_secret
+from servobench.rig.motor.secret import keyed, new_secret, read_secret
 
 SECRET = bytes(range(32))
 FOR_EVER: dict[str, Any] = {

@@ -1,6 +1,7 @@
 """Encoder, driving, step, pulse, sinusoid and model: each number of their studies and corrections, worked out another way.
 
-The motor in time comes from `tests/motor/reference.py`, steps of microseconds through the bare equations; the rest is algebra.
+The motor in time comes from `tests/rig/motor/reference.py`, steps of microseconds through the bare equations;
+the rest is algebra.
 """
 
 import math
@@ -14,8 +15,8 @@ from scipy.optimize import brentq
 from scipy.signal import cont2discrete, lfilter, lti
 
 import servobench as sb
-from servobench.errors import NotIdentifiable, UnknownName, UsageError
-from servobench.lab.exercise import exercise
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.lab.exercise_file import exercise
 from servobench.lab.expression import Expression
 from servobench.lab.motion import motion_of
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin
@@ -29,7 +30,7 @@ from servobench.lab.studies.sinusoid_response import SinusoidResponse, Wave
 from servobench.lab.studies.step_reading import StepReading
 from servobench.lab.studies.wrap_times import WrapTimes
 from servobench.report.palette import Style
-from tests.motor.reference import Truth, march
+from tests.rig.motor.reference import Truth, march
 
 NAMES = ("encoder", "driving", "step", "pulse", "sinusoid", "modelling")
 
@@ -433,7 +434,7 @@ def test_models_beside_the_recording_are_off_by_what_the_equations_say() -> None
 
 def test_the_step_responses_of_the_figure_are_those_of_the_transfer_functions() -> None:
     from servobench.lab.studies.linear_model import _step
-    from servobench.transfer_function import TransferFunction
+    from servobench.systems.transfer_function import TransferFunction
 
     den = (L * J / K**2, R * J / K**2, 1.0)
     t = np.linspace(0, 0.5, 501)

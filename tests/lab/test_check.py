@@ -4,9 +4,10 @@ import math
 
 import pytest
 
-from servobench.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.lab.check import check, check_blank, right_answer
-from servobench.lab.exercise import Blank, Mistake, read_exercise
+from servobench.lab.exercise import Blank, Mistake
+from servobench.lab.exercise_file import read_exercise
 from servobench.lab.expression import Fact
 from servobench.lab.tolerance import Tolerance
 

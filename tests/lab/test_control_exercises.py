@@ -17,8 +17,8 @@ from scipy.signal import TransferFunction as Lti
 from scipy.signal import cont2discrete
 from scipy.signal import step as step_of
 
-from servobench.errors import UsageError
-from servobench.lab.exercise import exercise, read_exercise
+from servobench.core.errors import UsageError
+from servobench.lab.exercise_file import exercise, read_exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand, stand_on_the_twin
 from servobench.lab.studies.base import Shown

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import FormatError, UnknownName, UsageError
-from servobench.lab.exercise import exercise, exercises, load_exercise, read_exercise
+from servobench.core.errors import FormatError, UnknownName, UsageError
+from servobench.lab.exercise_file import exercise, exercises, load_exercise, read_exercise
 
 GOOD = """+++
 title = "Mine"

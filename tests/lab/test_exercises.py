@@ -6,7 +6,8 @@ import pytest
 from scipy.optimize import brentq
 
 from servobench.lab.check import check, right_answer
-from servobench.lab.exercise import Exercise, exercise, exercises
+from servobench.lab.exercise import Exercise
+from servobench.lab.exercise_file import exercise, exercises
 from servobench.lab.expression import Expression
 from servobench.lab.markdown import to_html
 from servobench.lab.stand import stand_of, stand_on_the_twin

@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
 from servobench.lab.expression import Expression, Fact
 
 FACTS = {"a": Fact(value=3.0), "b": Fact(value=-2.0, half=0.1), "open": Fact(value=1.0, half=math.inf)}

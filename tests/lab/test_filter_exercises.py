@@ -10,11 +10,11 @@ from scipy.linalg import expm
 from scipy.optimize import brentq
 from scipy.signal import lfilter
 
-from servobench.lab.exercise import exercise
+from servobench.lab.exercise_file import exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import stand_on_the_twin
 from servobench.lab.studies.base import Cell, Column
-from tests.filters.test_quantisation import coefficients
+from tests.systems.filters.test_quantisation import coefficients
 
 # The simulated motor, as its documentation states it; the data sheet has no friction, and Table 1's inertias.
 R, L, K, J, B, COULOMB = 8.4, 1.16e-3, 0.042, 2.0952e-5, 1e-6, 8e-4

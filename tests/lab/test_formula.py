@@ -5,8 +5,8 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from servobench.errors import FormatError
-from servobench.lab.exercise import exercises, read_exercise
+from servobench.core.errors import FormatError
+from servobench.lab.exercise_file import exercises, read_exercise
 from servobench.lab.formula import formula_html, formula_text, line_html, line_text
 from servobench.lab.markdown import as_text, to_html
 

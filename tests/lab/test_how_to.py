@@ -7,7 +7,8 @@ from pathlib import Path
 from types import ModuleType
 
 from servobench.lab.check import check
-from servobench.lab.exercise import Blank, Correction, Mistake, _Front, read_exercise
+from servobench.lab.exercise import Blank, Correction, Mistake
+from servobench.lab.exercise_file import _Front, read_exercise
 from servobench.lab.paper_items import PaperItem
 from servobench.lab.stand import stand_on_the_twin
 

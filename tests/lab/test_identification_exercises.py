@@ -1,6 +1,6 @@
 """The exercises on identification, validation, frequency response and parameters: each number against a calculation of its own.
 
-The motor here is `tests.motor.reference`, marched in steps of 5 µs, and algebra; methods are written once more with numpy and
+The motor here is `tests.rig.motor.reference`, marched in steps of 5 µs, and algebra; methods are written once more with numpy and
 scipy, from the raw counts.
 """
 
@@ -18,9 +18,8 @@ from numpy.typing import NDArray
 from scipy.optimize import brentq, least_squares, minimize_scalar
 from scipy.signal import lfilter
 
-from servobench.errors import NotIdentifiable, UsageError
-from servobench.experiment.experiment import DeviceChoice
-from servobench.lab.exercise import exercise
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.lab.exercise_file import exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand, stand_on_the_twin
 from servobench.lab.studies.base import Column
@@ -34,10 +33,11 @@ from servobench.lab.studies.step_tail import StepTail
 from servobench.lab.studies.why_claimed import WhyClaimed
 from servobench.lab.truth import truth_of
 from servobench.report.palette import Style
-from servobench.signals.constant import Constant
-from servobench.signals.sine import Sine
-from servobench.signals.square import Square
-from tests.motor.reference import Truth, march
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.square import Square
+from tests.rig.motor.reference import Truth, march
 
 Array = NDArray[np.float64]
 

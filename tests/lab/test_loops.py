@@ -6,12 +6,12 @@ import control
 import numpy as np
 import pytest
 
-from servobench.control.lead import Lead
-from servobench.control.pid import Pid
-from servobench.control.state_feedback import StateFeedback
+from servobench.identification.models.base import Output
 from servobench.lab.loops import motor_system, on_paper
-from servobench.models.base import Output
-from servobench.tuning.base import Tunable
+from servobench.systems.control.lead import Lead
+from servobench.systems.control.pid import Pid
+from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.tuning.base import Tunable
 
 K, TAU = 23.8, 0.0998
 S = control.tf("s")

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from servobench.lab.exercise import Exercise, exercises, read_exercise
+from servobench.lab.exercise import Exercise
+from servobench.lab.exercise_file import exercises, read_exercise
 from servobench.lab.expression import Expression
 from servobench.lab.page import INDEX, PAPERS, Block, InPart, exercise_page, page_of, papers_page, write_lab
 from servobench.lab.stand import stand_on_the_twin

@@ -13,7 +13,8 @@ import numpy as np
 import pytest
 from scipy.signal import cont2discrete, lfilter
 
-from servobench.lab.exercise import Correction, Exercise, exercises
+from servobench.lab.exercise import Correction, Exercise
+from servobench.lab.exercise_file import exercises
 from servobench.lab.stand import stand_on_the_twin
 from servobench.lab.worked import Corrected, Worked
 

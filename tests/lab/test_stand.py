@@ -9,15 +9,16 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.errors import FormatError, NotIdentifiable, UnknownName, UsageError
-from servobench.experiment.experiment import DeviceChoice
-from servobench.lab.exercise import Exercise, Piece, exercises, read_exercise
+from servobench.core.errors import FormatError, NotIdentifiable, UnknownName, UsageError
+from servobench.identification.models.base import STRUCTURES
+from servobench.lab.exercise import Exercise, Piece
+from servobench.lab.exercise_file import exercises, read_exercise
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.runs import simulated
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin, stand_with
 from servobench.lab.studies.base import Column, Shown, Stand, Table
 from servobench.lab.worked import Worked
-from servobench.models.base import STRUCTURES
+from servobench.rig.experiment.experiment import DeviceChoice
 
 FILE = """+++
 title = "Two studies"
@@ -264,8 +265,8 @@ def test_lines_of_studies_and_corrections_are_known() -> None:
 
 def test_who_stops_a_run_is_not_given_the_next_one(monkeypatch: pytest.MonkeyPatch) -> None:
     """Ctrl-C in a run is a result of that run; the exercise ends with it."""
-    from servobench.loop import live
-    from servobench.recording.recording import Stopped
+    from servobench.recordings.recording import Stopped
+    from servobench.rig.loop import live
 
     stand = stand_with(read(), read().experiment.device)
     stopped = Stopped(reason="interrupted", sentence="stopped by the keyboard")

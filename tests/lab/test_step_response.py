@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
-from servobench.control.pid import Pid
-from servobench.experiment import Experiment
 from servobench.lab.step_response import Response, figures_of, without_friction
-from servobench.signals.base import Signal
-from servobench.signals.ramp import Ramp
-from servobench.signals.step import Step
+from servobench.rig.experiment import Experiment
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.base import Signal
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.signals.step import Step
 
 T = np.arange(0.0, 2.0, 0.001)
 

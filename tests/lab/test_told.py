@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
 from servobench.lab.studies.base import Column, Shown, StudySettings, Table, carried_out
 from servobench.lab.told import off_by, told
 

@@ -7,8 +7,8 @@ import pytest
 from rich.console import Console
 
 from servobench.cli.lab_shown import show_worked
-from servobench.errors import UsageError
-from servobench.lab.exercise import read_exercise
+from servobench.core.errors import UsageError
+from servobench.lab.exercise_file import read_exercise
 from servobench.lab.stand import stand_on_the_twin
 from servobench.lab.worked import Worked
 

@@ -15,12 +15,12 @@ import pytest
 import uvicorn
 from starlette.types import ASGIApp
 
-from servobench.experiment import Experiment
 from servobench.panel.keys import Keys, Session
 from servobench.panel.library import Library
 from servobench.panel.pages import Panel
 from servobench.panel.server import app, door_for, listening, settings
 from servobench.panel.session import MotorSession
+from servobench.rig.experiment import Experiment
 from tests.panel.doubles import LoopDouble, unidentified
 
 PATIENCE = 30.0  # s; on a machine that is busy with other tests

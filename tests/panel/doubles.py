@@ -8,14 +8,14 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
 
-from servobench.channels import Channel, DeviceInfo
-from servobench.experiment import Experiment
-from servobench.loop.messages import Command, Notice
-from servobench.loop.opening import opening
-from servobench.loop.recording_process import RecorderProcess
-from servobench.loop.ring import MessageReader, MessageRing, RowReader, RowRing
-from servobench.loop.spec import COLUMNS
-from servobench.recording.recording import Stopped
+from servobench.core.channels import Channel, DeviceInfo
+from servobench.recordings.recording import Stopped
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.messages import Command, Notice
+from servobench.rig.loop.opening import opening
+from servobench.rig.loop.recording_process import RecorderProcess
+from servobench.rig.loop.ring import MessageReader, MessageRing, RowReader, RowRing
+from servobench.rig.loop.spec import COLUMNS
 
 INFO = DeviceInfo(
     name="double",

@@ -25,13 +25,13 @@ from starlette.responses import FileResponse, HTMLResponse, JSONResponse, Respon
 from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
+from servobench.core.errors import UsageError
 from servobench.panel.asked import told
 from servobench.panel.catalogue import catalogue
 from servobench.panel.preview import previewed
-from servobench.signals.base import SIGNALS
-from servobench.signals.square import Square
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.base import SIGNALS
+from servobench.systems.signals.square import Square
 
 STATIC = Path(__file__).parents[2] / "src" / "servobench" / "panel" / "static"
 COLUMNS = (

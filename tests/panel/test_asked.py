@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
+from servobench.core.errors import UsageError
 from servobench.panel.asked import command_from
 from servobench.panel.pages import previewed
+from servobench.rig.experiment import Experiment
 
 SQUARE = {"type": "square"}
 WRONG = {"type": "square", "low": "x"}

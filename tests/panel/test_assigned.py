@@ -11,9 +11,9 @@ from typing import Any
 import httpx
 import pytest
 
-from servobench.lab.exercise import exercise
-from servobench.motor.individual import individual
+from servobench.lab.exercise_file import exercise
 from servobench.panel.routes import TABLE
+from servobench.rig.motor.individual import individual
 from tests.lab.test_assessment import everything, physical, spellings
 from tests.panel.test_real_loop import PATIENCE, Page, Program, played, turning
 from tests.stories.program import running

@@ -19,9 +19,9 @@ from typing import Any, Self
 import httpx
 import pytest
 
-from servobench.loop.ring import LOOP_STATE, RowRing
-from servobench.loop.spec import COLUMNS as WIDE
-from servobench.loop.spec import RUNNING
+from servobench.rig.loop.ring import LOOP_STATE, RowRing
+from servobench.rig.loop.spec import COLUMNS as WIDE
+from servobench.rig.loop.spec import RUNNING
 from tests.panel.test_bodies import bombs
 from tests.panel.test_real_loop import PATIENCE, Program, played, program
 from tests.processes import children, most_memory
@@ -125,7 +125,7 @@ def test_bombs_make_the_loop_wait_for_nothing_and_take_little_memory(program: Pr
     with Uploads(program) as upload, rows_of(server) as ring:
         status, usual = upload("good.csv", GOOD)
         assert status == 200
-        (loop,) = children(server, "servobench.loop.child")
+        (loop,) = children(server, "servobench.rig.loop.child")
         before = most_memory(server)
         # In this order a row that comes between two looks is never on the wrong side.
         rows_before, waits_before = ring.written, waits(loop)
@@ -140,7 +140,7 @@ def test_bombs_make_the_loop_wait_for_nothing_and_take_little_memory(program: Pr
     assert ticks > 0
     assert waits_after - waits_before - ticks <= 2 + MOST_WAITS * ticks  # 2: those under way at both looks
     assert most_memory(server) - before <= MOST_MEMORY
-    assert children(server, "servobench.loop.child") == [loop]
+    assert children(server, "servobench.rig.loop.child") == [loop]
 
 
 def check_harmless(name: str, worker: Worker, usual: Worker) -> None:

@@ -20,7 +20,7 @@ pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from servobench.lab.exercise import names
+from servobench.lab.exercise_file import names
 from servobench.panel.routes import TABLE
 from tests.panel.conftest import Served, serving
 

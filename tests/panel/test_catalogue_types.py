@@ -8,8 +8,8 @@ from typing import Annotated, Literal
 import pytest
 from pydantic import Field
 
+from servobench.core.settings import Settings, Voltage
 from servobench.panel.catalogue import catalogue, field_of
-from servobench.settings import Settings, Voltage
 
 
 class Every(Settings):

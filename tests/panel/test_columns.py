@@ -11,10 +11,10 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.errors import ServobenchError
-from servobench.formats.mapping import assign
+from servobench.core.errors import ServobenchError
 from servobench.panel.columns import mapping_of, questions
 from servobench.panel.library import Library, about_in, fitting_name
+from servobench.recordings.formats.mapping import assign
 from tests.panel.conftest import Served
 
 LOGGER = Path(__file__).parents[2] / "examples" / "logger.csv"

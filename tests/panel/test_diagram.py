@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 from pydantic import BaseModel
 
-from servobench.channels import Channel, DeviceInfo
-from servobench.control.base import CONTROLLERS
-from servobench.control.lead import Lead
-from servobench.control.pid import Pid
-from servobench.control.state_feedback import StateFeedback
-from servobench.devices.base import DEVICES, connect
-from servobench.errors import UsageError
-from servobench.experiment import PAPER, Experiment
-from servobench.experiment.experiment import DeviceChoice
-from servobench.experiment.limits import Limits, StallLimits
-from servobench.measurement.base import STAGES, Chain
+from servobench.core.channels import Channel, DeviceInfo
+from servobench.core.errors import UsageError
+from servobench.core.settings import In
+from servobench.core.units import unit
 from servobench.panel.diagram import Diagram, diagram
 from servobench.panel.placement import Box, drawing, placement
-from servobench.settings import In
-from servobench.signals.base import SIGNALS
-from servobench.signals.sine import Sine
-from servobench.signals.square import Square
-from servobench.signals.sum import Sum
-from servobench.units import unit
+from servobench.recordings.measurement.base import STAGES, Chain
+from servobench.rig.devices.base import DEVICES, connect
+from servobench.rig.experiment import PAPER, Experiment
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.rig.experiment.limits import Limits, StallLimits
+from servobench.systems.control.base import CONTROLLERS
+from servobench.systems.control.lead import Lead
+from servobench.systems.control.pid import Pid
+from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.signals.base import SIGNALS
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.sum import Sum
 from tests.contracts.test_signals import example
 
 TWIN = connect("twin").info

@@ -10,15 +10,15 @@ from typing import Any
 
 import pytest
 
-from servobench.control.pid import Pid
-from servobench.devices.base import connect
-from servobench.experiment import PAPER, Experiment
-from servobench.lab.exercise import exercise
+from servobench.lab.exercise_file import exercise
 from servobench.lab.markdown import to_html
-from servobench.measurement.base import Chain
 from servobench.panel import diagram as module
 from servobench.panel.diagram import diagram
 from servobench.panel.placement import drawing
+from servobench.recordings.measurement.base import Chain
+from servobench.rig.devices.base import connect
+from servobench.rig.experiment import PAPER, Experiment
+from servobench.systems.control.pid import Pid
 
 STATIC = Path(module.__file__).parent / "static"
 POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src data:"

@@ -13,11 +13,11 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse
 from starlette.routing import Route
 
-from servobench.experiment.experiment import AnyController
-from servobench.lab.exercise import exercise, exercises
+from servobench.lab.exercise_file import exercise, exercises
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
 from servobench.panel.work import PIECES
-from servobench.signals.base import AnySignal
+from servobench.rig.experiment.experiment import AnyController
+from servobench.systems.signals.base import AnySignal
 
 WORKED: list[Any] = []
 

@@ -9,12 +9,12 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.measurement.base import Chain
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.panel.frames import COLUMNS, MAGIC, History, Scope, encode, speed_chain
 from servobench.panel.replayed import shown, thinned
-from servobench.recording.recording import Recording, Series
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.recording import Recording, Series
 
 CHAIN = "derivative | lowpass 50 rad/s"
 

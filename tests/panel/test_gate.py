@@ -14,7 +14,7 @@ from starlette.routing import Route, WebSocketRoute
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
 
-from servobench.lab.exercise import names
+from servobench.lab.exercise_file import names
 from servobench.panel.gate import Gate
 from servobench.panel.keys import KEY_TIME, LOCAL_TIME, SESSION_TIME, Carrier, Keys
 from servobench.panel.routes import TABLE, Way

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 import servobench as sb
-from servobench.errors import NotIdentifiable, UnknownName, UsageError
-from servobench.formats.base import save
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.panel import jobs, work
 from servobench.panel.jobs import Ended, Jobs
 from servobench.panel.work import COMPILING, IDENTIFYING, PIECES, STAGES, done_elsewhere
+from servobench.recordings.formats.base import save
 
 
 class Clock:

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import servobench as sb
-from servobench.errors import FormatError, UnknownName, UsageError
+from servobench.core.errors import FormatError, UnknownName, UsageError
 from servobench.panel.library import ABOUT, About, Library, about_in, checked_name, keep_about
 from tests.panel.conftest import Served
 

@@ -8,11 +8,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.channels import Channel, DeviceInfo
-from servobench.errors import UsageError
+from servobench.core.channels import Channel, DeviceInfo
+from servobench.core.errors import UsageError
 from servobench.panel.live import LiveFit
 from tests.datasets import QUANTUM, square
-from tests.motor.reference import Truth, march
+from tests.rig.motor.reference import Truth, march
 
 STEP = 0.001
 BLOCK = 33  # rows of a look, thirty looks a second

@@ -16,13 +16,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.experiment import Experiment
-from servobench.loop.opening import opening
-from servobench.loop.ring import RowRing
-from servobench.loop.spec import COLUMNS as WIDE
 from servobench.panel.frames import COLUMNS
 from servobench.panel.live_process import LiveProcess, Seen, live_of
 from servobench.panel.pump import Pump
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.opening import opening
+from servobench.rig.loop.ring import RowRing
+from servobench.rig.loop.spec import COLUMNS as WIDE
 from tests.datasets import QUANTUM
 from tests.panel.conftest import wait_for
 from tests.panel.doubles import INFO as DOUBLE

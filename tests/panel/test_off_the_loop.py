@@ -19,12 +19,12 @@ import pytest
 import uvicorn
 from websockets.asyncio.client import connect
 
-from servobench.experiment import DeviceChoice, Experiment
 from servobench.panel.keys import Keys
 from servobench.panel.library import Library
 from servobench.panel.pages import Panel
 from servobench.panel.server import app, door_for, listening, settings
 from servobench.panel.session import MotorSession
+from servobench.rig.experiment import DeviceChoice, Experiment
 from tests.panel.doubles import rows_until
 
 PATIENCE = 240.0  # s; kernels may have to be compiled

@@ -16,8 +16,8 @@ from tests.panel.browser import served
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
-from servobench.control.base import CONTROLLERS
-from servobench.signals.base import SIGNALS
+from servobench.systems.control.base import CONTROLLERS
+from servobench.systems.signals.base import SIGNALS
 from tests.panel.fake import LARGEST, app
 
 

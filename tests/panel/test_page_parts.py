@@ -14,8 +14,8 @@ pytest.importorskip("starlette", reason="the panel's extra is absent: starlette"
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
 from servobench.panel.catalogue import catalogue
-from servobench.signals.base import SIGNALS
-from servobench.signals.sequence import Sequence
+from servobench.systems.signals.base import SIGNALS
+from servobench.systems.signals.sequence import Sequence
 from tests.panel.fake import app
 from tests.panel.test_page import Panel
 

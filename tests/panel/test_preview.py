@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
+from servobench.core.errors import UsageError
 from servobench.panel import preview
 from servobench.panel.preview import COLUMNS, extremes, previewed, work_of
-from servobench.signals.multisine import Multisine
-from servobench.signals.sequence import Sequence
-from servobench.signals.sine import Sine
-from servobench.signals.square import Square
-from servobench.signals.sum import Sum
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.multisine import Multisine
+from servobench.systems.signals.sequence import Sequence
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.square import Square
+from servobench.systems.signals.sum import Sum
 
 
 def drawn(signal: dict[str, Any], duration: float, sample_time: float = 0.001) -> dict[str, Any]:

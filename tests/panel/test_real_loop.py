@@ -24,7 +24,7 @@ from websockets.exceptions import ConnectionClosed
 from servobench.panel.frames import COLUMNS
 from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import Library
-from servobench.recording.reader import read
+from servobench.recordings.native.reader import read
 from tests.panel.doubles import rows_until
 from tests.processes import children
 from tests.stories.program import running, started
@@ -327,7 +327,7 @@ def test_the_servers_death_ends_the_loop_and_what_identifies_it(tmp_path: Path) 
 
         played(story)
         handles = {}
-        for name in ("servobench.loop.child", "servobench.panel.live_process"):
+        for name in ("servobench.rig.loop.child", "servobench.panel.live_process"):
             (found,) = children(program.process.pid, name)
             handles[name] = os.pidfd_open(found)
         program.process.kill()

@@ -12,8 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.errors import StorageError, UsageError
-from servobench.experiment import Experiment
+from servobench.core.errors import StorageError, UsageError
 from servobench.panel.attention import Attention
 from servobench.panel.lease import Refusal
 from servobench.panel.library import Library
@@ -21,9 +20,10 @@ from servobench.panel.session import MotorSession
 from servobench.panel.socket import ACTIONS, _answered
 from servobench.panel.taking import BY_HAND, Taking
 from servobench.panel.viewers import Viewer, Viewers
-from servobench.recording.recording import Stopped
-from servobench.signals.constant import Constant
-from servobench.signals.sine import Sine
+from servobench.recordings.recording import Stopped
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.sine import Sine
 from tests.panel.doubles import LoopDouble, unidentified
 
 

@@ -32,7 +32,7 @@ DEVICE = '''
 import os
 import time
 
-from servobench.devices.twin import Twin
+from servobench.rig.devices.twin import Twin
 
 
 class Journal(Twin):

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.channels import Channel, DeviceInfo
-from servobench.identification import identify
-from servobench.recording.recording import Recording, Series, Source, Stopped
-from servobench.result import Result
+from servobench.core.channels import Channel, DeviceInfo
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording, Series, Source, Stopped
 from tests.report.makers import QUANTUM, dataset
 
 HOSTILE = "<script>alert('x')</script> & $\\frac{1}{2}$ \u4e2d\n\udcff"

@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES, Model
-from servobench.recording.recording import Source
+from servobench.core.channels import Array
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.base import STRUCTURES, Model
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 
 GAIN, TIME_CONSTANT, QUANTUM = 23.7, 0.0992, 2 * np.pi / 2048
 

@@ -3,15 +3,15 @@
 import numpy as np
 import pytest
 
+from servobench.core.rounding import TWO_SIDED
 from servobench.report.bands import (
     coefficient_halves,
     frequency_band,
     pole_bands,
     step_band,
 )
-from servobench.responses import step_response
-from servobench.rounding import TWO_SIDED
-from servobench.transfer_function import TransferFunction
+from servobench.systems.responses import step_response
+from servobench.systems.transfer_function import TransferFunction
 from tests.report.makers import fit_of
 
 K, TAU, OFFSET, D = 20.0, 0.1, 0.3, 0.002

@@ -3,10 +3,10 @@
 from types import SimpleNamespace
 from typing import Any
 
-from servobench.estimators.base import Estimate
+from servobench.core.estimate import Estimate
+from servobench.identification.uncertainty.answers import Answer, State
+from servobench.identification.uncertainty.composition import BudgetLine
 from servobench.report.tables import budget_rows
-from servobench.uncertainty.answers import Answer, State
-from servobench.uncertainty.composition import BudgetLine
 
 
 def test_a_source_has_the_same_colour_in_all_bars() -> None:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import StorageError
+from servobench.core.errors import StorageError
+from servobench.identification.result import Result
 from servobench.report.document import Report
-from servobench.result import Result
 
 
 def test_a_report_is_written_whole_and_replaces_an_earlier_one(good: Result, tmp_path: Path) -> None:

@@ -6,13 +6,13 @@ from dataclasses import replace
 
 import pytest
 
-from servobench.control.pid import Pid
-from servobench.loop.messages import Command
-from servobench.recording.recording import Event, Recording
+from servobench.identification.result import Result
+from servobench.recordings.recording import Event, Recording
 from servobench.report.document import Report
 from servobench.report.events import MOST_SHOWN, events_of
-from servobench.result import Result
-from servobench.signals.constant import Constant
+from servobench.rig.loop.messages import Command
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.constant import Constant
 
 
 def event(kind: str, tick: int, **about: object) -> Event:

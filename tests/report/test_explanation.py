@@ -8,14 +8,14 @@ from pathlib import Path
 
 import pytest
 
-from servobench.errors import StorageError
-from servobench.experiment import read_experiment
-from servobench.finding import warning
-from servobench.reconciliation.asking import why
-from servobench.reconciliation.explanation import Explanation
-from servobench.recording.recording import Recording
+from servobench.core.errors import StorageError
+from servobench.core.finding import warning
+from servobench.identification.reconciliation.asking import why
+from servobench.identification.reconciliation.explanation import Explanation
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording
 from servobench.report.explanation import ExplanationReport
-from servobench.result import Result
+from servobench.rig.experiment import read_experiment
 from tests.report.conftest import HOSTILE
 from tests.report.test_page import Page
 

@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servobench.channels import Channel
-from servobench.errors import StorageError
-from servobench.recording.recording import Recording, Series, Source
+from servobench.core.channels import Channel
+from servobench.core.errors import StorageError
+from servobench.recordings.recording import Recording, Series, Source
 from servobench.report.inspection import InspectionReport
 from tests.report.conftest import HOSTILE
 from tests.report.test_page import Page

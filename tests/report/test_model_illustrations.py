@@ -8,8 +8,8 @@ import pytest
 from matplotlib.text import Text
 from scipy.optimize import brentq
 
-from servobench.estimators.base import FittedRecord
-from servobench.propagation import derived
+from servobench.identification.estimators.base import FittedRecord
+from servobench.identification.uncertainty.propagation import derived
 from servobench.report.model_illustrations import frequency_response, poles, step_response
 from tests.report.makers import dataset, fit_of
 
@@ -101,7 +101,7 @@ def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
 
 
 def test_a_fit_to_measured_points_shows_them() -> None:
-    from servobench.identification import identify
+    from servobench.identification.identify import identify
     from servobench.report.palette import Style
     from tests import datasets
 

@@ -10,11 +10,11 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from servobench.finding import Finding, Severity, info, refusal, warning
-from servobench.identification import identify
-from servobench.recording.recording import Recording
+from servobench.core.finding import Finding, Severity, info, refusal, warning
+from servobench.identification.identify import identify
+from servobench.identification.result import Comparison, Result
+from servobench.recordings.recording import Recording
 from servobench.report.document import Report
-from servobench.result import Comparison, Result
 from tests.report.conftest import HOSTILE
 from tests.report.makers import dataset
 

@@ -4,17 +4,17 @@ from dataclasses import replace
 
 import pytest
 
-from servobench.devices.guarded import Guarded
-from servobench.devices.replay import Replay
-from servobench.devices.twin import Twin
-from servobench.experiment import Experiment, Limits
-from servobench.experiment.limits import StallLimits
-from servobench.loop.run import run
-from servobench.recording.recording import Recording
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording
 from servobench.report.document import Report
 from servobench.report.safety import guarded_by
-from servobench.result import Result
-from servobench.signals.constant import Constant
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.devices.replay import Replay
+from servobench.rig.devices.twin import Twin
+from servobench.rig.experiment import Experiment, Limits
+from servobench.rig.experiment.limits import StallLimits
+from servobench.rig.loop.run import run
+from servobench.systems.signals.constant import Constant
 
 
 def recorded(voltage: float = 2.0, limits: Limits | None = None, **settings: float) -> Recording:

@@ -9,13 +9,13 @@ import pytest
 from rich.console import Console
 
 from servobench.cli.conclusion import deliver
-from servobench.recording.recording import Recording
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording
 from servobench.report.document import Report
 from servobench.report.figures import later_than
 from servobench.report.palette import LIGHT, Style
 from servobench.report.timing import timed as lateness_of
 from servobench.report.timing import timing_facts, timing_figures
-from servobench.result import Result
 from tests.report.test_page import Page
 
 STYLE = Style(width=720.0, palette=LIGHT)

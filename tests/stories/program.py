@@ -234,8 +234,8 @@ def truth_of_the_twin() -> Truth:
     """
     import numpy as np
 
-    from servobench.devices.twin import TwinSettings
-    from servobench.motor.parameters import data_sheet
+    from servobench.rig.devices.twin import TwinSettings
+    from servobench.rig.motor.parameters import data_sheet
 
     settings = TwinSettings()
     motor = data_sheet(settings.motor).motor

@@ -18,7 +18,7 @@ import pytest
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
-from servobench.recording.reader import read
+from servobench.recordings.native.reader import read
 from tests.panel.test_page_access import findings
 from tests.stories.program import Page, Program, running, truth_of_the_twin
 

@@ -5,19 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from servobench.control.pid import Pid
-from servobench.devices.twin import Twin, TwinSettings
-from servobench.estimators.output_error import best_minimum, uncertainty
-from servobench.experiment import Experiment
-from servobench.finding import Verdict
-from servobench.identification import identify
-from servobench.loop.run import run
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
-from servobench.result import Result
-from servobench.signals.square import Square
+from servobench.core.finding import Verdict
+from servobench.identification.estimators.output_error import best_minimum, uncertainty
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.result import Result
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Source
+from servobench.rig.devices.twin import Twin, TwinSettings
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.run import run
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.square import Square
 from tests.datasets import QUANTUM
 
 # k/(R b + k²), and the slow root of L J s² + (L b + R J) s + R b + k², of the twin's data sheet.

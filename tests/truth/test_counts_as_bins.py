@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from servobench.channels import Array
-from servobench.estimators.base import ESTIMATORS, Fit
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
+from servobench.core.channels import Array
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 from tests.datasets import QUANTUM, dataset, square
-from tests.motor.reference import march
+from tests.rig.motor.reference import march
 from tests.truth.test_intervals import answers, drawn
 
 STRUCTURE = STRUCTURES["first_order_one_way"]

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import pytest
 
-from servobench.doubts.base import DOUBTS
-from servobench.finding import Severity
+from servobench.core.finding import Severity
+from servobench.identification.trust.doubts.base import DOUBTS
 
 sys.path.append(str(Path(__file__).resolve().parent.parent.parent / "bench"))
 

@@ -7,13 +7,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.errors import NotIdentifiable
-from servobench.estimators.base import ESTIMATORS
-from servobench.estimators.prediction_error import THRESHOLD, disturbance_test
-from servobench.finding import Verdict
-from servobench.identification import identify
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Verdict
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.estimators.prediction_error import THRESHOLD, disturbance_test
+from servobench.identification.identify import identify
 from tests.datasets import QUANTUM, dataset
-from tests.motor.reference import Truth
+from tests.rig.motor.reference import Truth
 from tests.truth.test_intervals import answers, drawn
 
 
@@ -88,7 +88,7 @@ def test_an_ideal_encoder_alone_is_not_taken_for_a_disturbance() -> None:
 
 
 def _one_way(seed: int):  # type: ignore[no-untyped-def]
-    from servobench.models.base import STRUCTURES
+    from servobench.identification.models.base import STRUCTURES
 
     return STRUCTURES["first_order_one_way"], [dataset(seed=seed)]
 
@@ -138,7 +138,7 @@ def test_data_behind_a_chain_are_refused_by_name() -> None:
 
 def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
     """Another route: the covariance matrix of all samples, its determinant, and generalised least squares."""
-    from servobench.estimators.disturbance import Blocks, Linearised, profile
+    from servobench.identification.estimators.disturbance import Blocks, Linearised, profile
 
     random = np.random.default_rng(4)
     t = np.cumsum(random.uniform(0.001, 0.006, 60))
@@ -177,7 +177,7 @@ def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
 
 
 def test_blocks_break_at_gaps_and_stops() -> None:
-    from servobench.estimators.disturbance import blocks_of
+    from servobench.identification.estimators.disturbance import blocks_of
 
     data = dataset(seed=1, samples=20)
     keep = np.delete(np.arange(20), [7, 8, 9])

@@ -12,13 +12,13 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.estimators.output_error import best_minimum, simulated
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.models.base import STRUCTURES
+from servobench.identification.estimators.output_error import best_minimum, simulated
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
 
 STRUCTURE = STRUCTURES["first_order_coulomb"]
 NAMES = [parameter.name for parameter in STRUCTURE.parameters]

@@ -12,12 +12,12 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from servobench.estimators.base import ESTIMATORS
-from servobench.estimators.frequency_response import bode_readings, frequency_response
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.estimators.frequency_response import bode_readings, frequency_response
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 
 Array = NDArray[np.float64]
 T, OFFSET, QUANTUM = 0.004, 0.2, 2 * np.pi / 2048

@@ -10,9 +10,9 @@ from typing import Literal
 import numpy as np
 import pytest
 
-from servobench.identification import identify
+from servobench.identification.identify import identify
 from tests.datasets import dataset
-from tests.motor.reference import Truth
+from tests.rig.motor.reference import Truth
 
 RUNS = 200
 

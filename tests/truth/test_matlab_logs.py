@@ -8,13 +8,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from servobench.finding import Verdict
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording
-from servobench.result import Result
+from servobench.core.finding import Verdict
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording
 
 RealData = Callable[[str], Path]
 

@@ -13,11 +13,11 @@ from numpy.typing import NDArray
 from scipy.signal import cont2discrete, dlsim, tf2ss
 from scipy.stats import chi2
 
-from servobench.estimators.base import ESTIMATORS
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
-from servobench.recording.recording import Source
-from servobench.signals.prbs import PRBS
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
+from servobench.systems.signals.prbs import PRBS
 
 A, B, DT = [1.0, 5.0, 408.0, 416.0, 1600.0], [-6400.0, 1600.0], 0.01
 TRUTH = np.array([*A[1:], *B])

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from servobench.finding import Verdict
-from servobench.formats.base import load
-from servobench.formats.mapping import assign
-from servobench.identification import identify
-from servobench.measurement.measure import measure
-from servobench.result import Result
+from servobench.core.finding import Verdict
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.measurement.measure import measure
 
 
 def identified(path: Path, *, input: str | None = None, output: str) -> Result:

@@ -7,16 +7,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from servobench.estimators.base import ESTIMATORS, Fit
-from servobench.estimators.disturbance import Disturbance
-from servobench.estimators.second_weighing import weighed_twice
-from servobench.finding import Verdict
-from servobench.identification import identify
-from servobench.measurement.base import Kind
-from servobench.measurement.dataset import Dataset
-from servobench.models.base import STRUCTURES
+from servobench.core.finding import Verdict
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.estimators.disturbance import Disturbance
+from servobench.identification.estimators.second_weighing import weighed_twice
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.base import Kind
+from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
-from tests.motor.reference import Truth, march
+from tests.rig.motor.reference import Truth, march
 from tests.truth.test_intervals import answers, drawn
 
 PLAY = 0.1  # rad

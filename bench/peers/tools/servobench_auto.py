@@ -3,8 +3,8 @@
 from record import QUANTUM, Answer, NoAnswer, Record
 
 import servobench as sb
-from servobench.measurement.dataset import Dataset
-from servobench.recording.recording import Source
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
 
 
 def auto(record: Record) -> Answer:

@@ -1,6 +1,8 @@
 """The command line: `servobench`, and `python -m servobench`.
 
-Help and version are printed from stored texts before anything else is imported, so that they come at once.
+Each command has a file of its own, and `app` lists them. Help and version are printed from stored texts before anything else is
+imported, so that they come at once. It uses `panel`, `lab`, `report`, `export`, `identification`, `rig`, `recordings`,
+`systems` and `core`; nothing uses it.
 """
 
 from __future__ import annotations

@@ -13,11 +13,11 @@ from rich.text import Text
 from servobench.cli.layout import show_table, show_wrapped
 from servobench.cli.terminal import printable
 from servobench.cli.wording import with_options
-from servobench.finding import Finding, Severity, Verdict, by_weight, parameter_in_words
+from servobench.core.finding import Finding, Severity, Verdict, by_weight, parameter_in_words
 
 if TYPE_CHECKING:
-    from servobench.estimators.base import Estimate
-    from servobench.result import Comparison, Result
+    from servobench.core.estimate import Estimate
+    from servobench.identification.result import Comparison, Result
 
 _MARKS = {
     Severity.DANGER: ("✗", "bold red"),
@@ -67,7 +67,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
 
 def _show_refused(console: Console, result: Result) -> None:
     """What is wrong first, then the refusals; of what else there is to say only that the result as JSON has it."""
-    from servobench.explanations.base import is_cause
+    from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _is_only_untold(result):
         _show_answers(console, result)
@@ -138,7 +138,7 @@ def _show_parameters(console: Console, estimates: Mapping[str, Estimate], what: 
 
 def _show_answers(console: Console, result: Result) -> None:
     """What is known of each parameter, and of several together; of what isn't known in words."""
-    from servobench.uncertainty.words import in_words
+    from servobench.identification.uncertainty.words import in_words
 
     estimates = result.fit.estimates if result.fit else {}
     rows = [
@@ -151,7 +151,7 @@ def _show_answers(console: Console, result: Result) -> None:
 
 def _row(name: str, estimate: Estimate, instead: str = "") -> tuple[str, ...]:
     """A name, a value with its interval and unit; or what is said `instead`, as digits that aren't known would be read."""
-    from servobench.rounding import rounded_interval
+    from servobench.core.rounding import rounded_interval
 
     told = rounded_interval(estimate.value, estimate.interval, estimate.unit)
     if instead or not told.low:
@@ -167,8 +167,8 @@ def _show_estimates(console: Console, what: str, rows: Sequence[tuple[str, ...]]
 
 def _budget(result: Result) -> list[str]:
     """What the intervals of gain and time constant are made of, the largest parts first."""
-    from servobench.rounding import plain
-    from servobench.uncertainty.composition import parts_of
+    from servobench.core.rounding import plain
+    from servobench.identification.uncertainty.composition import parts_of
 
     lines = []
     for name in ("gain", "time_constant"):
@@ -201,7 +201,7 @@ def _percent(value: float) -> str:
 
 
 def _show_comparisons(console: Console, nominal: Iterable[Comparison]) -> None:
-    from servobench.rounding import handy_unit, plain
+    from servobench.core.rounding import handy_unit, plain
 
     headings = ("data sheet", "nominal", "identified", "difference", "unit")
     rows = []

@@ -30,7 +30,7 @@ from servobench.cli.stability import stability
 from servobench.cli.terminal import spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
 from servobench.cli.why import why
-from servobench.loop.leftovers import sweep
+from servobench.rig.loop.leftovers import sweep
 
 _DEBUG = "--debug"
 _STATUSES = (

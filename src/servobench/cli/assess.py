@@ -31,7 +31,7 @@ def check_assessment(
     others: Sequence[tuple[str, object]],
 ) -> None:
     """Raise `UsageError` for options that don't belong together: `others` are those that no assessment has."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if roster is None:
         own = {"--secret": secret is not None, "--marks": marks is not None, "--with-motor": with_motor}
@@ -77,7 +77,7 @@ def assess(
     from servobench.lab.assessment.assigned_stand import Assessment
     from servobench.lab.assessment.handing_out import hand_out
     from servobench.lab.assessment.roster import read_roster
-    from servobench.motor.secret import new_secret, read_secret
+    from servobench.rig.motor.secret import new_secret, read_secret
 
     students = read_roster(roster)
     with (
@@ -120,8 +120,8 @@ def mark(
     from servobench.lab.assessment.marking import check_there_are_forms, marks_table
     from servobench.lab.assessment.marking import mark as marks_of
     from servobench.lab.assessment.roster import read_roster
-    from servobench.motor.secret import read_secret
     from servobench.report.document import write_page
+    from servobench.rig.motor.secret import read_secret
 
     students = read_roster(roster)
     assessment = Assessment(
@@ -140,7 +140,7 @@ def mark(
 
 
 def _check_marks(marks: Path, answers: Path, roster: Path) -> None:
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if marks.suffix.lower() != ".csv":
         raise UsageError(f"--marks {marks}: expected the name of a table, such as marks.csv")
@@ -167,7 +167,7 @@ def _show_handed_out(
     from servobench.cli.layout import show_table, show_wrapped
     from servobench.cli.terminal import say
     from servobench.lab.assessment.questions import all_passed_by_others, passed_by_others, same_for_all
-    from servobench.lab.exercise import FOLDER
+    from servobench.lab.exercise_file import FOLDER
     from servobench.lab.formula import line_text
 
     asked = [each.asked for each in made]
@@ -239,7 +239,7 @@ def _not_asked(why: str) -> str:
 
 
 def _percent(part: float) -> str:
-    from servobench.rounding import plain
+    from servobench.core.rounding import plain
 
     return "-" if math.isnan(part) else f"{plain(100 * part, 2)} %"
 

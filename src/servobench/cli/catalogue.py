@@ -12,8 +12,8 @@ from rich.console import Console
 from rich.text import Text
 
 from servobench.cli.layout import show_table, show_wrapped
-from servobench.errors import UnknownName
-from servobench.settings import unit_of
+from servobench.core.errors import UnknownName
+from servobench.core.settings import unit_of
 
 
 def show_members(

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 from servobench.cli.conclusion import Evidence
 
 if TYPE_CHECKING:
-    from servobench.measurement.base import Chain, Stage
-    from servobench.recording.recording import Recording
+    from servobench.recordings.measurement.base import Chain, Stage
+    from servobench.recordings.recording import Recording
 
 
 def with_chain(recording: Recording, text: str) -> Evidence:
@@ -20,8 +20,8 @@ def with_chain(recording: Recording, text: str) -> Evidence:
     Such a chain is applied now, and a finding says so. Any other is what happened before the recording, `none` included.
     Raises `UsageError` for a text that is no chain.
     """
-    from servobench.finding import info
-    from servobench.measurement.base import Chain
+    from servobench.core.finding import info
+    from servobench.recordings.measurement.base import Chain
 
     chain = Chain.parse(text)
     output, unit = _output(recording)
@@ -43,7 +43,7 @@ def _output(recording: Recording) -> tuple[str, str]:
 
 
 def _is_still_to_come(chain: Chain, unit: str) -> bool:
-    from servobench.units import unit as unit_named
+    from servobench.core.units import unit as unit_named
 
     if unit_named(unit).quantity != "position":
         return False
@@ -54,9 +54,9 @@ def _is_still_to_come(chain: Chain, unit: str) -> bool:
 
 def _changes_only_the_unit(stage: Stage, unit: str) -> bool:
     """Whether a stage takes a position in that unit to another unit, or takes the wraps out of it."""
-    from servobench.measurement.scale import Scale
-    from servobench.measurement.unwrap import Unwrap
-    from servobench.units import unit as unit_named
+    from servobench.core.units import unit as unit_named
+    from servobench.recordings.measurement.scale import Scale
+    from servobench.recordings.measurement.unwrap import Unwrap
 
     if isinstance(stage, Unwrap):
         return unit_named(stage.unit).si == unit_named(unit).si

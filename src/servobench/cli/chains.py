@@ -18,8 +18,8 @@ def chains(
 
     from servobench.cli.layout import show_wrapped
     from servobench.cli.terminal import output
-    from servobench.errors import UnknownName
-    from servobench.measurement.presets import PRESETS
+    from servobench.core.errors import UnknownName
+    from servobench.recordings.measurement.presets import PRESETS
 
     if name is not None and name not in PRESETS:
         raise UnknownName("known device", name, PRESETS)

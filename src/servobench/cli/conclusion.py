@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from servobench.cli.failures import DONE, REFUSED
 from servobench.cli.other_output import with_other_output
-from servobench.finding import Verdict
+from servobench.core.finding import Verdict
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -18,9 +18,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.errors import NotIdentifiable
-    from servobench.recording.recording import Recording
-    from servobench.result import Result
+    from servobench.core.errors import NotIdentifiable
+    from servobench.identification.result import Result
+    from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True)
@@ -48,9 +48,9 @@ def concluded(
     takes them.
     Recordings that are too short for any data give a refused result, as all do that can't support a model.
     """
-    from servobench.errors import NotIdentifiable
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
+    from servobench.core.errors import NotIdentifiable
+    from servobench.identification.identify import identify
+    from servobench.recordings.measurement.measure import measure
 
     progress.begin("identifying")
     try:
@@ -101,7 +101,7 @@ def deliver(
 def _say_timing(console: Console, recordings: Sequence[Recording]) -> None:
     """Say how late the samples were, of each recording in which time passed."""
     from servobench.cli.terminal import say
-    from servobench.measurement.lateness import lateness
+    from servobench.rig.lateness import lateness
 
     for recording in recordings:
         found = lateness(recording)
@@ -117,9 +117,9 @@ def status_of(result: Result) -> int:
 
 def check_names(structure: str, estimator: str, nominal: str | None) -> None:
     """Raise `UnknownName` for a structure, an estimator or a data sheet that there isn't, before any work is done."""
-    from servobench.estimators.base import ESTIMATORS
-    from servobench.models.base import STRUCTURES
-    from servobench.motor.parameters import data_sheet
+    from servobench.identification.estimators.base import ESTIMATORS
+    from servobench.identification.models.base import STRUCTURES
+    from servobench.rig.motor.parameters import data_sheet
 
     if structure != "auto":
         STRUCTURES[structure]
@@ -131,7 +131,7 @@ def check_names(structure: str, estimator: str, nominal: str | None) -> None:
 
 def check_report(path: Path | None, inputs: Sequence[Path], option: str = "--report") -> None:
     """Raise `UsageError` where no report can be written, or it would replace a file that is read, before any work is done."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if path is None:
         return
@@ -147,8 +147,8 @@ def check_report(path: Path | None, inputs: Sequence[Path], option: str = "--rep
 
 def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
     from servobench._version import __version__
-    from servobench.finding import refusal
-    from servobench.result import OperatingRange, Provenance, Result
+    from servobench.core.finding import refusal
+    from servobench.identification.result import OperatingRange, Provenance, Result
 
     told = [finding for recording in recordings for finding in recording.findings]
     nowhere = (math.nan, math.nan)

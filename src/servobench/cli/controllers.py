@@ -17,7 +17,7 @@ def controllers(
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output
-    from servobench.control.base import CONTROLLERS
+    from servobench.systems.control.base import CONTROLLERS
 
     members: dict[str, Any] = {each: CONTROLLERS[each] for each in CONTROLLERS.names()}
     show_members(output(), "controller", members, members, name)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from servobench.formats.mapping import Mapping
-    from servobench.recording.recording import Recording
+    from servobench.recordings.formats.mapping import Mapping
+    from servobench.recordings.recording import Recording
 
 
 def convert(
@@ -39,9 +39,9 @@ def convert(
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import chosen, loaded, mapping_in
     from servobench.cli.terminal import output, say
-    from servobench.errors import UsageError
-    from servobench.formats.base import save
-    from servobench.rounding import counted
+    from servobench.core.errors import UsageError
+    from servobench.core.rounding import counted
+    from servobench.recordings.formats.base import save
 
     if target.exists() and not overwrite:
         raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
@@ -59,7 +59,7 @@ def convert(
 def _as_said(recording: Recording, mapping: Mapping) -> Recording:
     """The recording as a mapping says; raises `UsageError` for a chain that is still to come: no file holds what it yields."""
     from servobench.cli.recordings import evidence
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     found = evidence(recording, mapping)
     if found.chain:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
-from servobench.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.design.assumed import AssumedMotor
-    from servobench.design.search import Design, Foreseen, Wish
+    from servobench.identification.design.assumed import AssumedMotor
+    from servobench.identification.design.search import Design, Foreseen, Wish
 
 _BAR = 20  # characters of the longest bar
 
@@ -68,8 +68,8 @@ def design(
     """
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.design.limits import DesignLimits
-    from servobench.design.search import design as best
+    from servobench.identification.design.limits import DesignLimits
+    from servobench.identification.design.search import design as best
 
     limits = DesignLimits(
         voltage=_in("--voltage", voltage, "V"),
@@ -99,9 +99,9 @@ def _motor(
 ) -> AssumedMotor:
     """What is known of the motor: a data sheet, a result, or a recording."""
     from servobench.cli.recordings import identified_as_it_is
-    from servobench.design.assumed import from_data_sheet, from_result, from_result_file
-    from servobench.errors import FormatError, MissingInformation, UsageError
-    from servobench.result import SCHEMAS
+    from servobench.core.errors import FormatError, MissingInformation, UsageError
+    from servobench.identification.design.assumed import from_data_sheet, from_result, from_result_file
+    from servobench.identification.result import SCHEMAS
 
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both say what is known of the motor; give one of them")
@@ -130,7 +130,7 @@ def _motor(
 
 def _unasked(counts_per_rev: float | None) -> None:
     """Raise `UsageError` for counts of a turn that nothing would use: a data sheet and a recording have their own."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if counts_per_rev is not None:
         raise UsageError(
@@ -165,9 +165,9 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
 def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> None:
     """Print the predicted standard deviation of each parameter."""
     from servobench.cli.layout import show_table
-    from servobench.finding import parameter_in_words
-    from servobench.models.base import STRUCTURES
-    from servobench.rounding import rounded
+    from servobench.core.finding import parameter_in_words
+    from servobench.core.rounding import rounded
+    from servobench.identification.models.base import STRUCTURES
 
     structure = STRUCTURES[made.chosen.structure]
     values = dict(zip((p.name for p in structure.parameters), motor.theta(structure), strict=False))
@@ -211,7 +211,7 @@ def _remark(each: Foreseen) -> str:
 
 
 def _cost(each: Foreseen, wish: Wish) -> float:
-    from servobench.design.search import cost
+    from servobench.identification.design.search import cost
 
     return cost(each, wish)
 
@@ -224,8 +224,8 @@ def _bars(costs: Sequence[float]) -> list[int]:
 
 def _in(option: str, text: str, unit: str) -> float:
     """A quantity with its unit, or in SI units."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.core.units import quantity
 
     try:
         return quantity(text, unit)
@@ -238,7 +238,7 @@ def _maybe(option: str, text: str | None, unit: str) -> float | None:
 
 
 def _wish(text: str) -> Wish:
-    from servobench.errors import UnknownName
+    from servobench.core.errors import UnknownName
 
     known: dict[str, Wish] = {"time_constant": "time_constant", "gain": "gain", "both": "both"}
     if text not in known:
@@ -247,7 +247,7 @@ def _wish(text: str) -> Wish:
 
 
 def _write(path: Path, text: str) -> None:
-    from servobench.errors import StorageError
+    from servobench.core.errors import StorageError
 
     try:
         path.write_text(text, encoding="utf-8", newline="\n")

@@ -16,7 +16,7 @@ def devices(
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output
-    from servobench.devices.base import DEVICES
+    from servobench.rig.devices.base import DEVICES
 
     members = {each: DEVICES[each] for each in DEVICES.names()}
     show_members(output(), "device", members, {each: found.Settings for each, found in members.items()}, name)

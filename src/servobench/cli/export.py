@@ -91,8 +91,8 @@ def default_name(target: str) -> str:
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:
     """What an option says, in its SI unit."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.core.units import quantity
 
     if text is None:
         return None
@@ -104,7 +104,7 @@ def _quantity(option: str, text: str | None, si: str) -> float | None:
 
 def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) -> None:
     """Raise `UsageError` where a file of that name is there and may not be replaced, or is what is exported."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if file.is_dir():
         raise UsageError(f"--out {file}: is a folder; name a file in it")

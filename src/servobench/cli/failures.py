@@ -15,7 +15,7 @@ from rich.text import Text
 from servobench._version import __version__
 from servobench.cli.terminal import OutputGone, messages, one_line, printable
 from servobench.cli.wording import with_options
-from servobench.errors import MissingInformation, ServobenchError, UnknownName
+from servobench.core.errors import MissingInformation, ServobenchError, UnknownName
 
 DONE = 0
 OUR_FAULT = 1

@@ -18,7 +18,7 @@ def faults(
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output
-    from servobench.devices.faults.base import FAULTS
+    from servobench.rig.devices.faults.base import FAULTS
 
     members: dict[str, Any] = {each: FAULTS[each] for each in FAULTS.names()}
     show_members(output(), "fault", members, members, name)

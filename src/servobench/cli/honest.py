@@ -24,16 +24,16 @@ from servobench.cli.options import (
     SupplyColumn,
     TimeColumn,
 )
-from servobench.rounding import TWO_SIDED
+from servobench.core.rounding import TWO_SIDED
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.experiment import Experiment
-    from servobench.honest.repeated import Honesty
-    from servobench.honest.scatter import Scatter
-    from servobench.recording.recording import Recording
+    from servobench.identification.honest.repeated import Honesty
+    from servobench.identification.honest.scatter import Scatter
+    from servobench.recordings.recording import Recording
+    from servobench.rig.experiment import Experiment
 
 _WIDTH = 40  # characters of a picture
 _MOST_DRAWN = 20  # runs
@@ -82,9 +82,9 @@ def honest(
     from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
     from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.formats.mapping import Mapping as Said
-    from servobench.honest.repeated import honest as held_together
-    from servobench.measurement.measure import measure
+    from servobench.identification.honest.repeated import honest as held_together
+    from servobench.recordings.formats.mapping import Mapping as Said
+    from servobench.recordings.measurement.measure import measure
 
     check_names(structure, "auto", None)
     base = mapping_in(mapping)
@@ -144,7 +144,7 @@ def _repeated(
         warn_of_danger,
     )
     from servobench.cli.terminal import say
-    from servobench.loop.live import run_where_its_time_passes
+    from servobench.rig.loop.live import run_where_its_time_passes
 
     asked = experiment_asked_for(file, device, seed, None)
     recordings = []
@@ -206,8 +206,8 @@ def _show(console: Console, found: Honesty) -> None:
     from servobench.cli.answer import show_findings
     from servobench.cli.layout import show_table
     from servobench.cli.terminal import say
-    from servobench.finding import parameter_in_words
-    from servobench.rounding import plain, rounded
+    from servobench.core.finding import parameter_in_words
+    from servobench.core.rounding import plain, rounded
 
     say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
     headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
@@ -233,8 +233,8 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     from statistics import median
 
     from servobench.cli.layout import show_table
-    from servobench.finding import parameter_in_words
-    from servobench.rounding import plain
+    from servobench.core.finding import parameter_in_words
+    from servobench.core.rounding import plain
 
     halves = [TWO_SIDED * sd for sd in each.sds]
     lines = [(name, v - h, v, v + h) for name, v, h in zip(runs, each.values, halves, strict=True)][

@@ -82,7 +82,7 @@ def identify(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import evidence, loaded, mapped, mapping_in, seconds
     from servobench.cli.terminal import messages, output, say
-    from servobench.formats.mapping import Mapping
+    from servobench.recordings.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
     stated = known_values(known or ())

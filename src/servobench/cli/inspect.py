@@ -13,8 +13,8 @@ from servobench.cli.wording import with_options
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from servobench.finding import Finding
-    from servobench.recording.recording import Recording, Series
+    from servobench.core.finding import Finding
+    from servobench.recordings.recording import Recording, Series
 
 
 def inspect(
@@ -40,7 +40,7 @@ def inspect(
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import loaded
     from servobench.cli.terminal import output, say
-    from servobench.rounding import counted
+    from servobench.core.rounding import counted
 
     _check_new(file, [write_mapping, report], overwrite)
     with Progress() as progress:
@@ -67,7 +67,7 @@ def inspect(
 
 def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> None:
     """Raise `UsageError` where something would be lost: the file itself, or what is there and may not be replaced."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     for target in targets:
         if target is None:
@@ -84,8 +84,8 @@ def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> N
 
 def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
     """Write the proposal of a mapping; raises `StorageError` where that can't be done."""
-    from servobench.errors import StorageError
-    from servobench.formats.proposal import proposal
+    from servobench.core.errors import StorageError
+    from servobench.recordings.formats.proposal import proposal
 
     try:
         # A name of a file may hold bytes that are no text.
@@ -101,7 +101,7 @@ def _show(console: Console, recording: Recording) -> None:
 
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import one_line, say
-    from servobench.finding import Severity
+    from servobench.core.finding import Severity
 
     console.print(Text(one_line(recording.name), style="bold"))
     # What is missing or damaged comes first: all that follows is about what is left.
@@ -153,7 +153,7 @@ def _remarks(recording: Recording, series: Series, finite: int) -> list[str]:
 
 def _times(recording: Recording) -> list[str]:
     """What each set of times is like, in a line."""
-    from servobench.formats.times import time_base
+    from servobench.recordings.formats.times import time_base
 
     different = {id(series.t): series.t for series in recording.series if series.t is not None}
     lines = []
@@ -174,9 +174,9 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
     import numpy as np
 
     from servobench.cli.pictures import histogram, line_over_time, pen_for
-    from servobench.formats.describe import shown_channels
-    from servobench.formats.inspection import extremes, intervals
-    from servobench.rounding import percent, with_unit
+    from servobench.core.rounding import percent, with_unit
+    from servobench.recordings.formats.describe import shown_channels
+    from servobench.recordings.formats.inspection import extremes, intervals
 
     pen, lines = pen_for(console), []
     shown = [recording[name] for name in shown_channels(recording)]
@@ -204,10 +204,10 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
 
 def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
     """What the recording can be used for as it is, or what has to be said before; and what speaks against using it."""
-    from servobench.doubts.base import about_data
-    from servobench.errors import MissingInformation, ServobenchError
-    from servobench.formats.mapping import assign
-    from servobench.measurement.measure import measure
+    from servobench.core.errors import MissingInformation, ServobenchError
+    from servobench.identification.trust.doubts.base import about_data
+    from servobench.recordings.formats.mapping import assign
+    from servobench.recordings.measurement.measure import measure
 
     try:
         data = measure(assign(recording))

@@ -11,9 +11,9 @@ def known_values(texts: Sequence[str]) -> dict[str, tuple[float, float]]:
     Each text is NAME=VALUE or NAME=VALUE±SD (or +-SD), with a unit at its end where that isn't the SI unit. Raises `UsageError`
     for another text or for a value that no motor has, and `UnknownName` for a name that is no parameter of a motor.
     """
-    from servobench.errors import UnitError, UnknownName, UsageError
-    from servobench.motor_parameters.observed import UNITS, stated
-    from servobench.units import quantity
+    from servobench.core.errors import UnitError, UnknownName, UsageError
+    from servobench.core.units import quantity
+    from servobench.identification.motor_parameters.observed import UNITS, stated
 
     found: dict[str, tuple[float, float]] = {}
     for text in texts:

@@ -106,8 +106,8 @@ def lab(
     from servobench.cli.assess import assess, check_assessment, mark
     from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output
-    from servobench.errors import UsageError
-    from servobench.lab.exercise import FOLDER
+    from servobench.core.errors import UsageError
+    from servobench.lab.exercise_file import FOLDER
 
     check_assessment(
         name=name,
@@ -173,7 +173,7 @@ def _check_together(
     out: Path | None,
 ) -> None:
     from servobench.cli.conclusion import check_report
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if everything and name is not None:
         raise UsageError(f"--all and the exercise {name!r} don't go together; give one of them")
@@ -204,8 +204,8 @@ def _check_together(
 def _list(console: Console, folder: Path) -> None:
     """Print the exercises in their order; those with mistakes are told, and end the command as a mistake does."""
     from servobench.cli.layout import show_table
-    from servobench.errors import ServobenchError, UsageError
-    from servobench.lab.exercise import exercise, names
+    from servobench.core.errors import ServobenchError, UsageError
+    from servobench.lab.exercise_file import exercise, names
 
     found: list[Exercise] = []
     mistakes: list[str] = []
@@ -232,13 +232,13 @@ def _told(exercise: Exercise) -> str:
 
 
 def _asked_for(name: str, folder: Path) -> Exercise:
-    from servobench.lab.exercise import exercise, load_exercise
+    from servobench.lab.exercise_file import exercise, load_exercise
 
     return load_exercise(Path(name)) if name.endswith(".md") else exercise(name, folder)
 
 
 def _answers(texts: Sequence[str]) -> dict[str, str]:
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     given: dict[str, str] = {}
     for blank, value in map(_answer, texts):
@@ -251,7 +251,7 @@ def _answers(texts: Sequence[str]) -> dict[str, str]:
 
 
 def _answer(text: str) -> tuple[str, str]:
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     blank, equals, value = text.partition("=")
     if not equals or not blank.strip() or not value.strip():
@@ -263,10 +263,10 @@ def _answer(text: str) -> tuple[str, str]:
 
 def _stand(exercise: Exercise, device: str | None, recording: Path | None) -> MotorStand:
     from servobench.cli.run import check_named_alone
-    from servobench.errors import UnknownName, UsageError
-    from servobench.experiment.experiment import DeviceChoice
-    from servobench.formats.base import load
+    from servobench.core.errors import UnknownName, UsageError
     from servobench.lab.stand import check_made_for, stand_of, stand_on_the_twin, stand_with
+    from servobench.recordings.formats.base import load
+    from servobench.rig.experiment.experiment import DeviceChoice
 
     if recording is not None:
         made = load(recording)
@@ -348,9 +348,9 @@ def _write_all(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run import ended_like_ctrl_c
     from servobench.cli.terminal import print_json, say
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
     from servobench.lab.document import to_dict
-    from servobench.lab.exercise import exercises
+    from servobench.lab.exercise_file import exercises
     from servobench.lab.page import INDEX, InPart, write_lab
     from servobench.lab.worked import Worked
 

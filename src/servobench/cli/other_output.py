@@ -8,9 +8,9 @@ from itertools import takewhile
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from servobench.finding import Finding
-    from servobench.recording.recording import Recording
-    from servobench.result import Result
+    from servobench.core.finding import Finding
+    from servobench.identification.result import Result
+    from servobench.recordings.recording import Recording
 
 
 _UNTOLD = ("parameter-unknown", "known-together", "nothing-known")
@@ -58,7 +58,7 @@ def _alike(first: str, second: str) -> int:
 
 def _quantity(recording: Recording, name: str) -> str | None:
     """What a channel measures by its unit, None where it isn't there or has no unit."""
-    from servobench.units import is_unit, unit
+    from servobench.core.units import is_unit, unit
 
     symbol = recording[name].channel.unit if name in recording else None
     return unit(symbol).quantity if symbol and is_unit(symbol) else None

@@ -8,7 +8,7 @@ from datetime import datetime
 from itertools import chain, count
 from pathlib import Path
 
-from servobench.errors import StorageError, UsageError
+from servobench.core.errors import StorageError, UsageError
 
 
 def made_folder(prefix: str, now: datetime) -> Path:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Annotated, Literal
 import typer
 
 if TYPE_CHECKING:
-    from servobench.experiment import Experiment
     from servobench.panel.keys import Carrier
     from servobench.panel.server import Tls
+    from servobench.rig.experiment import Experiment
 
 _LOOPBACK = ("127.0.0.1", "::1", "localhost")
 _EVERYWHERE = ("0.0.0.0", "::")
@@ -97,14 +97,14 @@ def panel(
     """
     from servobench.cli.run import device_asked_for, experiment_asked_for
     from servobench.cli.terminal import messages, say
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     _check_assessed(student, secret, exercise, device, experiment)
     tls = _tls(host, tls_cert, tls_key, without_tls)
     if exercises is not None and not exercises.is_dir():
         raise UsageError(f"--exercises {exercises}: is no folder; expected one with exercises, NAME.md")
     try:
-        from servobench.lab.exercise import FOLDER
+        from servobench.lab.exercise_file import FOLDER
         from servobench.panel.keys import Keys
         from servobench.panel.library import Library
         from servobench.panel.local_page import LocalPage
@@ -174,7 +174,7 @@ def _check_assessed(
     device: str | None,
     experiment: Path | None,
 ) -> None:
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if student is None:
         for option, is_given in (("--secret", secret is not None), ("--exercise", exercise is not None)):
@@ -193,8 +193,8 @@ def _check_assessed(
 def _assigned(student: str, secret: Path | None, name: str | None, folder: Path) -> Experiment:
     """The exercise's experiment on the student's own motor; raises `UsageError` for an exercise that can't be assessed."""
     from servobench.lab.assessment.assigned_stand import Assessment, assigned_to
-    from servobench.lab.exercise import exercise
-    from servobench.motor.secret import read_secret
+    from servobench.lab.exercise_file import exercise
+    from servobench.rig.motor.secret import read_secret
 
     file = (secret or Path()).resolve()  # the loop is another process
     assessed = Assessment(exercise=exercise(name or "", folder), secret_file=file, secret=read_secret(file))
@@ -204,7 +204,7 @@ def _assigned(student: str, secret: Path | None, name: str | None, folder: Path)
 
 def _tls(host: str, certificate: Path | None, key: Path | None, without: bool) -> Tls | None:
     """The certificate, None where there is none to be; raises `UsageError` for what isn't safe and wasn't asked for."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if (certificate is None) != (key is None):
         raise UsageError("--tls-cert and --tls-key go together: give both, or none")

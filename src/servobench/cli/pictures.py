@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from rich.cells import cell_len
 from rich.console import Console
 
-from servobench.channels import Array, measurable
-from servobench.rounding import plain
+from servobench.core.channels import Array, measurable
+from servobench.core.rounding import plain
 
 # Where the dots of a cell are in the Braille block, by row and column.
 _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]])

@@ -158,7 +158,7 @@ def told_when_compiling(progress: Progress) -> Iterator[None]:
     """Note that kernels are being compiled, once, when and only when Numba really compiles one."""
     from numba.core import event
 
-    from servobench.compiled import code_is_kept
+    from servobench.core.compiled import code_is_kept
 
     class Compiling(event.Listener):
         """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""

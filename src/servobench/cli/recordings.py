@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from servobench.cli.conclusion import Evidence
     from servobench.cli.progress import Progress
-    from servobench.formats.mapping import Mapping
-    from servobench.recording.recording import Recording
-    from servobench.result import Result
+    from servobench.identification.result import Result
+    from servobench.recordings.formats.mapping import Mapping
+    from servobench.recordings.recording import Recording
 
 
 def loaded(files: Sequence[Path], progress: Progress) -> list[Recording]:
     """Return all recordings in some files, in their order."""
-    from servobench.formats.base import load
+    from servobench.recordings.formats.base import load
 
     recordings: list[Recording] = []
     progress.begin("reading")
@@ -31,7 +31,7 @@ def chosen(recordings: Sequence[Recording], names: Sequence[str]) -> list[Record
 
     Raises `UnknownName`, which lists the names that there are.
     """
-    from servobench.errors import UnknownName
+    from servobench.core.errors import UnknownName
 
     known = [recording.name for recording in recordings]
     for name in names:
@@ -42,7 +42,7 @@ def chosen(recordings: Sequence[Recording], names: Sequence[str]) -> list[Record
 
 def mapping_in(file: Path | None) -> Mapping:
     """Return the mapping in a file, one that says nothing where there is none; raises `UsageError` for one with mistakes."""
-    from servobench.formats.mapping import Mapping
+    from servobench.recordings.formats.mapping import Mapping
 
     return Mapping() if file is None else Mapping.read(file)
 
@@ -71,8 +71,8 @@ def evidence(recording: Recording, mapping: Mapping) -> Evidence:
 
 def seconds(text: str | None) -> float | None:
     """Return the sample time in a text, with its unit or in seconds; raises `UsageError` where it can't be one."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.formats.timing import seconds as checked
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.recordings.formats.timing import seconds as checked
 
     if text is None:
         return None
@@ -87,11 +87,11 @@ def identified_as_it_is(file: Path) -> Result:
 
     Raises `UsageError` where these have to be said: to `servobench identify`, whose result the command takes as well.
     """
-    from servobench.errors import MissingInformation, UsageError
-    from servobench.formats.base import load
-    from servobench.formats.mapping import Mapping
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
+    from servobench.core.errors import MissingInformation, UsageError
+    from servobench.identification.identify import identify
+    from servobench.recordings.formats.base import load
+    from servobench.recordings.formats.mapping import Mapping
+    from servobench.recordings.measurement.measure import measure
 
     try:
         found = [evidence(each, Mapping()) for each in load(file)]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 
 def recover(
@@ -24,7 +24,7 @@ def recover(
     """
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import output, say
-    from servobench.rounding import counted
+    from servobench.core.rounding import counted
 
     target, recordings = _recovered(file, to)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
@@ -39,8 +39,8 @@ def recover(
 def _recovered(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]]:
     """The new file, and the recordings in it."""
     from servobench.cli.run_folder import RunFolder
-    from servobench.errors import UsageError
-    from servobench.recording.recover import recover as recovered
+    from servobench.core.errors import UsageError
+    from servobench.recordings.native.recover import recover as recovered
 
     if not file.is_dir():
         target = to or _beside(file)

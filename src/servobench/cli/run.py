@@ -22,12 +22,12 @@ if TYPE_CHECKING:
 
     from servobench.cli.progress import Progress
     from servobench.cli.run_folder import RunFolder
-    from servobench.devices.base import Device
-    from servobench.experiment import Experiment
-    from servobench.loop.run import Look
-    from servobench.loop.run import Progress as Place
-    from servobench.recording.recording import Recording, StopReason
-    from servobench.result import Result
+    from servobench.identification.result import Result
+    from servobench.recordings.recording import Recording, StopReason
+    from servobench.rig.devices.base import Device
+    from servobench.rig.experiment import Experiment
+    from servobench.rig.loop.run import Look
+    from servobench.rig.loop.run import Progress as Place
 
 CUT_SHORT: dict[StopReason, int] = {
     "interrupted": INTERRUPTED,
@@ -102,7 +102,7 @@ def run(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.run_folder import run_folder
     from servobench.cli.terminal import messages, output
-    from servobench.rounding import counted
+    from servobench.core.rounding import counted
 
     asked = experiment_asked_for(experiment, device, seed, until, fault or ())
     held_against = nominal or asked.nominal or None
@@ -138,10 +138,10 @@ def experiment_asked_for(
     file: Path | None, device: str | None, seed: int | None, until: str | None, faults: Sequence[str] = ()
 ) -> Experiment:
     """What is asked for, with what the command line says in place of what the file says; faults come on top of the file's."""
-    from servobench.devices.faults.base import table_of
-    from servobench.experiment import PAPER, DeviceChoice, load_experiment
-    from servobench.measurement.base import Chain
-    from servobench.stopping_rule import parse_wish
+    from servobench.identification.design.stopping_rule import parse_wish
+    from servobench.recordings.measurement.base import Chain
+    from servobench.rig.devices.faults.base import table_of
+    from servobench.rig.experiment import PAPER, DeviceChoice, load_experiment
 
     asked = PAPER if file is None else load_experiment(file)
     if device is not None and device != asked.device.name:
@@ -171,8 +171,8 @@ def check_named_alone(device: str, where: str) -> None:
 
     `where` says where settings can be given.
     """
-    from servobench.devices.base import missing_settings
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
+    from servobench.rig.devices.base import missing_settings
 
     if missing := missing_settings(device, {}):
         lines = [f"--device {device}: {each}" for each in missing]
@@ -183,12 +183,12 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     """The device that is asked for, not yet connected; mistakes in its settings are told with their lines in the file."""
     from pydantic import ValidationError
 
-    from servobench.devices.base import DEVICES, missing_settings
-    from servobench.devices.faults.base import fault_from
-    from servobench.devices.faulty import Faulty
-    from servobench.errors import UnknownName, UsageError
-    from servobench.experiment import explain
-    from servobench.motor.parameters import data_sheet
+    from servobench.core.errors import UnknownName, UsageError
+    from servobench.rig.devices.base import DEVICES, missing_settings
+    from servobench.rig.devices.faults.base import fault_from
+    from servobench.rig.devices.faulty import Faulty
+    from servobench.rig.experiment import explain
+    from servobench.rig.motor.parameters import data_sheet
 
     kind = DEVICES[asked.device.name]
     held_against = asked.limits.plausibility.motor if asked.limits.plausibility else ""
@@ -217,9 +217,9 @@ def _carried_out(
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
     from servobench.cli.answer import show_findings
     from servobench.cli.terminal import say
-    from servobench.errors import DeviceLost, DeviceSilent
-    from servobench.formats.base import save
-    from servobench.stopping_rule import StoppingRule, parse_wish
+    from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
+    from servobench.recordings.formats.base import save
+    from servobench.rig.lost_device import DeviceLost, DeviceSilent
 
     running = "running" if asked.duration else "running until Ctrl-C"
 
@@ -270,10 +270,10 @@ def _driven(
 ) -> Recording:
     """Carry the experiment out: at once where time is computed, in a process of its own where it passes."""
     if device.info.timing == "virtual":
-        from servobench.loop.run import run as carry_out
+        from servobench.rig.loop.run import run as carry_out
 
         return carry_out(asked, device, to=to, watch=watch, look=look)
-    from servobench.loop.live import run_live
+    from servobench.rig.loop.live import run_live
 
     def over(sentence: str) -> None:
         progress.note(f"{sentence}; saving and identifying what was recorded ...")
@@ -290,7 +290,7 @@ def warn_of_danger(recording: Recording, progress: Progress) -> None:
 
 def dangers(recording: Recording) -> tuple[str, ...]:
     """Return what a run found that somebody has to act on: the motor may still be driven."""
-    from servobench.finding import Severity
+    from servobench.core.finding import Severity
 
     return tuple(each.sentence for each in recording.findings if each.severity is Severity.DANGER)
 
@@ -299,7 +299,7 @@ def dangers(recording: Recording) -> tuple[str, ...]:
 def ended_like_ctrl_c() -> Iterator[None]:
     """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
 
-    from servobench.loop.requests import REQUESTS, requests_here
+    from servobench.rig.loop.requests import REQUESTS, requests_here
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         name = signal.Signals(number).name
@@ -321,7 +321,7 @@ def _identified(
 ) -> Result | None:
     """The result; None where a run that was cut short left nothing that can be looked at."""
     from servobench.cli.conclusion import Evidence, concluded
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     try:
         return concluded([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
@@ -334,8 +334,8 @@ def _identified(
 
 def _beside_the_wish(recording: Recording, asked: Experiment, result: Result) -> tuple[Recording, Result]:
     """The recording and its result; where the wished interval wasn't reached both say so."""
-    from servobench.finding import info
-    from servobench.stopping_rule import StoppingRule, parse_wish
+    from servobench.core.finding import info
+    from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
 
     rule = StoppingRule(parse_wish(asked.until)) if asked.until else None
     if rule is None or rule.reached(result):
@@ -348,14 +348,14 @@ def _beside_the_wish(recording: Recording, asked: Experiment, result: Result) ->
 
 def _own_data_sheet(recording: Recording) -> str | None:
     """The data sheet that the device itself names, as the twin does."""
-    from servobench.motor.parameters import DATA_SHEETS
+    from servobench.rig.motor.parameters import DATA_SHEETS
 
     named = dict(recording.info.settings).get("motor") if recording.info else None
     return named if named in DATA_SHEETS else None
 
 
 def _asked_in_words(asked: Experiment) -> str:
-    from servobench.signals.base import SIGNALS
+    from servobench.systems.signals.base import SIGNALS
 
     length = "endless" if asked.duration is None else f"{asked.duration:g} s"
     name = f"{asked.name}: " if asked.name else ""
@@ -373,7 +373,7 @@ def _status(recording: Recording, result: Result | None) -> int:
 
 def status_after(recording: Recording) -> int:
     """Return the exit status of a run by how it ended; `DONE` where it ended as asked, with the device as it should be."""
-    from servobench.loop.messages import NOT_CLOSED
+    from servobench.rig.loop.messages import NOT_CLOSED
 
     codes = {finding.code for finding in recording.findings}
     if dangers(recording) or NOT_CLOSED in codes:

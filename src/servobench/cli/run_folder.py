@@ -12,12 +12,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
 from servobench.cli.output_folder import made_folder, make, remove_if_empty
-from servobench.errors import StorageError, UsageError
-from servobench.recording.lease import hold, is_held
-from servobench.recording.mcap_file import being_written
+from servobench.core.errors import StorageError, UsageError
+from servobench.recordings.native.lease import hold, is_held
+from servobench.recordings.native.mcap_file import being_written
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 _OURS = "# Written by `servobench run`"
 _MAGIC = b"\x89MCAP0\r\n"
@@ -170,9 +170,9 @@ class RunFolder:
         Returns the recording, which says that it was cut short. Raises `UsageError` where the folder holds no unfinished
         recording, `FormatError` where nothing in it can be read, and `StorageError` where the folder can't be written.
         """
-        from servobench.formats.base import save
-        from servobench.recording.reader import read
-        from servobench.recording.recover import make_whole
+        from servobench.recordings.formats.base import save
+        from servobench.recordings.native.reader import read
+        from servobench.recordings.native.recover import make_whole
 
         if is_held(self.part):
             raise UsageError(being_written(self.part))
@@ -223,6 +223,6 @@ def run_folder(out: Path | None, now: datetime) -> Iterator[RunFolder]:
 
 def _not_begun(interrupt: KeyboardInterrupt) -> KeyboardInterrupt:
     from servobench.cli.failures import NotBegun
-    from servobench.loop.ticks import stopped_by
+    from servobench.rig.loop.ticks import stopped_by
 
     return NotBegun(stopped_by(interrupt))

@@ -16,7 +16,7 @@ def signals(
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output
-    from servobench.signals.base import SIGNALS
+    from servobench.systems.signals.base import SIGNALS
 
     members: dict[str, Any] = {each: SIGNALS[each] for each in SIGNALS.names()}
     show_members(output(), "signal", members, members, name)

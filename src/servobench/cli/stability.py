@@ -27,13 +27,13 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from servobench.estimators.base import Fit
     from servobench.export.answer import Answer
-    from servobench.formats.mapping import Mapping
-    from servobench.measurement.dataset import Dataset
-    from servobench.result import Result
-    from servobench.stability_analysis.proportional import ProportionalLoop
-    from servobench.transfer_function import TransferFunction
+    from servobench.identification.estimators.base import Fit
+    from servobench.identification.result import Result
+    from servobench.recordings.formats.mapping import Mapping
+    from servobench.recordings.measurement.dataset import Dataset
+    from servobench.systems.stability.proportional import ProportionalLoop
+    from servobench.systems.transfer_function import TransferFunction
 
 # What poles, rates and margins are made of; friction is no part of them.
 _NEEDED = ("gain", "time_constant", "electrical_time_constant", "delay")
@@ -83,10 +83,10 @@ def stability(
     from servobench.cli.recordings import mapping_in, seconds
     from servobench.cli.stability_document import SCHEMA
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
+    from servobench.core.json_numbers import finite
     from servobench.export.answer import Answer
-    from servobench.formats.mapping import Mapping
-    from servobench.json_numbers import finite
+    from servobench.recordings.formats.mapping import Mapping
 
     out = messages() if as_json else output()
     document: dict[str, Any] = {"schema": SCHEMA, "records": [], "over_intervals": []}
@@ -129,7 +129,7 @@ def stability(
 
 def _check_ticks(answer: Answer, sample_time: float | None) -> None:
     """Raise `UsageError` for a sample time [s] of which the motor's delay takes more than can be worked with."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     delay = answer.transfer_function.delay
     if sample_time is not None and delay > _MOST_DELAYED * sample_time:
@@ -141,8 +141,8 @@ def _check_ticks(answer: Answer, sample_time: float | None) -> None:
 
 def _gain(text: str, unit: str) -> float:
     """The gain in a text, in the unit that the motor asks for; raises `UsageError` where it isn't one."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.core.units import quantity
 
     try:
         gain = quantity(text, unit)
@@ -165,8 +165,8 @@ def _identified(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded, mapped
     from servobench.cli.stability_document import of_a_record
-    from servobench.measurement.measure import measure
-    from servobench.stability_analysis.record import bibo
+    from servobench.recordings.boundedness import bibo
+    from servobench.recordings.measurement.measure import measure
 
     with Progress() as progress:
         evidence = mapped(loaded([path], progress), base, said)
@@ -189,8 +189,8 @@ def _of_an_answer(
     The loop runs every `sample_time` [s]; where that is None it is judged without ticks, because that is asked for
     (`continuous`) or the result doesn't state any. Raises `NotIdentifiable` where it doesn't know the motor's parameters.
     """
-    from servobench.errors import NotIdentifiable
-    from servobench.finding import parameter_in_words
+    from servobench.core.errors import NotIdentifiable
+    from servobench.core.finding import parameter_in_words
 
     unknown = [
         parameter_in_words(name)
@@ -230,8 +230,8 @@ def _of_the_motor(
     from dataclasses import replace
 
     from servobench.cli.stability_document import of_a_loop
-    from servobench.rounding import plain
-    from servobench.stability_analysis.proportional import (
+    from servobench.core.rounding import plain
+    from servobench.systems.stability.proportional import (
         continuous_proportional_loop,
         sampled_proportional_loop,
     )
@@ -264,7 +264,7 @@ def _of_the_motor(
 
 def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
     from servobench.cli.stability_document import of_a_system
-    from servobench.stability_analysis.verdict import stability as judged
+    from servobench.systems.stability.verdict import stability as judged
 
     found = judged(system)
     bounded = "BIBO stable" if found.bibo else "not BIBO stable"
@@ -275,7 +275,7 @@ def _of_a_system(out: Console, system: TransferFunction) -> dict[str, Any]:
 
 def _margin_sentences(loop: ProportionalLoop) -> tuple[str, ...]:
     """What margins a stable loop has; nothing for another one."""
-    from servobench.rounding import plain
+    from servobench.core.rounding import plain
 
     left = loop.margins
     if left is None or loop.delay_margin is None:
@@ -291,7 +291,7 @@ def _margin_sentences(loop: ProportionalLoop) -> tuple[str, ...]:
 
 def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
     """With what part or multiple of its gain a loop that isn't stable would be."""
-    from servobench.rounding import plain
+    from servobench.core.rounding import plain
 
     smaller = [(low, min(high, 1.0)) for low, high in ranges if low < 1]
     if smaller:
@@ -308,8 +308,8 @@ def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
 
 def _over_intervals(out: Console, fit: Fit, kp: float, continuous: bool) -> list[dict[str, Any]]:
     from servobench.cli.stability_document import over_intervals
-    from servobench.stability_analysis import intervals
-    from servobench.transfer_function import TransferFunction
+    from servobench.identification.uncertainty import stability as intervals
+    from servobench.systems.transfer_function import TransferFunction
 
     feedback = TransferFunction(numerator=(kp,), denominator=(1.0,), output="input", unit="1")
     speed = intervals.stability_over_intervals(fit, "speed")

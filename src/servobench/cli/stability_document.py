@@ -7,14 +7,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from servobench.margins import Margins
-    from servobench.measurement.dataset import Dataset
-    from servobench.stability_analysis.drive import Drive
-    from servobench.stability_analysis.intervals import OverIntervals
-    from servobench.stability_analysis.proportional import ProportionalLoop
-    from servobench.stability_analysis.record import RecordReport, Slope, Stretch
-    from servobench.stability_analysis.verdict import StabilityReport
-    from servobench.transfer_function import TransferFunction
+    from servobench.identification.uncertainty.stability import OverIntervals
+    from servobench.recordings.boundedness import RecordReport, Slope, Stretch
+    from servobench.recordings.measurement.dataset import Dataset
+    from servobench.systems.margins import Margins
+    from servobench.systems.stability.drive import Drive
+    from servobench.systems.stability.proportional import ProportionalLoop
+    from servobench.systems.stability.verdict import StabilityReport
+    from servobench.systems.transfer_function import TransferFunction
 
 SCHEMA = "servobench.stability/1"
 

@@ -10,7 +10,7 @@ from typing import Any, TextIO
 
 from rich.console import Console
 
-from servobench.errors import StorageError
+from servobench.core.errors import StorageError
 
 _WIDEST = 110  # characters; longer lines are hard to read
 _NARROWEST = 40  # characters; what is narrower breaks figures apart, and wraps in the terminal itself

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from servobench.control.running import Output
     from servobench.export.answer import Answer
-    from servobench.tuning.base import Wish
-    from servobench.tuning.loop import Told
-    from servobench.tuning.tune import Tuned
+    from servobench.systems.control.running import Output
+    from servobench.systems.tuning.base import Wish
+    from servobench.systems.tuning.loop import Told
+    from servobench.systems.tuning.tune import Tuned
 
 _WORDS = {
     "gain_margin": "gain margin (factor)",
@@ -95,7 +95,7 @@ def tune(
     """
     from servobench.cli.terminal import messages, print_json
     from servobench.cli.terminal import output as standard_output
-    from servobench.tuning.base import Wish
+    from servobench.systems.tuning.base import Wish
 
     followed = _output(output)
     answer = _answer(motor)
@@ -123,8 +123,8 @@ def tune(
 
 def _tuned(answer: Answer, method: str, wish: Wish) -> Tuned:
     """The gains; what a message calls by Python's keyword it calls by this command's option."""
-    from servobench.errors import UsageError
-    from servobench.tuning.tune import tune as tuned
+    from servobench.core.errors import UsageError
+    from servobench.systems.tuning.tune import tune as tuned
 
     try:
         return tuned(answer, method, wish)
@@ -148,7 +148,7 @@ def _answer(path: Path) -> Answer:
 
 def _own_sample_time(answer: Answer) -> float:
     """The sample time of the data that the result was made from."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if answer.sample_time is None:
         raise UsageError(
@@ -158,7 +158,7 @@ def _own_sample_time(answer: Answer) -> float:
 
 
 def _output(text: str) -> Output:
-    from servobench.errors import UnknownName
+    from servobench.core.errors import UnknownName
 
     known: dict[str, Output] = {"position": "position", "speed": "speed"}
     if text not in known:
@@ -168,8 +168,8 @@ def _output(text: str) -> Output:
 
 def _positive(option: str, text: str | None, si: str) -> float | None:
     """What an option says, in its SI unit."""
-    from servobench.errors import UnitError, UsageError
-    from servobench.units import quantity
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.core.units import quantity
 
     if text is None:
         return None
@@ -183,7 +183,7 @@ def _positive(option: str, text: str | None, si: str) -> float | None:
 
 
 def _poles(text: str | None) -> tuple[complex, ...]:
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if text is None:
         return ()
@@ -200,7 +200,7 @@ def _show(console: Console, made: Tuned) -> None:
     from servobench.cli.answer import show_findings
     from servobench.cli.layout import show_table
     from servobench.cli.terminal import say
-    from servobench.control.base import CONTROLLERS
+    from servobench.systems.control.base import CONTROLLERS
 
     name = CONTROLLERS.name_of(made.controller)
     say(

@@ -26,8 +26,8 @@ from servobench.cli.options import (
 if TYPE_CHECKING:
     from rich.console import Console
 
-    from servobench.reconciliation.explanation import Explanation
-    from servobench.reconciliation.judging import Judged, Share
+    from servobench.identification.reconciliation.explanation import Explanation
+    from servobench.identification.reconciliation.judging import Judged, Share
 
 _MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences and in the JSON
 
@@ -77,10 +77,10 @@ def why(
     from servobench.cli.progress import Progress, told_when_compiling
     from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.formats.mapping import Mapping
-    from servobench.reconciliation.asking import why as explained
-    from servobench.reconciliation.claim import Claim
-    from servobench.reconciliation.reenactment import check_method
+    from servobench.identification.reconciliation.asking import why as explained
+    from servobench.identification.reconciliation.claim import Claim
+    from servobench.identification.reconciliation.reenactment import check_method
+    from servobench.recordings.formats.mapping import Mapping
     from servobench.report.explanation import ExplanationReport
 
     check_names("auto", "auto", nominal)
@@ -157,8 +157,8 @@ def _show_causes(console: Console, explanation: Explanation) -> None:
 def _show_readings(console: Console, explanation: Explanation) -> None:
     """What methods read off the same data, nearest to the claim marked."""
     from servobench.cli.layout import show_table
-    from servobench.reconciliation.reenactment import SPOKEN
-    from servobench.rounding import plain, with_unit
+    from servobench.core.rounding import plain, with_unit
+    from servobench.identification.reconciliation.reenactment import SPOKEN
 
     if not explanation.readings:
         return
@@ -188,7 +188,7 @@ def _percent(probability: float) -> str:
 
 def _needed(cause: Judged) -> str:
     """The size that explains most, and what speaks against it."""
-    from servobench.reconciliation.sentences import needed_told
+    from servobench.identification.reconciliation.sentences import needed_told
 
     if cause.needed is None:
         return cause.against
@@ -197,7 +197,7 @@ def _needed(cause: Judged) -> str:
 
 def _check_has_something(claimed: list[str] | None, nominal: str | None) -> None:
     """Raise `UsageError` where there is nothing to explain."""
-    from servobench.errors import UsageError
+    from servobench.core.errors import UsageError
 
     if not claimed and nominal is None:
         raise UsageError("nothing to explain: say --claimed tau=0.13, for example, or --nominal NAME")

@@ -12,12 +12,12 @@ from typing import Any
 
 import numpy as np
 
-from servobench.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP, SMALLEST_VALUE, Array
-from servobench.errors import FormatError, NotIdentifiable, UsageError
-from servobench.estimators.base import Estimate
-from servobench.interop import handed_over
-from servobench.result import SCHEMA, SCHEMAS, Result
-from servobench.transfer_function import TransferFunction
+from servobench.core.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP, SMALLEST_VALUE, Array
+from servobench.core.errors import FormatError, NotIdentifiable, UsageError
+from servobench.core.estimate import Estimate
+from servobench.identification.result import SCHEMA, SCHEMAS, Result
+from servobench.systems.interop import handed_over
+from servobench.systems.transfer_function import TransferFunction
 
 _LARGEST = 50_000_000  # bytes; a result has some ten thousand
 _LARGEST_NUMBER = LARGEST_VALUE**2  # a variance is the square of a value
@@ -126,7 +126,7 @@ class Answer:
 
     @property
     def model(self) -> TransferFunction:
-        """The transfer function that is exported as a model: `interop.handed_over` says which delay it has."""
+        """The transfer function that is exported as a model: `systems.interop.handed_over` says which delay it has."""
         return self._handed_over[0]
 
     @property

@@ -9,9 +9,9 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ClassVar, Protocol, runtime_checkable
 
-from servobench.errors import StorageError, UsageError
+from servobench.core.errors import StorageError, UsageError
+from servobench.core.registry import Registry
 from servobench.export.answer import Answer
-from servobench.registry import Registry
 
 
 @dataclass(frozen=True, kw_only=True)

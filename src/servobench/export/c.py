@@ -10,13 +10,13 @@ from typing import ClassVar
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.units import convert
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import FirstOrderMotor
 from servobench.export.tuning import Tuning, smoothing, tuned
-from servobench.units import convert
 
 _TICKS = 240  # of the test vectors
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
-from servobench.interop import PADE_ORDER
+from servobench.systems.interop import PADE_ORDER
 
 _TEXT = '''{comment}
 """The identified motor as systems of python-control, and its parameters with their intervals.

@@ -7,17 +7,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UnitError, UsageError
-from servobench.estimators.base import Estimate
+from servobench.core.channels import Array
+from servobench.core.errors import UnitError, UsageError
+from servobench.core.estimate import Estimate
+from servobench.core.rounding import TWO_SIDED
+from servobench.core.units import convert, unit
 from servobench.export.answer import Answer
-from servobench.rounding import TWO_SIDED
-from servobench.units import convert, unit
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class FirstOrderMotor:
-    """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit` (source: see `models.first_order`).
+    """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit` (source: see `identification.models.first_order`).
 
     `gain` K [unit/(s·V)], `time_constant` τ [s], `delay` d [s], not negative; `coulomb_voltage` u_c [V] and `offset_voltage`
     u₀ [V] are None where the structure has none; `one_way` says that it turned one way only, so that one

@@ -9,7 +9,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 

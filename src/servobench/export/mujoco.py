@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from typing import ClassVar
 from xml.sax.saxutils import escape
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import FirstOrderMotor

@@ -15,11 +15,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.export.first_order import FirstOrderMotor
-from servobench.sampled_loop import SampledLaw, law_in_z, sampled_loop, sampled_margins
-from servobench.transfer_function import TransferFunction
+from servobench.systems.sampled_loop import SampledLaw, law_in_z, sampled_loop, sampled_margins
+from servobench.systems.transfer_function import TransferFunction
 
 _DRAWS = 400
 _SHARE = 0.25  # of the motor's time constant: faster loops make much noise of little encoder

@@ -7,13 +7,13 @@ import math
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
-from servobench.errors import UsageError
-from servobench.estimators.base import Estimate
+from servobench.core.errors import UsageError
+from servobench.core.estimate import Estimate
+from servobench.core.json_numbers import finite
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import FirstOrderMotor, inverse, ratio
 from servobench.export.tuning import Tuning, tuned
-from servobench.json_numbers import finite
 
 _PERIOD = 0.02  # s, of a WPILib robot's loop
 

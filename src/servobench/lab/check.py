@@ -7,12 +7,12 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from servobench.errors import NotIdentifiable, UnitError, UsageError
+from servobench.core.errors import NotIdentifiable, UnitError, UsageError
+from servobench.core.rounding import SPACE, plain, rounded
+from servobench.core.units import quantity
 from servobench.lab.exercise import Blank, Exercise
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.tolerance import Tolerance
-from servobench.rounding import SPACE, plain, rounded
-from servobench.units import quantity
 
 _LONGEST = 100  # characters of an answer
 _NEAR = 0.05  # relative; nearer than that is a slip or a rounding, no mistake of understanding

@@ -5,20 +5,20 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from servobench.errors import MissingInformation, NotIdentifiable
+from servobench.core.errors import MissingInformation, NotIdentifiable
+from servobench.core.rounding import with_unit
 from servobench.lab.graphs import curve, panel
 from servobench.lab.motion import motion_of, speed_of
-from servobench.measurement.base import Chain
-from servobench.measurement.measure import measure
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.measure import measure
 from servobench.report import figures
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
-from servobench.rounding import with_unit
 
 if TYPE_CHECKING:
-    from servobench.measurement.dataset import Dataset
-    from servobench.recording.recording import Recording
+    from servobench.recordings.measurement.dataset import Dataset
+    from servobench.recordings.recording import Recording
 
 NAME = "course"
 

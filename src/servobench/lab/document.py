@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from servobench.json_numbers import finite
+from servobench.core.json_numbers import finite
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import Column, Shown
 from servobench.lab.worked import Corrected, Worked

@@ -13,18 +13,18 @@ from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
-from servobench.channels import DeviceInfo
-from servobench.errors import NotIdentifiable
-from servobench.experiment import Experiment
-from servobench.finding import Severity
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Severity
+from servobench.core.rounding import with_unit
 from servobench.lab.expression import Fact
 from servobench.lab.rules import identifiable
-from servobench.measurement.base import Chain
-from servobench.rounding import with_unit
+from servobench.recordings.measurement.base import Chain
+from servobench.rig.experiment import Experiment
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
-    from servobench.result import Result
+    from servobench.identification.result import Result
+    from servobench.recordings.recording import Recording
 
 _READ, _SHEET = "read_", "sheet_"
 _READINGS = ("gain", "time_constant")
@@ -87,8 +87,8 @@ class Evidence(Mapping[str, Fact]):
         """What the data sheet says of the motor and its amplifier, and what follows for gain, time constant and delay."""
         if not self.experiment.nominal:
             return {}
-        from servobench.models.nominal import nominal_values
-        from servobench.motor.parameters import data_sheet
+        from servobench.identification.models.nominal import nominal_values
+        from servobench.rig.motor.parameters import data_sheet
 
         sheet = data_sheet(self.experiment.nominal)
         values = {
@@ -113,8 +113,8 @@ class Evidence(Mapping[str, Fact]):
     @cached_property
     def _found(self) -> dict[str, Fact]:
         """The identified parameters, and the lag of the chain."""
-        from servobench.measurement.cost import lag_of
-        from servobench.uncertainty.model_error import SOURCE
+        from servobench.identification.uncertainty.model_error import SOURCE
+        from servobench.recordings.measurement.cost import lag_of
 
         if self._identified.fit is None:
             return {}
@@ -136,8 +136,8 @@ class Evidence(Mapping[str, Fact]):
 
     @cached_property
     def _reading(self) -> Result | None:
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
+        from servobench.identification.identify import identify
+        from servobench.recordings.measurement.measure import measure
 
         if self._chain.takes == "speed" or self._chain.yields("position") != "speed":
             return None  # a time to 63.2 % is read off a speed
@@ -145,8 +145,8 @@ class Evidence(Mapping[str, Fact]):
 
     @cached_property
     def _identified(self) -> Result:
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
+        from servobench.identification.identify import identify
+        from servobench.recordings.measurement.measure import measure
 
         return identify(measure(self._recording), nominal=self.experiment.nominal or None)
 

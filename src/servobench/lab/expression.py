@@ -9,7 +9,7 @@ import re
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
 
 _LONGEST = 200  # characters; no rule needs more
 _HIGHEST = 64  # exponent; a power of it still is a number

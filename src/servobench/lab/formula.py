@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from html import escape
 from typing import TYPE_CHECKING
 
-from servobench.errors import FormatError
+from servobench.core.errors import FormatError
 
 if TYPE_CHECKING:
     from markupsafe import Markup

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.core.channels import Array
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Look, Panel
 from servobench.report.illustrations import Illustration
@@ -133,7 +133,7 @@ def _scales(ax: Axes, graph: Graph) -> None:
     """Logarithmic axes with ticks at 1, 2 and 5 of each decade, and room around the lines."""
     from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator
 
-    from servobench.rounding import plain
+    from servobench.core.rounding import plain
 
     ax.margins(x=0.04, y=0.12)
     for which in graph.log:

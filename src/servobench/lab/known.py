@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
 from servobench.lab.studies.base import Stand
-from servobench.motor.parameters import DATA_SHEETS
+from servobench.rig.motor.parameters import DATA_SHEETS
 
 _SHEET = "sheet_"
 

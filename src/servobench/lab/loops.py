@@ -7,17 +7,17 @@ from typing import Self
 import numpy as np
 from pydantic import model_validator
 
-from servobench.control.base import Controller
-from servobench.control.lead import Lead
-from servobench.control.pid import Pid
-from servobench.control.state_feedback import StateFeedback
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.identification.models.base import Output
 from servobench.lab.expression import Expression
 from servobench.lab.studies.base import Stand, StudySettings
-from servobench.models.base import Output
-from servobench.rounding import plain
-from servobench.transfer_function import TransferFunction
-from servobench.tuning.base import Tunable
+from servobench.systems.control.base import Controller
+from servobench.systems.control.lead import Lead
+from servobench.systems.control.pid import Pid
+from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.transfer_function import TransferFunction
+from servobench.systems.tuning.base import Tunable
 
 
 class OfAMotor(StudySettings):

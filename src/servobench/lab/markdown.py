@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
-from servobench.errors import FormatError
+from servobench.core.errors import FormatError
 from servobench.lab.formula import formula_html, formula_text
 
 if TYPE_CHECKING:

@@ -12,11 +12,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
-from servobench.errors import MissingInformation
+from servobench.core.channels import Array
+from servobench.core.errors import MissingInformation
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 _LEAST = 2  # samples of a half level
 
@@ -60,7 +60,7 @@ class Motion:
 
 def motion_of(recording: Recording) -> Motion:
     """Return the motion in a recording of a run; raises `MissingInformation` where it doesn't say how many counts make a turn."""
-    from servobench.measurement.unwrap import unwrapped
+    from servobench.recordings.measurement.unwrap import unwrapped
 
     counts = recording["counts"]
     per_rev, bits = counts.channel.counts_per_rev, counts.channel.counter_bits
@@ -78,7 +78,7 @@ def motion_of(recording: Recording) -> Motion:
 
 def speed_of(recording: Recording, chain: str) -> tuple[Array, Array]:
     """Return the speed behind a chain [rad/s] and its times [s], (N,) each."""
-    from servobench.measurement.measure import measure
+    from servobench.recordings.measurement.measure import measure
 
     data = measure(recording, chain)
     return data.t_output, data.y
@@ -98,7 +98,7 @@ def at_levels(recording: Recording, dwell: float) -> tuple[Level, ...]:
 
     Raises `MissingInformation` for a recording without a current.
     """
-    from servobench.measurement.measure import measure
+    from servobench.recordings.measurement.measure import measure
 
     current = measure(recording).current
     if current is None:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from servobench._version import __version__
-from servobench.errors import StorageError
+from servobench.core.errors import StorageError
 from servobench.lab.exercise import Exercise
 from servobench.lab.formula import line_html
 from servobench.lab.markdown import to_html

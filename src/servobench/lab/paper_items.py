@@ -6,7 +6,7 @@ from typing import Annotated
 
 from pydantic import Field
 
-from servobench.settings import Settings
+from servobench.core.settings import Settings
 
 
 class PaperItem(Settings):

@@ -13,11 +13,11 @@ from collections.abc import Iterable, Iterator, Mapping
 from functools import cache
 from typing import TYPE_CHECKING, TypeAlias
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
+from servobench.core.units import Unit
+from servobench.core.units import unit as unit_named
 from servobench.lab.expression import Expression
 from servobench.lab.studies.values import Values
-from servobench.units import Unit
-from servobench.units import unit as unit_named
 
 if TYPE_CHECKING:
     from servobench.lab.exercise import Exercise
@@ -53,7 +53,7 @@ _LADDER = ("first_order_coulomb_stribeck_gravity_load", "first_order_asymmetric_
 @cache
 def identifiable() -> Mapping[str, str]:
     """Return the units of all parameters that a recording may tell, by name: of an angle in rad and an input in V."""
-    from servobench.models.base import STRUCTURES
+    from servobench.identification.models.base import STRUCTURES
 
     structures = (*STRUCTURES, *(STRUCTURES[name] for name in _LADDER))
     return {

@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.experiment.experiment import DeviceChoice
-from servobench.filters.base import SpeedEstimate
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.lab.studies.base import Stand
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.rig.experiment import Experiment
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.systems.filters.base import SpeedEstimate
 
 if TYPE_CHECKING:
-    from servobench.devices.faults.base import Fault
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
+    from servobench.rig.devices.faults.base import Fault
 
 SETTLING = 2.0  # s; twenty time constants of a motor of 0.1 s
 STEADY = 4.0  # s that are looked at
@@ -32,9 +32,9 @@ def simulated(experiment: Experiment, faults: Sequence[Fault] = (), **settings: 
     `settings` are the twin's, and go before those that the experiment gives a twin; `faults` are injected. Raises `UsageError`
     for settings that the twin hasn't.
     """
-    from servobench.devices.base import connect
-    from servobench.devices.faulty import Faulty
-    from servobench.loop.run import run
+    from servobench.rig.devices.base import connect
+    from servobench.rig.devices.faulty import Faulty
+    from servobench.rig.loop.run import run
 
     own = experiment.device.settings if experiment.device.name == "twin" else {}
     chosen = {**own, **settings, "timing": "virtual"}
@@ -69,8 +69,8 @@ def steady_run(stand: Stand, voltage: float, sample_time: float) -> SteadyRun:
     Over 4 s that is right to Δ √(12/N)/(4 s √12), which follows from the variance of a line's slope: a ten-thousandth of a
     count a sample at 500 Hz. Raises `UsageError` where the motor stands still.
     """
-    from servobench.control.open_loop import OpenLoop
-    from servobench.signals.constant import Constant
+    from servobench.systems.control.open_loop import OpenLoop
+    from servobench.systems.signals.constant import Constant
 
     asked = stand.experiment.model_copy(
         update={

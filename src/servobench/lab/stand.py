@@ -11,18 +11,18 @@ from functools import cached_property, lru_cache
 from threading import RLock
 from typing import TYPE_CHECKING
 
-from servobench.channels import DeviceInfo
-from servobench.errors import NotIdentifiable, UnknownName, UsageError
-from servobench.experiment import Experiment
-from servobench.experiment.experiment import DeviceChoice
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.lab.evidence import Evidence
 from servobench.lab.exercise import Exercise
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import Shown, carried_out, facts_in
+from servobench.rig.experiment import Experiment
+from servobench.rig.experiment.experiment import DeviceChoice
 
 if TYPE_CHECKING:
-    from servobench.devices.base import Device
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
+    from servobench.rig.devices.base import Device
 
 TWIN = "twin"
 
@@ -133,7 +133,7 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
     chosen = _in_virtual_time(device) if device.name == TWIN else device
 
     def carry_out(experiment: Experiment) -> Recording:
-        from servobench.loop.live import run_where_its_time_passes
+        from servobench.rig.loop.live import run_where_its_time_passes
 
         asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
         recording = run_where_its_time_passes(asked, _connected(asked.device))
@@ -183,7 +183,7 @@ def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -
     `called` is what the recording is called then, by its own name without one. A recording that doesn't say what experiment it
     is of is taken as it is.
     """
-    from servobench.experiment.reading import read_experiment
+    from servobench.rig.experiment.reading import read_experiment
 
     if not recording.experiment:
         return
@@ -204,8 +204,8 @@ def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -
 
 def _connected(device: DeviceChoice) -> Device:
     """The device, not yet entered."""
-    from servobench.devices.base import connect
-    from servobench.devices.faulty import with_faults
+    from servobench.rig.devices.base import connect
+    from servobench.rig.devices.faulty import with_faults
 
     return with_faults(connect(device.name, **device.settings), device.faults)
 

@@ -8,16 +8,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.measurement.base import Chain
-from servobench.models.base import Output
-from servobench.recording.recording import Recording
-from servobench.rounding import plain
-from servobench.signals.ramp import Ramp
-from servobench.signals.step import Step
-from servobench.tuning.base import Tunable
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.identification.models.base import Output
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.recording import Recording
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.signals.step import Step
+from servobench.systems.tuning.base import Tunable
 
 _STUCK = 0.1  # of the time to the peak; a second-order loop is within a count of it for less
 _NO_PEAK = 1e-4  # of a step; an encoder shows a twentieth of a count of a step of 1 rad
@@ -87,7 +87,7 @@ class StepFigures:
 
 def response_after(recording: Recording, start: float, of: Output, chain: str) -> Response:
     """Return what happened from a time [s] on, the speed through a chain."""
-    from servobench.measurement.measure import measure
+    from servobench.recordings.measurement.measure import measure
 
     data = measure(recording, chain if of == "speed" else None)
     after = data.t_output >= start - 1e-9
@@ -139,7 +139,7 @@ def without_friction(
     The motor has the gain K [rad/(s·V)] and the time constant τ [s].
     A speed is looked at through the same chain as that of the run.
     """
-    from servobench.tuning.response import unit_step
+    from servobench.systems.tuning.response import unit_step
 
     change, h = change_of(experiment), experiment.sample_time
     ticks = max(math.ceil(((experiment.duration or 0.0) - change.start) / h), 2)

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from decimal import Decimal
 from typing import Literal, TypeAlias
 
+from servobench.core.rounding import SPACE, plain
 from servobench.lab.studies.base import Cell, Column, Table
-from servobench.rounding import SPACE, plain
 
 Kind: TypeAlias = Literal["word", "number", "paper", "off"]
 

@@ -5,9 +5,9 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from servobench.errors import UnitError, UsageError
+from servobench.core.errors import UnitError, UsageError
+from servobench.core.units import quantity
 from servobench.lab.expression import Fact
-from servobench.units import quantity
 
 _EXPECTED = (
     'expected "exact", or parts joined by +, each "interval", a percentage of the value or a quantity: "interval + 2 %", '

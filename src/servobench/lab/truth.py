@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,8 +42,8 @@ def truth_of(recording: Recording) -> Truth:
 
     Raises `NotIdentifiable` for another motor, whose true parameters nobody knows.
     """
-    from servobench.devices.twin import TwinSettings
-    from servobench.motor.physics import Physics
+    from servobench.rig.devices.twin import TwinSettings
+    from servobench.rig.motor.physics import Physics
 
     info = recording.info
     if info is None or info.name != "twin":

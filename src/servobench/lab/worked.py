@@ -9,7 +9,8 @@ from functools import cached_property
 
 import numpy as np
 
-from servobench.errors import NotIdentifiable, UsageError
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.rounding import SPACE, plain, with_unit
 from servobench.lab.check import Checked, check, right_answer
 from servobench.lab.course import course_of
 from servobench.lab.exercise import Blank, Correction, Exercise
@@ -18,7 +19,6 @@ from servobench.lab.stand import MotorStand
 from servobench.lab.studies.base import Shown
 from servobench.lab.tolerance import Tolerance
 from servobench.report.illustrations import Illustration
-from servobench.rounding import SPACE, plain, with_unit
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -8,11 +8,11 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic_core import ErrorDetails
 
-from servobench.errors import UsageError
-from servobench.experiment import DeviceChoice, Experiment
-from servobench.loop.messages import Command
+from servobench.core.errors import UsageError
 from servobench.panel.frames import speed_chain
 from servobench.panel.lease import Refusal
+from servobench.rig.experiment import DeviceChoice, Experiment
+from servobench.rig.loop.messages import Command
 
 ASSIGNED = "assigned"
 """The device that is somebody's own in an assessment: a panel that has it keeps it."""
@@ -43,7 +43,7 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
 
     Raises `UsageError` for what can't be, and `Refusal` for another motor than the one that is assigned.
     """
-    from servobench.devices.base import connect
+    from servobench.rig.devices.base import connect
 
     try:
         changed = now.model_dump()

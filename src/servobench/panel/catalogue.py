@@ -12,7 +12,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
-from servobench.settings import MemberOf, unit_of
+from servobench.core.settings import MemberOf, unit_of
 
 _UNITS = {"encoder": ["counts", "deg", "rad"]}
 _ON_DATA_SHEETS = {
@@ -24,9 +24,9 @@ _INITIALS = ("pid", "prbs")
 
 def catalogue() -> dict[str, Any]:
     """Return all that can be chosen, as JSON can hold it."""
-    from servobench.control.base import CONTROLLERS
-    from servobench.devices.base import DEVICES
-    from servobench.signals.base import SIGNALS
+    from servobench.rig.devices.base import DEVICES
+    from servobench.systems.control.base import CONTROLLERS
+    from servobench.systems.signals.base import SIGNALS
 
     return {
         "signals": [member(name, SIGNALS[name], SIGNALS[name]) for name in SIGNALS.names()],
@@ -38,8 +38,8 @@ def catalogue() -> dict[str, Any]:
 
 def _device(known: dict[str, Any]) -> dict[str, Any]:
     """A device, with the motors and solvers that there are to choose from, and what its data sheet says where nothing is set."""
-    from servobench.motor.parameters import DATA_SHEETS
-    from servobench.motor.solvers.base import SOLVERS
+    from servobench.rig.motor.parameters import DATA_SHEETS
+    from servobench.rig.motor.solvers.base import SOLVERS
 
     choices = {"motor": list(DATA_SHEETS), "solver": list(SOLVERS.names())}
     fields = {field["name"]: field for field in known["fields"]}

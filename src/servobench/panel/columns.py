@@ -8,14 +8,14 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-from servobench.errors import UnknownName, UsageError
-from servobench.formats.columns import TIME_NAMES, heading
-from servobench.formats.describe import describe
-from servobench.formats.mapping import Mapping
-from servobench.formats.roles import ColumnSpec, plain_name
-from servobench.formats.timing import seconds
+from servobench.core.errors import UnknownName, UsageError
 from servobench.panel.library import MAPPING
-from servobench.recording.recording import Recording, Series
+from servobench.recordings.formats.columns import TIME_NAMES, heading
+from servobench.recordings.formats.describe import describe
+from servobench.recordings.formats.mapping import Mapping
+from servobench.recordings.formats.roles import ColumnSpec, plain_name
+from servobench.recordings.formats.timing import seconds
+from servobench.recordings.recording import Recording, Series
 
 QUESTIONS = "columns.json"
 _FIRST = 5  # values of a column that are shown

@@ -8,9 +8,9 @@ from functools import partial
 from types import TracebackType
 from typing import Protocol
 
-from servobench.experiment import Experiment
 from servobench.panel.live_process import LiveProcess
 from servobench.panel.pump import Loop, News, Pump
+from servobench.rig.experiment import Experiment
 
 
 class LoopContext(Protocol):

@@ -11,17 +11,17 @@ from typing import Any, Protocol, TypeAlias, runtime_checkable
 import numpy as np
 from pydantic import BaseModel
 
-from servobench.channels import Channel, DeviceInfo
-from servobench.control.base import CONTROLLERS
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.measurement.base import STAGES, Chain, Stage
-from servobench.measurement.unwrap import Unwrap
-from servobench.registry import Registry
-from servobench.rounding import plain
-from servobench.settings import unit_of
-from servobench.signals.base import SIGNALS, Signal
-from servobench.units import unit as unit_named
+from servobench.core.channels import Channel, DeviceInfo
+from servobench.core.errors import UsageError
+from servobench.core.registry import Registry
+from servobench.core.rounding import plain
+from servobench.core.settings import unit_of
+from servobench.core.units import unit as unit_named
+from servobench.recordings.measurement.base import STAGES, Chain, Stage
+from servobench.recordings.measurement.unwrap import Unwrap
+from servobench.rig.experiment import Experiment
+from servobench.systems.control.base import CONTROLLERS
+from servobench.systems.signals.base import SIGNALS, Signal
 
 Value: TypeAlias = float | int | bool | str | None
 Curve: TypeAlias = tuple[tuple[float, float], ...]

@@ -18,15 +18,16 @@ from pydantic import TypeAdapter
 from starlette.requests import Request
 from starlette.responses import JSONResponse
 
-from servobench.errors import ServobenchError, UnknownName, UsageError
-from servobench.experiment.experiment import AnyController, Experiment
+from servobench.core.errors import ServobenchError, UnknownName, UsageError
 from servobench.lab.check import check
-from servobench.lab.exercise import FOLDER, Exercise, exercise, names
+from servobench.lab.exercise import Exercise
+from servobench.lab.exercise_file import FOLDER, exercise, names
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.formula import line_text
 from servobench.lab.markdown import to_html
 from servobench.panel.work import Work, error_called
-from servobench.signals.base import AnySignal
+from servobench.rig.experiment.experiment import AnyController, Experiment
+from servobench.systems.signals.base import AnySignal
 
 _LARGEST_BODY = 64 * 1024  # bytes; answers are a few dozen short texts
 _NOT_FOUND, _WRONG, _TOO_LARGE = 404, 400, 413

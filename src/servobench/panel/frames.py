@@ -11,15 +11,15 @@ from itertools import pairwise
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.measurement.base import Chain
-from servobench.measurement.continued import continued
-from servobench.measurement.derivative import Derivative
-from servobench.measurement.scale import Scale
-from servobench.measurement.unwrap import Unwrap
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.panel.kernels import BEFORE, shown_block
-from servobench.recording.recording import Recording
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.continued import continued
+from servobench.recordings.measurement.derivative import Derivative
+from servobench.recordings.measurement.scale import Scale
+from servobench.recordings.measurement.unwrap import Unwrap
+from servobench.recordings.recording import Recording
 
 COLUMNS = (
     "t",

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
 from servobench.panel.work import IDENTIFYING, STAGES, Work
 
 TELL_INTERVAL = 0.5  # s

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 
-from servobench.channels import Array
-from servobench.compiled import compiled
-from servobench.measurement.kernels import slopes, unwrapped_block
+from servobench.core.channels import Array
+from servobench.core.compiled import compiled
+from servobench.recordings.measurement.kernels import slopes, unwrapped_block
 
 BEFORE = 4
 """The numbers that are carried from block to block: time [s], counts, wraps, position [rad] of the last row."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
 from servobench.panel.viewers import Viewer
 
 

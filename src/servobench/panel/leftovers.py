@@ -6,12 +6,12 @@ from contextlib import suppress
 from datetime import datetime
 from pathlib import Path
 
-from servobench.errors import FormatError, ServobenchError, UsageError
-from servobench.experiment import read_experiment
+from servobench.core.errors import FormatError, ServobenchError, UsageError
 from servobench.panel.library import ABOUT, EXPERIMENT, RECORDING, Library, keep_about
 from servobench.panel.taking import about
-from servobench.recording.lease import is_held
-from servobench.recording.mcap_file import PART
+from servobench.recordings.native.lease import is_held
+from servobench.recordings.native.mcap_file import PART
+from servobench.rig.experiment import read_experiment
 
 
 def complete_leftovers(library: Library, being_made: str | None) -> None:
@@ -27,7 +27,7 @@ def complete_leftovers(library: Library, being_made: str | None) -> None:
 
 
 def _complete(folder: Path) -> None:
-    from servobench.recording.recover import make_whole
+    from servobench.recordings.native.recover import make_whole
 
     recording = folder / RECORDING
     part = recording.with_name(f"{RECORDING}{PART}")

@@ -16,8 +16,8 @@ from tempfile import NamedTemporaryFile
 from threading import Lock
 from typing import Any
 
-from servobench.errors import FormatError, StorageError, UnknownName, UsageError
-from servobench.recording.lease import hold
+from servobench.core.errors import FormatError, StorageError, UnknownName, UsageError
+from servobench.recordings.native.lease import hold
 
 RECORDING = "recording.mcap"
 EXPERIMENT = "experiment.toml"

@@ -9,12 +9,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array, DeviceInfo
-from servobench.errors import UsageError
-from servobench.estimators.recursion.beginning import Setting
-from servobench.estimators.recursion.motion import Samples
-from servobench.estimators.recursive import Recursive
-from servobench.rounding import TWO_SIDED
+from servobench.core.channels import Array, DeviceInfo
+from servobench.core.errors import UsageError
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.recursion.beginning import Setting
+from servobench.identification.estimators.recursion.motion import Samples
+from servobench.identification.estimators.recursive import Recursive
 
 _INTERVAL = 0.2  # s of the run between two messages
 _RECENT = 2.0  # s of the run in which the shortest way of a sample is looked for

@@ -22,13 +22,13 @@ from typing import IO, TYPE_CHECKING, Any, NamedTuple, Protocol, cast
 
 import numpy as np
 
-from servobench.channels import Array, DeviceInfo
-from servobench.json_numbers import finite
-from servobench.loop.messages import info_from_json, info_to_json
-from servobench.loop.ring import MessageRing, RowReader, RowRing
+from servobench.core.channels import Array, DeviceInfo
+from servobench.core.json_numbers import finite
 from servobench.panel.beat import Beat
 from servobench.panel.beside import FLAGS, give_way, surroundings
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
+from servobench.rig.loop.messages import info_from_json, info_to_json
+from servobench.rig.loop.ring import MessageRing, RowReader, RowRing
 
 if TYPE_CHECKING:
     from servobench.panel.live import LiveFit

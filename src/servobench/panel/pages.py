@@ -16,11 +16,9 @@ from starlette.requests import Request
 from starlette.responses import RedirectResponse, Response
 
 from servobench._version import __version__
-from servobench.channels import DeviceInfo
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.lab.exercise import FOLDER
-from servobench.measurement.base import Chain
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import UsageError
+from servobench.lab.exercise_file import FOLDER
 from servobench.panel.asked import ASSIGNED
 from servobench.panel.bodies import LARGEST_UPLOAD, form_field, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
@@ -32,6 +30,8 @@ from servobench.panel.library import Library
 from servobench.panel.preview import previewed
 from servobench.panel.session import MotorSession
 from servobench.panel.work import Work, done_elsewhere
+from servobench.recordings.measurement.base import Chain
+from servobench.rig.experiment import Experiment
 
 _TYPES = {
     ".html": "text/html; charset=utf-8",

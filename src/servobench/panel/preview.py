@@ -10,15 +10,15 @@ import numpy as np
 from numpy.typing import NDArray
 from pydantic import TypeAdapter, ValidationError
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.finding import Severity
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.finding import Severity
 from servobench.panel.asked import told
-from servobench.signals.base import AnySignal, Signal
-from servobench.signals.multisine import Multisine
-from servobench.signals.sequence import Sequence
-from servobench.signals.sum import Sum
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.base import AnySignal, Signal
+from servobench.systems.signals.multisine import Multisine
+from servobench.systems.signals.sequence import Sequence
+from servobench.systems.signals.sum import Sum
 
 COLUMNS = 560
 """What a signal is drawn in at most: two for each unit of the page's drawing."""

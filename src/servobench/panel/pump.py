@@ -11,17 +11,17 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from servobench.channels import Array, DeviceInfo
-from servobench.experiment import Experiment
-from servobench.loop.messages import Command, Notice
-from servobench.loop.recording_process import RecorderProcess
-from servobench.loop.ring import LOOP_STATE, MessageReader, RowReader, RowRing
-from servobench.loop.spec import ENDED
+from servobench.core.channels import Array, DeviceInfo
 from servobench.panel.beat import Beat
 from servobench.panel.frames import COLUMNS, Scope
 from servobench.panel.kernels import flagged
 from servobench.panel.live_process import Seen
-from servobench.recording.recording import Recording, Stopped
+from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.messages import Command, Notice
+from servobench.rig.loop.recording_process import RecorderProcess
+from servobench.rig.loop.ring import LOOP_STATE, MessageReader, RowReader, RowRing
+from servobench.rig.loop.spec import ENDED
 
 _MOST = 4096  # rows of a look; what is more comes with the next one
 _RESIDUAL, _LATE, _SATURATED = (COLUMNS.index(name) for name in ("residual", "late", "saturated"))

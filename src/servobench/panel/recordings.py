@@ -17,8 +17,8 @@ from starlette.background import BackgroundTask
 from starlette.requests import Request
 from starlette.responses import FileResponse, Response
 
-from servobench import toml
-from servobench.errors import FormatError, UsageError
+from servobench.core import toml
+from servobench.core.errors import FormatError, UsageError
 from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
 from servobench.panel.columns import QUESTIONS
 from servobench.panel.gate import REPORT_POLICY, Refused

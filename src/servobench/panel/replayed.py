@@ -7,14 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment import read_experiment
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.panel.columns import mapped
 from servobench.panel.frames import COLUMNS, Scope, encode
 from servobench.panel.library import MAPPING
-from servobench.recording.reader import read
-from servobench.recording.recording import Recording
+from servobench.recordings.native.reader import read
+from servobench.recordings.recording import Recording
+from servobench.rig.experiment import read_experiment
 
 MOST_ROWS = 20_000
 
@@ -55,7 +55,7 @@ def shown(recording: Recording) -> Array:
 
 def _put_output(recording: Recording, values: Array) -> None:
     """Put the output of somebody else's recording where its unit says."""
-    from servobench.units import unit
+    from servobench.core.units import unit
 
     if recording.output is None or (symbol := recording[recording.output].channel.unit) is None:
         return

@@ -12,7 +12,7 @@ from starlette.routing import BaseRoute, Route, WebSocketRoute
 from starlette.types import Receive, Scope, Send
 from starlette.websockets import WebSocket
 
-from servobench.errors import DeviceError, ServobenchError, StorageError, UnknownName
+from servobench.core.errors import DeviceError, ServobenchError, StorageError, UnknownName
 from servobench.panel import pages, recordings
 from servobench.panel.bodies import Listening
 from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse

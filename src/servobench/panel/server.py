@@ -19,15 +19,15 @@ from starlette.applications import Starlette
 from starlette.types import ASGIApp
 from uvicorn.server import HANDLED_SIGNALS
 
-from servobench.errors import DeviceError, UsageError
-from servobench.loop.requests import requests_here
-from servobench.measurement.base import STAGES
+from servobench.core.errors import DeviceError, UsageError
 from servobench.panel import half_open
 from servobench.panel.catalogue import catalogue
 from servobench.panel.gate import Door, Gate, broken, not_so, nowhere
 from servobench.panel.keys import Keys
 from servobench.panel.pages import Panel
 from servobench.panel.routes import routes
+from servobench.recordings.measurement.base import STAGES
+from servobench.rig.loop.requests import requests_here
 
 PORT = 8765
 PING_INTERVAL = 0.4  # s
@@ -76,8 +76,8 @@ def load() -> None:
     catalogue()
     for name in STAGES.names():
         STAGES[name]
-    import_module("servobench.loop.kernels")
-    import_module("servobench.measurement.kernels")
+    import_module("servobench.rig.loop.kernels")
+    import_module("servobench.recordings.measurement.kernels")
 
 
 def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], keys: Keys) -> Door:

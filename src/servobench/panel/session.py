@@ -12,10 +12,8 @@ from itertools import count
 from time import monotonic
 from typing import Any
 
-from servobench.errors import ServobenchError
-from servobench.experiment import Experiment
-from servobench.loop.messages import Command, Notice, info_to_json
-from servobench.loop.process import LoopProcess
+from servobench.core.errors import ServobenchError
+from servobench.identification.design.stopping_rule import parse_wish
 from servobench.panel.asked import SIMULATED, for_panel
 from servobench.panel.attention import HIDDEN, SILENT
 from servobench.panel.connection import Connection, LiveOf, LoopContext, LoopOf
@@ -28,8 +26,10 @@ from servobench.panel.pump import Loop, News
 from servobench.panel.standing import Standing, applied, with_changes
 from servobench.panel.taking import BY_HAND, Taking, Takings
 from servobench.panel.viewers import Viewer, Viewers, as_text
-from servobench.recording.recording import Stopped
-from servobench.stopping_rule import parse_wish
+from servobench.recordings.recording import Stopped
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.messages import Command, Notice, info_to_json
+from servobench.rig.loop.process import LoopProcess
 
 OPERATOR_TIMEOUT = 1.0  # s; the loop's own, where nothing of ours gets through to it any more
 SIGN_INTERVAL = 0.1  # s between two looks at the operator's page, and signs of life to the loop

@@ -11,7 +11,7 @@ from typing import Any
 
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
-from servobench.errors import ServobenchError, UsageError
+from servobench.core.errors import ServobenchError, UsageError
 from servobench.panel.asked import command_from, experiment_from
 from servobench.panel.bodies import parsed
 from servobench.panel.gate import Refused

@@ -6,9 +6,9 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-from servobench.experiment import Experiment
-from servobench.loop.messages import Command, Notice
 from servobench.panel.pump import News
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.messages import Command, Notice
 
 _LIMITED_FOR = 0.5  # s for which a limit's light stays on
 

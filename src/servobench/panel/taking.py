@@ -9,15 +9,15 @@ from datetime import datetime
 from pathlib import Path
 from typing import Any
 
-from servobench.errors import ServobenchError
-from servobench.experiment import Experiment
-from servobench.finding import Severity
-from servobench.loop.recording_process import Recorded, RecorderProcess
-from servobench.loop.ring import RECORDER_STATE, ROWS_KEPT
-from servobench.loop.spec import DONE, FAILED
+from servobench.core.errors import ServobenchError
+from servobench.core.finding import Severity
 from servobench.panel.lease import Refusal
 from servobench.panel.library import EXPERIMENT, RECORDING, About, Library, keep_about, replace_file
 from servobench.panel.pump import Loop
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.recording_process import Recorded, RecorderProcess
+from servobench.rig.loop.ring import RECORDER_STATE, ROWS_KEPT
+from servobench.rig.loop.spec import DONE, FAILED
 
 BY_HAND = "it was ended by hand"
 
@@ -112,7 +112,7 @@ class Taking:
 
     def _save_part(self) -> None:
         """Make what was written before the recorder failed a whole file."""
-        from servobench.recording.recover import make_whole
+        from servobench.recordings.native.recover import make_whole
 
         make_whole(self.folder / RECORDING)
 
@@ -199,7 +199,7 @@ class Takings:
 
 def about(path: Path, created: str, signal: str) -> About:
     """Return what is to be known of a native file without reading it; raises what `read` raises."""
-    from servobench.recording.reader import read
+    from servobench.recordings.native.reader import read
 
     recording = read(path)[0]
     t = recording.series[0].t

@@ -15,10 +15,10 @@ from contextlib import contextmanager, suppress
 from functools import partial
 from typing import IO, Any, Protocol, TypeAlias, cast
 
-import servobench.errors as errors
-from servobench.errors import ServobenchError, UsageError
-from servobench.loop.exit_status import ended_how
+import servobench.core.errors as errors
+from servobench.core.errors import ServobenchError, UsageError
 from servobench.panel.beside import FLAGS, give_way, surroundings
+from servobench.rig.loop.exit_status import ended_how
 
 Said: TypeAlias = Callable[[str], None]
 
@@ -152,7 +152,7 @@ def _say(doing: str) -> None:
 @contextmanager
 def _stage(doing: str) -> Iterator[None]:
     """Say what is done meanwhile, and when kernels are compiled for it, which takes far longer than itself."""
-    from servobench.compiled import told_while_compiling
+    from servobench.core.compiled import told_while_compiling
 
     def compiling(before: int) -> None:
         _say(f"{COMPILING} ({before} done)")
@@ -169,10 +169,10 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     """
     from pathlib import Path
 
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
+    from servobench.identification.identify import identify
     from servobench.panel.columns import mapped
-    from servobench.recording.reader import read
+    from servobench.recordings.measurement.measure import measure
+    from servobench.recordings.native.reader import read
     from servobench.report.document import Report
 
     with _stage(READING):
@@ -194,9 +194,9 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
     from dataclasses import asdict, replace
     from pathlib import Path
 
-    from servobench.formats.base import load, save
     from servobench.panel.columns import questions
     from servobench.panel.taking import about
+    from servobench.recordings.formats.base import load, save
 
     recordings = load(asked["file"])
     if len(recordings) != 1:
@@ -214,7 +214,7 @@ def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
     `mapping_of` and `assign` raise.
     """
     from servobench.panel.columns import mapping_of
-    from servobench.recording.reader import read
+    from servobench.recordings.native.reader import read
 
     mapping = mapping_of(asked["said"])
     found = mapping.assigned(read(asked["file"])[0])
@@ -227,8 +227,8 @@ def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the recording in the native file `file` to the file `to`, in the format that its ending says."""
-    from servobench.formats.base import save
-    from servobench.recording.reader import read
+    from servobench.recordings.formats.base import save
+    from servobench.recordings.native.reader import read
 
     save(read(asked["file"]), asked["to"])
     return {}
@@ -239,7 +239,7 @@ def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
     from pathlib import Path
 
     from servobench.lab.drawn import results
-    from servobench.lab.exercise import exercise
+    from servobench.lab.exercise_file import exercise
     from servobench.lab.stand import stand_on_the_twin
     from servobench.lab.worked import Worked
 
@@ -254,7 +254,7 @@ def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
     """
     from pathlib import Path
 
-    from servobench.lab.exercise import exercise
+    from servobench.lab.exercise_file import exercise
     from servobench.lab.stand import stand_on_the_twin
 
     facts = stand_on_the_twin(exercise(asked["name"], Path(asked["folder"]))).facts

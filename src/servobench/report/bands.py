@@ -7,13 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit
-from servobench.models.base import Model, Output
-from servobench.propagation import Propagated, deviation, gradient, matched, propagate
-from servobench.responses import step_response
-from servobench.rounding import TWO_SIDED
-from servobench.transfer_function import TransferFunction
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.base import Model, Output
+from servobench.identification.uncertainty.propagation import (
+    Propagated,
+    deviation,
+    gradient,
+    matched,
+    propagate,
+)
+from servobench.systems.responses import step_response
+from servobench.systems.transfer_function import TransferFunction
 
 __all__ = [
     "FrequencyBand",

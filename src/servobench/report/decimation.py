@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.core.channels import Array
 
 
 def decimated(t: Array, y: Array, columns: int) -> tuple[Array, Array]:

@@ -9,9 +9,9 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from servobench.errors import StorageError
-from servobench.recording.recording import Recording
-from servobench.result import Result
+from servobench.core.errors import StorageError
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, eq=False)

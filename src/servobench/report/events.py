@@ -7,9 +7,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from servobench.recording.recording import Event, Recording
+from servobench.core.rounding import SPACE, counted, grouped, plain
+from servobench.recordings.recording import Event, Recording
 from servobench.report.history import told
-from servobench.rounding import SPACE, counted, grouped, plain
 
 MOST_SHOWN = 50
 _ALWAYS = ("opened", "ended")  # each run has them, and the page says them elsewhere

@@ -7,16 +7,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from servobench._version import __version__
-from servobench.finding import Severity
-from servobench.reconciliation.explanation import Explanation
-from servobench.reconciliation.reenactment import SPOKEN
-from servobench.reconciliation.sentences import needed_told, probability_told
-from servobench.recording.recording import Recording
+from servobench.core.finding import Severity
+from servobench.core.rounding import plain, with_unit
+from servobench.identification.reconciliation.explanation import Explanation
+from servobench.identification.reconciliation.reenactment import SPOKEN
+from servobench.identification.reconciliation.sentences import needed_told, probability_told
+from servobench.recordings.recording import Recording
 from servobench.report import explanation_figures, tables, words
 from servobench.report.document import write_page
 from servobench.report.html import SEVERITIES, single, source, template
 from servobench.report.tables import Fact
-from servobench.rounding import plain, with_unit
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,13 +5,13 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
-from servobench.reconciliation.base import Name
-from servobench.reconciliation.explanation import Difference, Explanation
-from servobench.reconciliation.judging import Judged
-from servobench.reconciliation.reenactment import SPOKEN
+from servobench.core.rounding import handy_unit, with_unit
+from servobench.identification.reconciliation.base import Name
+from servobench.identification.reconciliation.explanation import Difference, Explanation
+from servobench.identification.reconciliation.judging import Judged
+from servobench.identification.reconciliation.reenactment import SPOKEN
 from servobench.report.illustrations import Illustration
 from servobench.report.palette import BOTTOM, RIGHT, TITLE, Box, Style, axes, sheet, x_label
-from servobench.rounding import handy_unit, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

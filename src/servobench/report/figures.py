@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
 from servobench.report.decimation import decimated
 from servobench.report.palette import (
     BOTTOM,
@@ -32,7 +33,6 @@ from servobench.report.palette import (
     whole,
     x_label,
 )
-from servobench.rounding import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
-from servobench.estimators.frequency_response import FrequencyResponse
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
+from servobench.identification.estimators.frequency_response import FrequencyResponse
 from servobench.report.bands import FrequencyBand
 from servobench.report.palette import (
     BOTTOM,
@@ -24,7 +25,6 @@ from servobench.report.palette import (
     sheet,
     x_label,
 )
-from servobench.rounding import plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -10,12 +10,12 @@ from typing import Any
 
 import numpy as np
 
-from servobench import toml
-from servobench.channels import Channel
-from servobench.measurement.dataset import Dataset
-from servobench.recording.recording import Recording, Series
+from servobench.core import toml
+from servobench.core.channels import Channel
+from servobench.core.rounding import SPACE, counted, grouped, plain, with_unit
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Recording, Series
 from servobench.report.tables import Fact, capital
-from servobench.rounding import SPACE, counted, grouped, plain, with_unit
 
 _NOTHING: tuple[Any, ...] = ("", {}, [])  # what a setting that isn't set looks like
 _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")

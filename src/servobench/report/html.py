@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from servobench.finding import Severity, Verdict
-from servobench.recording.recording import Recording
+from servobench.core.finding import Severity, Verdict
+from servobench.identification.result import Result
+from servobench.recordings.recording import Recording
 from servobench.report import (
     events,
     history,
@@ -23,7 +24,6 @@ from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
 from servobench.report.palette import Style
 from servobench.report.svg import PLACEHOLDERS, inline_svg
-from servobench.result import Result
 
 if TYPE_CHECKING:
     from jinja2 import Environment, Template

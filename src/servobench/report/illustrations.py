@@ -9,16 +9,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit, FittedRecord
-from servobench.measurement.dataset import Dataset
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED, counted, handy_unit, percent, plain, with_unit
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.result import Comparison, Result
+from servobench.recordings.measurement.dataset import Dataset
 from servobench.report import figures
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Difference, Panel
 from servobench.report.palette import Style
 from servobench.report.speed import eye_speed, eye_window
-from servobench.result import Comparison, Result
-from servobench.rounding import TWO_SIDED, counted, handy_unit, percent, plain, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -7,21 +7,21 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from servobench._version import __version__
-from servobench.doubts.base import about_data
-from servobench.errors import MissingInformation, ServobenchError
-from servobench.finding import Finding, Severity
-from servobench.formats.describe import ChannelDescription, Description, describe, shown_channels
-from servobench.formats.inspection import extremes, intervals
-from servobench.formats.mapping import assign
-from servobench.formats.times import TimeBase
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.recording.recording import Recording
+from servobench.core.errors import MissingInformation, ServobenchError
+from servobench.core.finding import Finding, Severity
+from servobench.core.rounding import counted, percent, plain, with_unit
+from servobench.identification.trust.doubts.base import about_data
+from servobench.recordings.formats.describe import ChannelDescription, Description, describe, shown_channels
+from servobench.recordings.formats.inspection import extremes, intervals
+from servobench.recordings.formats.mapping import assign
+from servobench.recordings.formats.times import TimeBase
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording
 from servobench.report import inspection_figures, tables, words
 from servobench.report.document import write_page
 from servobench.report.html import SEVERITIES, Drawn, single, source, template
 from servobench.report.tables import Fact
-from servobench.rounding import counted, percent, plain, with_unit
 
 
 @dataclass(frozen=True, eq=False)

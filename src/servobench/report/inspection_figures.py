@@ -7,15 +7,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.channels import measurable
-from servobench.formats.inspection import Intervals
-from servobench.recording.recording import Recording, Series
+from servobench.core.channels import measurable
+from servobench.core.rounding import counted, handy_unit, plain, with_unit
+from servobench.recordings.formats.inspection import Intervals
+from servobench.recordings.recording import Recording, Series
 from servobench.report import figures
 from servobench.report.decimation import held
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.report.palette import Style, axes, sheet, whole, x_label
-from servobench.rounding import counted, handy_unit, plain, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,11 +6,11 @@ from html import escape
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.estimators.base import Fit
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
+from servobench.identification.estimators.base import Fit
 from servobench.report.bands import coefficient_halves
-from servobench.rounding import plain
-from servobench.transfer_function import TransferFunction
+from servobench.systems.transfer_function import TransferFunction
 
 SYMBOLS = {
     "gain": "K",

@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.core.channels import Array
+from servobench.core.rounding import plain, with_unit
 from servobench.report.bands import FrequencyBand, PoleBand, StepBand
 from servobench.report.palette import (
     BOTTOM,
@@ -25,7 +26,6 @@ from servobench.report.palette import (
     whole,
     x_label,
 )
-from servobench.rounding import plain, with_unit
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -9,14 +9,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.estimators.base import Fit
-from servobench.propagation import Derived, sample_time_of
+from servobench.core.rounding import plain, rounded, with_unit
+from servobench.identification.estimators.base import Fit
+from servobench.identification.uncertainty.propagation import Derived, sample_time_of
 from servobench.report import model_figures, words
 from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, rounded, with_unit
-from servobench.stability_analysis.verdict import stability
-from servobench.transfer_function import TransferFunction
+from servobench.systems.stability.verdict import stability
+from servobench.systems.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -61,7 +61,7 @@ def _measured(fit: Fit, band: FrequencyBand) -> Callable[[Style], Figure] | None
     """The diagram with the points that were measured, for a fit that was made to them."""
     if fit.estimator != "frequency_response":
         return None
-    from servobench.estimators import frequency_response as measurement
+    from servobench.identification.estimators import frequency_response as measurement
     from servobench.report.frequency_figures import measured_bode
 
     data = [record.data for record in fit.records]

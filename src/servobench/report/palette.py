@@ -6,8 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from servobench.channels import Array
-from servobench.rounding import handy_unit, plain
+from servobench.core.channels import Array
+from servobench.core.rounding import handy_unit, plain
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

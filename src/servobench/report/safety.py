@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from servobench.channels import DeviceInfo
-from servobench.experiment.limits import Limits
-from servobench.recording.recording import Recording
+from servobench.core.channels import DeviceInfo
+from servobench.core.rounding import counted, plain
+from servobench.core.units import quantity
+from servobench.recordings.recording import Recording
 from servobench.report.history import experiment_table
-from servobench.rounding import counted, plain
-from servobench.units import quantity
+from servobench.rig.experiment.limits import Limits
 
 Row = tuple[str, str, str]
 
@@ -35,7 +35,7 @@ def guarded_by(recording: Recording) -> tuple[Row, ...]:
 
 
 def _is_driven(device: DeviceInfo) -> bool:
-    from servobench.devices.base import DEVICES
+    from servobench.rig.devices.base import DEVICES
 
     return device.name not in DEVICES.names() or bool(getattr(DEVICES[device.name], "drives", True))
 
@@ -52,8 +52,8 @@ def _clipping(limits: Limits, recording: Recording) -> tuple[Row, ...]:
 
 def _monitors(limits: Limits, device: DeviceInfo, sample_time: float, recording: Recording) -> list[Row]:
     """What each monitor watched, prepared as it was for the run."""
-    from servobench.devices.guard.base import MONITORS, Rig
-    from servobench.devices.guard.nominal import nominal_motor
+    from servobench.rig.devices.guard.base import MONITORS, Rig
+    from servobench.rig.devices.guard.nominal import nominal_motor
 
     nominal = nominal_motor(limits.plausibility, device)
     rig = Rig(limits=limits, info=device, sample_time=sample_time, nominal=nominal)

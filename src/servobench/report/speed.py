@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.measurement.dataset import Dataset
+from servobench.core.channels import Array
+from servobench.recordings.measurement.dataset import Dataset
 
 _QUANTA = 50.0  # the encoder's step in the speed shall be this much smaller than the typical speed
 _HOLDS = 6.0  # and the window this much longer than a value of the position stands still

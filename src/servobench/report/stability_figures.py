@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.channels import Array
+from servobench.core.channels import Array
 from servobench.report.palette import (
     BOTTOM,
     FONT,

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.finding import Finding, Severity, by_weight
-from servobench.measurement.dataset import Dataset
+from servobench.core.finding import Finding, Severity, by_weight
+from servobench.core.rounding import TWO_SIDED, Rounded, plain, rounded, rounded_interval, with_unit
+from servobench.identification.result import Comparison, OperatingRange, Result
+from servobench.identification.uncertainty.composition import parts_of
+from servobench.identification.uncertainty.words import in_words
+from servobench.recordings.measurement.dataset import Dataset
 from servobench.report.mathml import symbol
-from servobench.result import Comparison, OperatingRange, Result
-from servobench.rounding import TWO_SIDED, Rounded, plain, rounded, rounded_interval, with_unit
-from servobench.uncertainty.composition import parts_of
-from servobench.uncertainty.words import in_words
 
 _SYMBOL = re.compile(r"\w\s*=")  # one letter that stands for a number
 _FOREMOST = 5

@@ -7,13 +7,13 @@ from functools import partial
 
 import numpy as np
 
-from servobench.measurement.lateness import Lateness, lateness
-from servobench.recording.recording import Recording
+from servobench.core.rounding import counted, grouped, with_unit
+from servobench.recordings.recording import Recording
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import MOST_RECORDS, Illustration
 from servobench.report.tables import Fact
-from servobench.rounding import counted, grouped, with_unit
+from servobench.rig.lateness import Lateness, lateness
 
 _MISSED = {"discard": "left out", "process": "done late"}
 _PHASE = {"keep": "back to the schedule", "lose": "a new schedule from the late one on"}

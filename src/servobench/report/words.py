@@ -8,15 +8,25 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from servobench.estimators.base import Estimate, Fit
-from servobench.finding import Severity, Verdict
-from servobench.measurement.dataset import Dataset
-from servobench.propagation import Derived
-from servobench.recording.recording import Recording
+from servobench.core.estimate import Estimate
+from servobench.core.finding import Severity, Verdict
+from servobench.core.rounding import (
+    SPACE,
+    Rounded,
+    counted,
+    percent,
+    plain,
+    rounded,
+    rounded_interval,
+    with_unit,
+)
+from servobench.identification.estimators.base import Fit
+from servobench.identification.result import Result
+from servobench.identification.uncertainty.answers import State
+from servobench.identification.uncertainty.propagation import Derived
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Recording
 from servobench.report.history import experiment_table
-from servobench.result import Result
-from servobench.rounding import SPACE, Rounded, counted, percent, plain, rounded, rounded_interval, with_unit
-from servobench.uncertainty.answers import State
 
 if TYPE_CHECKING:
     from markupsafe import Markup

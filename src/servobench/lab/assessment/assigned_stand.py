@@ -6,17 +6,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.experiment.experiment import DeviceChoice
+from servobench.core.errors import UsageError
 from servobench.lab.exercise import Exercise
 from servobench.lab.stand import TWIN, MotorStand, stand_of
-from servobench.motor.individual import same_name
-from servobench.motor.secret import keyed
-from servobench.recording.recording import Source
+from servobench.recordings.recording import Source
+from servobench.rig.experiment import Experiment
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.rig.motor.individual import same_name
+from servobench.rig.motor.secret import keyed
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 _FORM = "servobench.form/1"
 _NO_NUMBER = "k"
@@ -68,9 +68,9 @@ class Assessment:
         )
 
     def _carried_out(self, own: DeviceChoice, experiment: Experiment, student: str) -> Recording:
-        from servobench.devices.base import connect
-        from servobench.devices.faulty import with_faults
-        from servobench.loop.run import run
+        from servobench.rig.devices.base import connect
+        from servobench.rig.devices.faulty import with_faults
+        from servobench.rig.loop.run import run
 
         # What a study asks of the twin beside, such as another dead band, anybody may know.
         settings = {**own.settings, "shared": {**own.settings["shared"], **_shared(experiment.device)}}
@@ -83,7 +83,7 @@ class Assessment:
 
 def assigned_to(student: str, exercise: Exercise, secret_file: Path) -> DeviceChoice:
     """Return the device that is a student's motor in an exercise, in virtual time."""
-    from servobench.devices.assigned import NAME
+    from servobench.rig.devices.assigned import NAME
 
     return DeviceChoice(
         name=NAME,

@@ -7,7 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from servobench.errors import FormatError
+from servobench.core.errors import FormatError
 from servobench.lab.assessment.tables import read_table, written_table
 from servobench.lab.exercise import Blank
 from servobench.lab.formula import line_text

@@ -7,17 +7,17 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from servobench.errors import StorageError, UsageError
-from servobench.experiment.experiment import DeviceChoice
+from servobench.core.errors import StorageError, UsageError
 from servobench.lab.assessment import forms
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.questions import Question, asked_of_anybody, questions
 from servobench.lab.assessment.roster import Student
 from servobench.lab.exercise import Blank, Exercise
 from servobench.lab.stand import stand_of
+from servobench.rig.experiment.experiment import DeviceChoice
 
 if TYPE_CHECKING:
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -93,9 +93,9 @@ def for_students(exercise: Exercise, blanks: Sequence[Blank]) -> Exercise:
 def _write(
     assessment: Assessment, student: Student, recording: Recording, blanks: Sequence[Blank], folder: Path
 ) -> None:
-    from servobench.formats.base import save
     from servobench.lab.page import write_exercise
     from servobench.lab.worked import Worked
+    from servobench.recordings.formats.base import save
 
     read = for_students(assessment.exercise, blanks)
     name = assessment.exercise.name

@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
-from servobench.errors import FormatError, NotIdentifiable, UsageError
+from servobench.core.errors import FormatError, NotIdentifiable, UsageError
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import Form
 from servobench.lab.assessment.questions import Question, asked_of_anybody, questions
@@ -14,7 +14,7 @@ from servobench.lab.assessment.roster import Student
 from servobench.lab.assessment.tables import written_table
 from servobench.lab.check import Checked, check_blank
 from servobench.lab.stand import MotorStand
-from servobench.motor.individual import same_name
+from servobench.rig.motor.individual import same_name
 
 Verdict: TypeAlias = Literal["right", "wrong", "missing", "not asked"]
 

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from servobench.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.lab.exercise import Blank, Exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand

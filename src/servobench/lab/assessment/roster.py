@@ -8,9 +8,9 @@ import unicodedata
 from dataclasses import dataclass
 from pathlib import Path
 
-from servobench.errors import FormatError
+from servobench.core.errors import FormatError
 from servobench.lab.assessment.tables import read_table
-from servobench.motor.individual import same_name
+from servobench.rig.motor.individual import same_name
 
 COLUMN = "student"
 _LONGEST = 200  # characters of a name

@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from servobench.errors import FormatError
+from servobench.core.errors import FormatError
 
 _LARGEST = 1 << 20  # bytes; a form, or a roster of thousands, has less
 _SEPARATORS = (",", ";", "\t")

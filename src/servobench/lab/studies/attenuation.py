@@ -8,16 +8,16 @@ from typing import Annotated, get_args
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.filters.attenuation import attenuation
-from servobench.filters.response import frequency_response
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
+from servobench.core.settings import Speed
 from servobench.lab.graphs import Graph, Line, figure_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.lowpass import Discretisation, Lowpass
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.lowpass import Discretisation, Lowpass
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import Speed
+from servobench.systems.filters.attenuation import attenuation
+from servobench.systems.filters.response import frequency_response
 
 _POINTS = 200
 

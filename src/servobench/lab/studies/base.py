@@ -11,15 +11,15 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Annotated, Protocol, TypeAlias, runtime_checkable
 
-from servobench.errors import UnknownName, UsageError
+from servobench.core.errors import UnknownName, UsageError
+from servobench.core.registry import Registry
+from servobench.core.settings import MemberOf, Settings
 from servobench.lab.expression import Fact
-from servobench.registry import Registry
-from servobench.settings import MemberOf, Settings
 
 if TYPE_CHECKING:
-    from servobench.experiment import Experiment
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
     from servobench.report.illustrations import Illustration
+    from servobench.rig.experiment import Experiment
 
 Cell: TypeAlias = float | str
 """A number in its column's unit, or a word; NaN where there is none."""

@@ -8,19 +8,19 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.experiment import Experiment
+from servobench.core.rounding import plain, with_unit
+from servobench.core.settings import PositiveTime, PositiveVoltage, Settings, Torque, Voltage
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.figures import Course, Curve, Look
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.settings import PositiveTime, PositiveVoltage, Settings, Torque, Voltage
-from servobench.signals.constant import Constant
-from servobench.signals.ramp import Ramp
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.ramp import Ramp
 
 _MOVED = 2  # counts; less may be an edge of the disc that stands at a sensor
 _STEADY = 2.0  # s; twenty time constants of a QUBE-Servo

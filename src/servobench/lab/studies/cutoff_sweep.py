@@ -9,23 +9,23 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.estimators.step_63 import time_to_63
-from servobench.estimators.steps import Readings, read_steps
-from servobench.filters.quantisation import noise
-from servobench.filters.reading import BestCutoff, Rise, best_cutoff, filtered_derivative
-from servobench.filters.response import lag
+from servobench.core.channels import Array
+from servobench.core.rounding import plain, with_unit
+from servobench.core.settings import Speed, Voltage
+from servobench.identification.estimators.step_63 import time_to_63
+from servobench.identification.estimators.steps import Readings, read_steps
 from servobench.lab.expression import Fact
+from servobench.lab.filter_reading import BestCutoff, Rise, best_cutoff, filtered_derivative
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.runs import quantum_of, steady_run, top_level
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.lowpass import Discretisation
-from servobench.measurement.measure import measure
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.lowpass import Discretisation
+from servobench.recordings.measurement.measure import measure
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.settings import Speed, Voltage
+from servobench.systems.filters.quantisation import noise
+from servobench.systems.filters.response import lag
 
 _BAND = 0.02  # of a step: what counts as settled
 _MARKS: tuple[Mark, ...] = ("wide", "strong", "thin")

@@ -8,14 +8,14 @@ from typing import Annotated, NamedTuple, get_args
 import numpy as np
 from pydantic import Field
 
-from servobench.filters.quantisation import noise
-from servobench.filters.reading import filtered_derivative
-from servobench.filters.response import frequency_response, lag
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Speed
+from servobench.lab.filter_reading import filtered_derivative
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.lowpass import Discretisation, Lowpass
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Speed
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.lowpass import Discretisation, Lowpass
+from servobench.systems.filters.quantisation import noise
+from servobench.systems.filters.response import frequency_response, lag
 
 _DIVERGES = 2.0  # of ω T, by forward Euler
 

@@ -10,18 +10,18 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment.experiment import DeviceChoice, Experiment
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import Truth, truth_of
-from servobench.rounding import plain
-from servobench.settings import CountsPerRev, PositiveTime, PositiveVoltage
-from servobench.signals.square import Square
+from servobench.rig.experiment.experiment import DeviceChoice, Experiment
+from servobench.systems.signals.square import Square
 
 if TYPE_CHECKING:
-    from servobench.measurement.dataset import Dataset
+    from servobench.recordings.measurement.dataset import Dataset
 
 _FINE = (
     2.0**22
@@ -109,7 +109,7 @@ def _square(experiment: Experiment) -> Square:
 
 def _motion(stand: Stand, square: Square, case: _Case) -> Dataset:
     """The run of a case, counted so finely that its positions are the shaft's own."""
-    from servobench.measurement.measure import measure
+    from servobench.recordings.measurement.measure import measure
 
     middle = 0.5 * (square.low + square.high)
     signal = square.model_copy(update={"low": middle - case.amplitude, "high": middle + case.amplitude})
@@ -123,9 +123,9 @@ def _motion(stand: Stand, square: Square, case: _Case) -> Dataset:
 
 def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scatter:
     """What encoders make of a motion that stand at `places` (N,), parts of a count."""
-    from servobench.estimators.base import ESTIMATORS
-    from servobench.estimators.covariance import inverse
-    from servobench.models.base import STRUCTURES
+    from servobench.identification.estimators.base import ESTIMATORS
+    from servobench.identification.estimators.covariance import inverse
+    from servobench.identification.models.base import STRUCTURES
 
     method, structure = ESTIMATORS[_ESTIMATOR], STRUCTURES[_STRUCTURE]
     best = method.fit(structure, [motion])

@@ -6,21 +6,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.control.open_loop import OpenLoop
-from servobench.experiment import Experiment
+from servobench.core.rounding import plain, with_unit
+from servobench.core.settings import PositiveFrequency, PositiveTime, PositiveVoltage
 from servobench.lab.graphs import over_time
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
+from servobench.recordings.boundedness import bibo
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.settings import PositiveFrequency, PositiveTime, PositiveVoltage
-from servobench.signals.base import Signal
-from servobench.signals.pulse import Pulse
-from servobench.signals.sine import Sine
-from servobench.signals.step import Step
-from servobench.stability_analysis.record import bibo
+from servobench.rig.experiment import Experiment
+from servobench.systems.control.open_loop import OpenLoop
+from servobench.systems.signals.base import Signal
+from servobench.systems.signals.pulse import Pulse
+from servobench.systems.signals.sine import Sine
+from servobench.systems.signals.step import Step
 
 _NAMES = ("step", "pulse", "sinusoid", "sinusoid with an offset")
 

@@ -7,11 +7,11 @@ from typing import Annotated, Self, TypeAlias
 
 from pydantic import Field, model_validator
 
-from servobench.errors import UnknownName
+from servobench.core.errors import UnknownName
+from servobench.core.settings import In, Inertia, Settings
 from servobench.lab.known import known
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.motor.parameters import disc_inertia
-from servobench.settings import In, Inertia, Settings
+from servobench.rig.motor.parameters import disc_inertia
 
 Mass: TypeAlias = Annotated[float, In("kg"), Field(gt=0)]
 Length: TypeAlias = Annotated[float, In("m"), Field(gt=0)]

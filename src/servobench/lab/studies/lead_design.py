@@ -7,11 +7,11 @@ from typing import Annotated
 
 from pydantic import Field
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
+from servobench.core.settings import Speed
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.settings import Speed
 
 
 @STUDIES.member("lead_design")

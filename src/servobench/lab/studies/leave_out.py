@@ -9,19 +9,19 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import TWO_SIDED, plain
+from servobench.core.settings import PositiveTime
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.rounding import TWO_SIDED, plain
-from servobench.settings import PositiveTime
-from servobench.signals.base import AnySignal
-from servobench.signals.square import Square
+from servobench.systems.signals.base import AnySignal
+from servobench.systems.signals.square import Square
 
 if TYPE_CHECKING:
-    from servobench.channels import Array
-    from servobench.estimators.base import Fit
-    from servobench.measurement.dataset import Dataset
+    from servobench.core.channels import Array
+    from servobench.identification.estimators.base import Fit
+    from servobench.identification.result import Validation
+    from servobench.recordings.measurement.dataset import Dataset
     from servobench.report.illustrations import Illustration
-    from servobench.result import Validation
 
 _LAGS = 30
 _HARDLY_MORE = 1.05
@@ -59,7 +59,7 @@ class LeaveOut(StudySettings):
 
         Raises `UnknownName` for a structure that isn't known, `NotIdentifiable` where nothing can be left out of the recording.
         """
-        from servobench.measurement.measure import measure
+        from servobench.recordings.measurement.measure import measure
 
         made = stand.experiment.model_copy(update={"signal": self.second, "duration": self.duration})
         own, second = measure(stand.recording), measure(stand.run(made))
@@ -73,9 +73,9 @@ class LeaveOut(StudySettings):
 
 
 def _tried(name: str, own: Dataset, second: Dataset) -> _Tried:
-    from servobench.estimators.base import ESTIMATORS
-    from servobench.held_out import cross_validate, validate_with
-    from servobench.models.base import STRUCTURES
+    from servobench.identification.estimators.base import ESTIMATORS
+    from servobench.identification.models.base import STRUCTURES
+    from servobench.identification.trust.held_out import cross_validate, validate_with
 
     method = ESTIMATORS["output_error"]
     fit = method.fit(STRUCTURES[name], [own])

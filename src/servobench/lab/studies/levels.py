@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
 
 _MOST = 40  # levels; a voltage that changes at every sample has none
 

@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.channels import Array
+from servobench.core.channels import Array
+from servobench.core.rounding import plain, with_unit
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.transfer_function import TransferFunction
+from servobench.systems.transfer_function import TransferFunction
 
 _POINTS = 400  # of a curve
 _POWERS = ("", " s", " s²", " s³")

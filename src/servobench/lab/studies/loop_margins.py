@@ -8,23 +8,23 @@ from functools import partial
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.control.pid import Pid
-from servobench.experiment.experiment import AnyController
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor, named, on_paper, tunable
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.margins import margins
 from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
-from servobench.responses import bandwidth
-from servobench.rounding import plain
-from servobench.sampled_loop import SampledLoop, sampled_margins
-from servobench.stability_analysis.nyquist import closed_loop
-from servobench.stability_analysis.sampled import closed_bandwidth, closed_sampled_loop
-from servobench.transfer_function import TransferFunction
-from servobench.tuning.base import Tunable
-from servobench.tuning.loop import open_loop
+from servobench.rig.experiment.experiment import AnyController
+from servobench.systems.control.pid import Pid
+from servobench.systems.margins import margins
+from servobench.systems.responses import bandwidth
+from servobench.systems.sampled_loop import SampledLoop, sampled_margins
+from servobench.systems.stability.nyquist import closed_loop
+from servobench.systems.stability.sampled import closed_bandwidth, closed_sampled_loop
+from servobench.systems.transfer_function import TransferFunction
+from servobench.systems.tuning.base import Tunable
+from servobench.systems.tuning.loop import open_loop
 
 _POINTS = 400
 

@@ -12,22 +12,22 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.control.pid import Pid
-from servobench.experiment import Experiment
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Speed
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.measurement.measure import measure
+from servobench.recordings.measurement.measure import measure
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Speed
-from servobench.signals.ramp import Ramp
-from servobench.stability_analysis.gains import stable_gains
-from servobench.transfer_function import TransferFunction
-from servobench.tuning.loop import open_loop
+from servobench.rig.experiment import Experiment
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.stability.gains import stable_gains
+from servobench.systems.transfer_function import TransferFunction
+from servobench.systems.tuning.loop import open_loop
 
 _SETTLED = 0.5  # s after the ramp; the loop's third pole is gone by then
 _SHOWN = 4

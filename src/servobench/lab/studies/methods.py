@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.channels import Array
-from servobench.errors import NotIdentifiable
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import plain
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import Truth, truth_of
-from servobench.rounding import plain
 
 if TYPE_CHECKING:
-    from servobench.estimators.base import Fit
-    from servobench.measurement.dataset import Dataset
+    from servobench.identification.estimators.base import Fit
+    from servobench.recordings.measurement.dataset import Dataset
     from servobench.report.illustrations import Illustration
 
 _FAIR = 4.0  # standard deviations; a method that is further off than that has a bias that it doesn't know of
@@ -76,7 +76,7 @@ class Methods(StudySettings):
         Raises `NotIdentifiable` where the motor isn't simulated, as then nobody knows its true parameters, and where no
         method gives anything.
         """
-        from servobench.measurement.measure import measure
+        from servobench.recordings.measurement.measure import measure
 
         truth = truth_of(stand.recording)
         views = _Views(
@@ -129,8 +129,8 @@ def _timed(method: _Method, views: _Views) -> _Timed:
 
 
 def _fitted(estimator: str, structure: str, data: Dataset) -> Fit:
-    from servobench.estimators.base import ESTIMATORS
-    from servobench.models.base import STRUCTURES
+    from servobench.identification.estimators.base import ESTIMATORS
+    from servobench.identification.models.base import STRUCTURES
 
     return ESTIMATORS[estimator].fit(STRUCTURES[structure], [data])
 
@@ -150,7 +150,7 @@ def _by(
 
 def _arx(view: Callable[[_Views], Dataset]) -> Callable[[_Views], _Estimate]:
     def estimate(views: _Views) -> _Estimate:
-        from servobench.reconciliation.reenactment import arx
+        from servobench.identification.reconciliation.reenactment import arx
 
         found = arx([view(views)])
         gain_sd, tau_sd = np.sqrt(np.diag(found.covariance))
@@ -166,8 +166,8 @@ def _arx(view: Callable[[_Views], Dataset]) -> Callable[[_Views], _Estimate]:
 
 def _without_chain(views: _Views) -> _Estimate:
     """K/(τs + 1) fitted to the speed as it stands, and s² (J'J)⁻¹ for its covariance, as a curve fit gives it."""
-    from servobench.estimators.covariance import inverse
-    from servobench.measurement.base import Chain
+    from servobench.identification.estimators.covariance import inverse
+    from servobench.recordings.measurement.base import Chain
 
     bare = replace(views.chained, declared=Chain(), applied=Chain())
     fit = _fitted("output_error", "rational_1_0", bare)
@@ -264,9 +264,9 @@ def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
 
 
 def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
+    from servobench.core.rounding import TWO_SIDED
     from servobench.report import figures
     from servobench.report.illustrations import Illustration
-    from servobench.rounding import TWO_SIDED
 
     rows = tuple(
         figures.Difference(

@@ -9,16 +9,16 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain, with_unit
+from servobench.core.settings import PositiveTime, Settings
 from servobench.lab.expression import Expression
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.settings import PositiveTime, Settings
 
 
 class Candidate(Settings):

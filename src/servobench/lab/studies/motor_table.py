@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Annotated
 
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
+from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.studies.stall_table import TEN, blocked
 from servobench.lab.truth import Truth, truth_of
-from servobench.settings import PositiveTime, Voltage
 
 if TYPE_CHECKING:
-    from servobench.estimators.base import Estimate
+    from servobench.core.estimate import Estimate
 
 _NAMES: Mapping[str, str] = {
     "resistance": "R (Ω)",
@@ -42,9 +42,9 @@ class MotorTable(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the table; raises `NotIdentifiable` for a recording that supports no model or a motor that is not simulated."""
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
-        from servobench.motor_parameters import motor_parameters
+        from servobench.identification.identify import identify
+        from servobench.identification.motor_parameters import motor_parameters
+        from servobench.recordings.measurement.measure import measure
 
         truth = truth_of(stand.recording)
         result = identify(measure(stand.recording))

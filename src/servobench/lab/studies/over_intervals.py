@@ -4,16 +4,17 @@ from __future__ import annotations
 
 import numpy as np
 
-from servobench.errors import NotIdentifiable
-from servobench.estimators.base import Estimate, Fit
-from servobench.experiment import Experiment
-from servobench.experiment.experiment import PAPER
+from servobench.core.errors import NotIdentifiable
+from servobench.core.estimate import Estimate
+from servobench.core.rounding import TWO_SIDED, rounded_interval
+from servobench.identification.estimators.base import Fit
+from servobench.identification.uncertainty.propagation import LEVEL, propagate
+from servobench.identification.uncertainty.stability import loop_over_intervals, stability_over_intervals
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.propagation import LEVEL, propagate
-from servobench.rounding import TWO_SIDED, rounded_interval
-from servobench.stability_analysis.intervals import loop_over_intervals, stability_over_intervals
-from servobench.transfer_function import TransferFunction
+from servobench.rig.experiment import Experiment
+from servobench.rig.experiment.experiment import PAPER
+from servobench.systems.transfer_function import TransferFunction
 
 
 @STUDIES.member("over_intervals")
@@ -25,8 +26,8 @@ class OverIntervals(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the parameters with their intervals, and the verdicts; raises `NotIdentifiable` where nothing is identified."""
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
+        from servobench.identification.identify import identify
+        from servobench.recordings.measurement.measure import measure
 
         result = identify(measure(stand.run(_experiment(stand.experiment))))
         if result.fit is None:

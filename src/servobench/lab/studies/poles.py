@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from functools import partial
 
+from servobench.core.rounding import plain
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor, motor_system
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
 from servobench.report.bands import PoleBand
 from servobench.report.illustrations import Illustration
 from servobench.report.model_figures import pole_map
-from servobench.rounding import plain
-from servobench.stability_analysis.verdict import StabilityReport, stability
+from servobench.systems.stability.verdict import StabilityReport, stability
 
 
 @STUDIES.member("poles")

@@ -7,18 +7,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
-from servobench.experiment import Experiment
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Settings, Voltage
 from servobench.lab.course import from_rest
 from servobench.lab.graphs import over_time
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Settings, Voltage
-from servobench.signals.pulse import Pulse
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.pulse import Pulse
 
 _REST = 1.5  # s after a pulse: fifteen time constants of a QUBE-Servo
 

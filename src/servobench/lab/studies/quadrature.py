@@ -7,7 +7,7 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
+from servobench.core.channels import Array
 from servobench.lab.graphs import Graph, Line, figure_of
 from servobench.lab.known import known
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table

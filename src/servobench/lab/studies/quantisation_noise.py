@@ -9,15 +9,15 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.filters.quantisation import count_fraction, derivative_noise
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Speed, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.runs import SteadyRun, steady_run
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
+from servobench.recordings.measurement.base import Chain
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Speed, Voltage
+from servobench.systems.filters.quantisation import count_fraction, derivative_noise
 
 _MARKS: tuple[Mark, ...] = ("strong", "thin")
 _ARCHES, _POINTS = 4, 256

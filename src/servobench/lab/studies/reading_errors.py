@@ -8,14 +8,21 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.filters.quantisation import mean_noise
-from servobench.filters.reading import ReadingError, Rise, filtered_derivative, nearby, pooled, reading_error
+from servobench.core.channels import Array
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Speed
+from servobench.lab.filter_reading import (
+    ReadingError,
+    Rise,
+    filtered_derivative,
+    nearby,
+    pooled,
+    reading_error,
+)
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Speed
+from servobench.systems.filters.quantisation import mean_noise
 
 _PLACES = 16
 _MARKS: tuple[Mark, ...] = ("strong", "thin", "dashed", "dotted")

@@ -9,15 +9,15 @@ from typing import Annotated, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from servobench.errors import UsageError
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.stability_analysis.locus import RootLocus, root_locus
-from servobench.stability_analysis.routh import RouthTable, routh
-from servobench.transfer_function import TransferFunction
+from servobench.systems.stability.locus import RootLocus, root_locus
+from servobench.systems.stability.routh import RouthTable, routh
+from servobench.systems.transfer_function import TransferFunction
 
 Coefficient = Annotated[str, Field(min_length=1)]
 

@@ -12,20 +12,20 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.errors import NotIdentifiable, UsageError
-from servobench.experiment import Experiment
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveFrequency, PositiveTime, PositiveVoltage, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import Truth, truth_if_known
-from servobench.rounding import plain
-from servobench.settings import PositiveFrequency, PositiveTime, PositiveVoltage, Voltage
-from servobench.signals.constant import Constant
-from servobench.signals.sine import Sine
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.constant import Constant
+from servobench.systems.signals.sine import Sine
 
 if TYPE_CHECKING:
     from servobench.lab.graphs import Line
-    from servobench.recording.recording import Recording
+    from servobench.recordings.recording import Recording
     from servobench.report.illustrations import Illustration
 
 _HALF_POWER = 10 * math.log10(2.0)  # 3.01 dB
@@ -219,7 +219,7 @@ def _experiment(stand: Stand, *, duration: float, signal: Constant | Sine) -> Ex
 
 
 def _position(recording: Recording) -> tuple[Array, Array]:
-    from servobench.measurement.measure import measure
+    from servobench.recordings.measurement.measure import measure
 
     data = measure(recording)
     return data.t_output, data.y

@@ -9,18 +9,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveFrequency, PositiveVoltage, Settings, Voltage
 from servobench.lab.course import from_rest
 from servobench.lab.graphs import over_time
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveFrequency, PositiveVoltage, Settings, Voltage
-from servobench.signals.sine import Sine
+from servobench.rig.experiment import Experiment
+from servobench.systems.signals.sine import Sine
 
 
 class Wave(Settings):

@@ -10,17 +10,17 @@ from typing import Annotated, NamedTuple
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.errors import SimulationDiverged
+from servobench.core.channels import Array
+from servobench.core.errors import SimulationDiverged
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Settings, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.motor.parameters import data_sheet
-from servobench.motor.physics import MotorState, Physics
-from servobench.motor.solvers.base import SOLVERS
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Settings, Voltage
+from servobench.rig.motor.parameters import data_sheet
+from servobench.rig.motor.physics import MotorState, Physics
+from servobench.rig.motor.solvers.base import SOLVERS
 
 _SPAN = 0.5  # s; five time constants
 _AT = 0.1  # s; about one time constant, where what is left of the way tells the time constant best

@@ -10,23 +10,30 @@ from typing import Annotated
 import numpy as np
 from pydantic import AfterValidator, Field
 
-from servobench.channels import Array
-from servobench.errors import NotIdentifiable, UsageError
-from servobench.estimators.step_63 import time_to_63
-from servobench.estimators.steps import Readings, read_steps
-from servobench.filters.base import SpeedEstimate
-from servobench.filters.edges import edge_speed
-from servobench.filters.quantisation import noise
-from servobench.filters.reading import ReadingError, Rise, edge_reading_error, nearby, pooled, reading_error
-from servobench.filters.response import lag
-from servobench.filters.tracking import AlphaBeta, MotorKalman
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import In, PositiveTime, Settings
+from servobench.identification.estimators.step_63 import time_to_63
+from servobench.identification.estimators.steps import Readings, read_steps
+from servobench.lab.filter_reading import (
+    ReadingError,
+    Rise,
+    edge_reading_error,
+    nearby,
+    pooled,
+    reading_error,
+)
 from servobench.lab.runs import SteadyRun, quantum_of, steady_run, top_level
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.measure import measure
-from servobench.rounding import plain
-from servobench.settings import In, PositiveTime, Settings
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.systems.filters.base import SpeedEstimate
+from servobench.systems.filters.edges import edge_speed
+from servobench.systems.filters.quantisation import noise
+from servobench.systems.filters.response import lag
+from servobench.systems.filters.tracking import AlphaBeta, MotorKalman
 
 _PLACES = 16
 

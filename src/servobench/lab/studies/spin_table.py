@@ -10,20 +10,20 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field, model_validator
 
-from servobench.channels import Array
-from servobench.errors import UsageError
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.motion import Level, at_levels
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.studies.stall_table import TEN
 from servobench.lab.truth import Truth, truth_if_known
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Voltage
-from servobench.signals.staircase import Staircase
+from servobench.systems.signals.staircase import Staircase
 
 if TYPE_CHECKING:
-    from servobench.motor.parameters import MotorParameters
     from servobench.report.illustrations import Illustration
+    from servobench.rig.motor.parameters import MotorParameters
 
 
 @STUDIES.member("spin_table")
@@ -55,7 +55,7 @@ class SpinTable(StudySettings):
         The motor's own parameters stand beside where it is simulated. Raises `UsageError` where a voltage doesn't turn the shaft,
         `UnknownName` for a fact or a data sheet that isn't there.
         """
-        from servobench.motor.parameters import data_sheet
+        from servobench.rig.motor.parameters import data_sheet
 
         sheet = data_sheet(self.sheet).motor
         resistance = Expression(self.resistance).evaluate(stand.facts).value

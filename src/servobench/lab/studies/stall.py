@@ -8,18 +8,18 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.devices.faults.blocked_shaft import BlockedShaft
-from servobench.experiment.limits import StallLimits
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, PositiveVoltage, Settings
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import speed_of
 from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, PositiveVoltage, Settings
-from servobench.signals.constant import Constant
+from servobench.rig.devices.faults.blocked_shaft import BlockedShaft
+from servobench.rig.experiment.limits import StallLimits
+from servobench.systems.signals.constant import Constant
 
 _AFTER = 1.0  # s that a run goes on after the monitor should have cut it off
 

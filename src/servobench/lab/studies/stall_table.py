@@ -8,20 +8,20 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.channels import Array
-from servobench.errors import UsageError
-from servobench.experiment.experiment import DeviceChoice
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.motion import at_levels
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
 from servobench.lab.truth import truth_if_known
-from servobench.rounding import plain
-from servobench.settings import PositiveTime, Voltage
-from servobench.signals.staircase import Staircase
+from servobench.rig.experiment.experiment import DeviceChoice
+from servobench.systems.signals.staircase import Staircase
 
 if TYPE_CHECKING:
-    from servobench.experiment import Experiment
     from servobench.report.illustrations import Illustration
+    from servobench.rig.experiment import Experiment
 
 TEN: tuple[float, ...] = (-5.0, -4.0, -3.0, -2.0, -1.0, 1.0, 2.0, 3.0, 4.0, 5.0)
 

@@ -7,9 +7,9 @@ from typing import Annotated
 
 from pydantic import Field
 
-from servobench.control.pid import Pid
-from servobench.errors import UsageError
-from servobench.experiment.experiment import AnyController
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import Angle, PositiveTime, Speed
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.graphs import over_time
 from servobench.lab.loops import OfAMotor, named
@@ -17,10 +17,10 @@ from servobench.lab.step_response import Response, response_after
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import Angle, PositiveTime, Speed
-from servobench.signals.ramp import Ramp
-from servobench.signals.step import Step
+from servobench.rig.experiment.experiment import AnyController
+from servobench.systems.control.pid import Pid
+from servobench.systems.signals.ramp import Ramp
+from servobench.systems.signals.step import Step
 
 _LAST = 0.5  # s at the end, over which the error is averaged
 

@@ -8,17 +8,17 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import plain, with_unit
+from servobench.core.settings import Speed
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain, with_unit
-from servobench.settings import Speed
 
 _BISECTIONS = 60  # of a time: as fine as a float
 
@@ -138,8 +138,8 @@ def _left(t: float, tau: float, lag: float) -> float:
 
 
 def _read(recording: Recording, chain: str, estimator: str) -> float:
-    from servobench.identification import identify
-    from servobench.measurement.measure import measure
+    from servobench.identification.identify import identify
+    from servobench.recordings.measurement.measure import measure
 
     result = identify(measure(recording, chain), estimator=estimator)
     if result.fit is None:

@@ -9,11 +9,8 @@ from typing import Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.control.base import Controller
-from servobench.control.pid import Pid
-from servobench.errors import UsageError
-from servobench.experiment import Experiment
-from servobench.experiment.experiment import AnyController
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
 from servobench.lab.graphs import over_time
 from servobench.lab.loops import OfAMotor, named, tunable
 from servobench.lab.step_response import (
@@ -28,7 +25,10 @@ from servobench.lab.step_response import (
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, Table
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
+from servobench.rig.experiment import Experiment
+from servobench.rig.experiment.experiment import AnyController
+from servobench.systems.control.base import Controller
+from servobench.systems.control.pid import Pid
 
 _SHOWN = 4  # courses in the figure
 _NOTE = (

@@ -7,15 +7,15 @@ from typing import Annotated
 
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
-from servobench.filters.quantisation import mean_noise
-from servobench.identification import identify
+from servobench.core.errors import NotIdentifiable
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime
+from servobench.identification.identify import identify
 from servobench.lab.expression import Fact
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.measure import measure
-from servobench.rounding import plain
-from servobench.settings import PositiveTime
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.measure import measure
+from servobench.systems.filters.quantisation import mean_noise
 
 
 @STUDIES.member("step_size")

@@ -9,15 +9,15 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
+from servobench.core.settings import PositiveTime, PositiveVoltage
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.settings import PositiveTime, PositiveVoltage
-from servobench.signals.step import Step
+from servobench.systems.signals.step import Step
 
 if TYPE_CHECKING:
-    from servobench.channels import Array
-    from servobench.measurement.dataset import Dataset
-    from servobench.models.base import Structure
+    from servobench.core.channels import Array
+    from servobench.identification.models.base import Structure
+    from servobench.recordings.measurement.dataset import Dataset
 
 _START = 0.5  # s at rest before the step
 _RISE, _TAIL = 3.0, 8.0  # time constants after the step: where the rise ends, and the tail begins
@@ -57,8 +57,8 @@ class StepTail(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the table; raises `NotIdentifiable` where the recording supports no model, or the run has no tail."""
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
+        from servobench.identification.identify import identify
+        from servobench.recordings.measurement.measure import measure
 
         fit = identify(measure(stand.recording)).fit
         if fit is None:
@@ -107,7 +107,7 @@ def _moved(names: tuple[str, ...], theta: Array, wrong: _Wrong) -> Array:
 
 def _left(structure: Structure, theta: Array, part: Dataset) -> float:
     """The root mean square of what a model leaves of a part [counts], its start state fitted."""
-    from servobench.estimators.output_error import simulated
+    from servobench.identification.estimators.output_error import simulated
 
     record = simulated(structure, theta, part)
     return float(np.sqrt(np.mean(record.residual[record.valid] ** 2)) / (part.quantum or np.nan))

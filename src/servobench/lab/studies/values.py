@@ -6,9 +6,9 @@ from typing import Annotated, Self
 
 from pydantic import Field, model_validator
 
+from servobench.core.settings import Settings
 from servobench.lab.expression import Expression
 from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.settings import Settings
 
 
 class Row(Settings):

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from servobench.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable
+from servobench.identification.reconciliation.claim import Claim
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.reconciliation.claim import Claim
 
 if TYPE_CHECKING:
-    from servobench.reconciliation.explanation import Explanation
+    from servobench.identification.reconciliation.explanation import Explanation
 
 
 @STUDIES.member("why_claimed")
@@ -28,9 +28,9 @@ class WhyClaimed(StudySettings):
 
     def __call__(self, stand: Stand) -> Shown:
         """Return the tables of readings and of causes; raises `NotIdentifiable` where the recording tells nothing of it."""
-        from servobench.identification import identify
-        from servobench.measurement.measure import measure
-        from servobench.reconciliation.asking import why
+        from servobench.identification.identify import identify
+        from servobench.identification.reconciliation.asking import why
+        from servobench.recordings.measurement.measure import measure
 
         claim = Claim.parse(self.claim)
         found = why(
@@ -42,7 +42,7 @@ class WhyClaimed(StudySettings):
 
 
 def _readings(found: Explanation) -> Table:
-    from servobench.reconciliation.reenactment import SPOKEN
+    from servobench.identification.reconciliation.reenactment import SPOKEN
 
     readings = found.readings
     return Table(

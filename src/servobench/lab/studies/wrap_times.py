@@ -8,19 +8,19 @@ from typing import Annotated, Literal
 import numpy as np
 from pydantic import Field
 
-from servobench.errors import UsageError
-from servobench.experiment.limits import Limits
+from servobench.core.errors import UsageError
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.known import known
 from servobench.lab.motion import motion_of
 from servobench.lab.runs import simulated
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.recording.recording import Recording
+from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
-from servobench.rounding import plain
-from servobench.settings import PositiveTime
-from servobench.signals.constant import Constant
+from servobench.rig.experiment.limits import Limits
+from servobench.systems.signals.constant import Constant
 
 
 @STUDIES.member("wrap_times")

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from servobench.estimators.step_63 import time_to_63
-from servobench.estimators.steps import read_steps
+from servobench.core.rounding import plain
+from servobench.core.settings import PositiveTime
+from servobench.identification.estimators.step_63 import time_to_63
+from servobench.identification.estimators.steps import read_steps
 from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
-from servobench.measurement.base import Chain
-from servobench.measurement.dataset import Dataset
-from servobench.measurement.lowpass import Lowpass
-from servobench.measurement.measure import measure
-from servobench.rounding import plain
-from servobench.settings import PositiveTime
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.lowpass import Lowpass
+from servobench.recordings.measurement.measure import measure
 
 
 @STUDIES.member("wrong_clock")

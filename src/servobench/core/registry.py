@@ -1,0 +1,122 @@
+"""A kind and its members: every file in the kind's folder joins by being there, every plug-in by its entry point."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+import re
+from collections.abc import Callable, Iterator
+from importlib.metadata import entry_points
+from typing import Generic, TypeVar
+
+from servobench.core.errors import UnknownName, UsageError
+
+T = TypeVar("T")
+
+
+class Registry(Generic[T]):
+    """The members of one kind by name.
+
+    `kind` is the singular noun that error messages use; `package` is the folder. Its modules are imported when a member is
+    first asked for, so that defining a kind costs nothing at start-up. Members of other packages come from the
+    entry-point `group`, which is named like the folder unless it says otherwise: a folder may move, a group may not.
+    """
+
+    def __init__(self, kind: str, package: str, group: str | None = None) -> None:
+        self.kind = kind
+        self.package = package
+        self.group = group or package
+        self._members: dict[str, T] = {}
+        self._families: dict[str, Callable[[str], T | None]] = {}
+        self._meanings: dict[str, str] = {}
+        self._made: dict[str, T] = {}
+        self._complete = False
+
+    def member(self, name: str) -> Callable[[T], T]:
+        """Return a decorator that makes what it decorates the member of that name.
+
+        Raises `UsageError` where two members claim one name.
+        """
+
+        def add(found: T) -> T:
+            if name in self._members and self._members[name] is not found:
+                raise UsageError(f"two members of {self.group} are called {name!r}: rename one of them")
+            self._members[name] = found
+            return found
+
+        return add
+
+    def family(self, form: str, make: Callable[[str], T | None], meaning: str) -> None:
+        """Add members without number that are made from their names.
+
+        `form` shows such a name, `make` returns None for others, and `meaning` explains the form's parts to who got one wrong.
+        """
+        self._families[form] = make
+        self._meanings[form] = meaning
+
+    def names(self) -> tuple[str, ...]:
+        """Return the names of all members, sorted."""
+        self._load()
+        return tuple(sorted(self._members))
+
+    def __getitem__(self, name: str) -> T:
+        """Return the member of that name, fixed or of a family; raises `UnknownName`, which lists the known ones."""
+        self._load()
+        if name in self._members:
+            return self._members[name]
+        for make in self._families.values():
+            made = self._made.get(name) or make(name)
+            if made is not None:
+                return self._made.setdefault(name, made)
+        # A form begins with letters that all its names have, up to its first choice or capital.
+        meant = [form for form in self._families if name.startswith(_beginning(form))]
+        explained = "".join(f"; {form}: {self._meanings[form]}" for form in meant)
+        raise UnknownName(self.kind, name, [*self._members, *self._families], explained)
+
+    def __iter__(self) -> Iterator[T]:
+        return (self._members[name] for name in self.names())
+
+    def name_of(self, found: object) -> str:
+        """Return the name that a member, or a value whose class is a member, is known by.
+
+        Raises `UsageError` where it is no member of this kind.
+        """
+        self._load()
+        for name, member in {**self._members, **self._made}.items():
+            if found is member or type(found) is member:
+                return name
+        raise UsageError(
+            f"{found!r} is no {self.kind} that servobench knows; known: {', '.join(self.names())}"
+        )
+
+    def _load(self) -> None:
+        if self._complete:
+            return
+        self._complete = True  # before the work: a member's module may ask for another member
+        try:
+            self._import_all()
+        except BaseException:
+            self._complete = False  # or the next look would find a part of the members and call it all
+            raise
+
+    def _import_all(self) -> None:
+        folder = importlib.import_module(self.package)
+        for module in pkgutil.iter_modules(folder.__path__):
+            # Compiled kernels belong to members and are none; importing them costs a second that a look at the names shouldn't.
+            if module.name != "kernels":
+                importlib.import_module(f"{self.package}.{module.name}")
+        for plug_in in entry_points(group=self.group):
+            try:
+                found = plug_in.load()
+            except Exception as error:
+                origin = f" of the package {plug_in.dist.name}" if plug_in.dist else ""
+                raise UsageError(
+                    f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
+                ) from error
+            self.member(plug_in.name)(found)
+
+
+def _beginning(form: str) -> str:
+    """What all names of a form begin with: its letters up to the first choice or capital."""
+    found = re.match("[a-z_]*", form)
+    return found[0] if found else ""

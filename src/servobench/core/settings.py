@@ -1,0 +1,233 @@
+"""Settings: values that come from a file or from Python, checked at the door, units included.
+
+A field of a quantity type takes a number in SI units or a text with a unit: `frequency = 0.4` and `"0.4 Hz"` are the same.
+A field that holds a member of a kind takes the member, or a table with its name and its settings.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from difflib import get_close_matches
+from typing import Annotated, Any, Self, TypeAlias, get_args, get_origin
+
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    ModelWrapValidatorHandler,
+    TypeAdapter,
+    ValidationError,
+    model_validator,
+)
+from pydantic.fields import FieldInfo
+from pydantic_core import CoreSchema, ErrorDetails, InitErrorDetails, PydanticCustomError, core_schema
+
+from servobench.core.errors import UnknownName, UsageError
+from servobench.core.registry import Registry
+from servobench.core.units import quantity
+
+_WITH_UNITS = {"quantities": "with units"}
+"""The context in which a quantity is written as a text. A context may also have another unit for a mark's, as {"V": "rad"}."""
+
+
+@dataclass(frozen=True)
+class In:
+    """Marks a float as a finite quantity in the unit `si`; a text with another unit of the same quantity is converted."""
+
+    si: str
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        writer = core_schema.plain_serializer_function_ser_schema(self._write, info_arg=True)
+        number = core_schema.float_schema(allow_inf_nan=False)
+        return core_schema.with_info_before_validator_function(self._read, number, serialization=writer)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {"anyOf": [{"type": "number"}, {"type": "string"}], "unit": self.si}
+
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(given, (info.context or {}).get(self.si, self.si))
+
+    def _write(self, value: float, info: core_schema.SerializationInfo) -> float | str:
+        context = info.context or {}
+        if "quantities" not in context:
+            return value
+        return f"{value!r} {context.get(self.si, self.si)}".replace(".0 ", " ")
+
+
+@dataclass(frozen=True)
+class InBy:
+    """Marks a float whose unit hangs on another setting, which stands before it: `units` pairs that one's values with units."""
+
+    setting: str
+    units: tuple[tuple[str, str], ...]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return core_schema.with_info_before_validator_function(self._read, handler(source))
+
+    def unit(self, value: object) -> str:
+        """Return the unit for a value of the other setting; that of the first where it has a mistake itself."""
+        units = dict(self.units)
+        return units.get(str(value), self.units[0][1])
+
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> float:
+        return quantity(given, self.unit((info.data or {}).get(self.setting)))
+
+
+@dataclass(frozen=True)
+class MemberOf:
+    """Marks a field that holds a member of the kind `registry`.
+
+    It takes the member itself or a table, whose `type` is the member's name and whose other keys are its settings; it is written
+    as such a table. Whatever the registry finds, a plug-in's members too, can stand here.
+    """
+
+    registry: Registry[Any]
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        writer = core_schema.plain_serializer_function_ser_schema(self._table, info_arg=True)
+        return core_schema.with_info_plain_validator_function(self._read, serialization=writer)
+
+    def __get_pydantic_json_schema__(
+        self, schema: CoreSchema, handler: GetJsonSchemaHandler
+    ) -> dict[str, Any]:
+        return {
+            "type": "object",
+            "properties": {"type": {"enum": list(self.registry.names())}},
+            "required": ["type"],
+        }
+
+    def _read(self, given: object, info: core_schema.ValidationInfo) -> object:
+        if not isinstance(given, Mapping):
+            return self._known(given)
+        settings = {key: value for key, value in given.items() if key != "type"}
+        return TypeAdapter(self._called(given.get("type"))).validate_python(settings, context=info.context)
+
+    def _known(self, given: object) -> object:
+        try:
+            self.registry.name_of(given)
+        except UsageError:
+            known = ", ".join(self.registry.names())
+            raise ValueError(
+                f"{given!r} is no {self.registry.kind}; expected a table with a type, one of {known}"
+            ) from None
+        return given
+
+    def _called(self, name: object) -> Any:
+        known = ", ".join(self.registry.names())
+        if name is None:
+            sentence = f"is missing; expected the name of a {self.registry.kind}; known: {known}"
+        elif not isinstance(name, str):
+            sentence = f"{name!r} is no name of a {self.registry.kind}; known: {known}"
+        else:
+            try:
+                return self.registry[name]
+            except UnknownName as error:
+                sentence = str(error)
+        raise ValidationError.from_exception_data(
+            self.registry.kind, [_problem("unknown_name", sentence, ("type",), name)]
+        )
+
+    def _table(self, member: Any, info: core_schema.SerializationInfo) -> dict[str, Any]:
+        settings = TypeAdapter(type(member)).dump_python(
+            member,
+            mode="json" if info.mode_is_json() else "python",
+            context=info.context,
+            exclude_none=info.exclude_none,
+        )
+        return {"type": self.registry.name_of(member), **settings}
+
+
+Voltage: TypeAlias = Annotated[float, In("V")]
+Current: TypeAlias = Annotated[float, In("A")]
+Time: TypeAlias = Annotated[float, In("s")]
+Frequency: TypeAlias = Annotated[float, In("Hz")]
+Speed: TypeAlias = Annotated[float, In("rad/s")]
+Angle: TypeAlias = Annotated[float, In("rad")]
+Resistance: TypeAlias = Annotated[float, In("ohm")]
+Inductance: TypeAlias = Annotated[float, In("H")]
+MotorConstant: TypeAlias = Annotated[float, In("V·s/rad")]
+Inertia: TypeAlias = Annotated[float, In("kg·m²")]
+Damping: TypeAlias = Annotated[float, In("N·m·s/rad")]
+Torque: TypeAlias = Annotated[float, In("N·m")]
+TorqueNoise: TypeAlias = Annotated[float, In("N·m/√Hz")]
+CountsPerRev: TypeAlias = Annotated[float, In("counts/rev")]
+PositiveVoltage: TypeAlias = Annotated[Voltage, Field(gt=0)]
+# A nanosecond to thirty years: wide enough for anything that turns, and its inverse and ratios are finite.
+PositiveTime: TypeAlias = Annotated[Time, Field(gt=0), Field(ge=1e-9, le=1e9)]
+PositiveFrequency: TypeAlias = Annotated[Frequency, Field(gt=0), Field(ge=1e-9, le=1e9)]
+
+
+def unit_of(field: FieldInfo, settings: BaseModel | None = None) -> str:
+    """Return the unit of a setting, or of the numbers that it holds several of; empty where it has none.
+
+    Of a unit that hangs on another setting only `settings`, which the field belongs to, can tell which one it is.
+    """
+    for mark in (*field.metadata, *_marks(field.annotation)):
+        if isinstance(mark, In):
+            return mark.si
+        if isinstance(mark, InBy) and settings is not None:
+            return mark.unit(getattr(settings, mark.setting))
+    return ""
+
+
+def none_for(word: str) -> BeforeValidator:
+    """Read a word as None: a file has no other way to write that there is no value."""
+    return BeforeValidator(lambda given: None if isinstance(given, str) and given == word else given)
+
+
+class Settings(BaseModel):
+    """What all settings are: frozen, and without a place for a misspelt name."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _tell_what_is_known(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """Name the nearest and all known keys where one is not known: a misspelling is the likeliest mistake of all."""
+        try:
+            return handler(data)
+        except ValidationError as error:
+            problems = error.errors(include_url=False)
+            if not any(problem["type"] == "extra_forbidden" for problem in problems):
+                raise
+            known = {field.alias or name: field for name, field in cls.model_fields.items()}
+            retold = [_retold(problem, known) for problem in problems]
+        raise ValidationError.from_exception_data(cls.__name__, retold)
+
+
+def with_units(settings: Settings, units: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """Return settings as plain data that reads back the same: each quantity a text with its unit, no key where there is none.
+
+    `units` has other units for those of the fields: {"V": "rad"} for the levels of a signal that a position follows.
+    """
+    return settings.model_dump(context={**_WITH_UNITS, **(units or {})}, exclude_none=True)
+
+
+def _marks(annotation: Any) -> list[object]:
+    """What types inside a type are marked with, as the numbers in a tuple are with their unit."""
+    own = list(getattr(annotation, "__metadata__", ()))
+    inner = get_args(annotation)[:1] if get_origin(annotation) is Annotated else get_args(annotation)
+    return own + [mark for each in inner for mark in _marks(each)]
+
+
+def _retold(problem: ErrorDetails, known: Mapping[str, object]) -> InitErrorDetails:
+    """The same problem, in our words where a key isn't known."""
+    if problem["type"] != "extra_forbidden":
+        return _problem(problem["type"], problem["msg"], problem["loc"], problem["input"])
+    near = get_close_matches(str(problem["loc"][-1]), known, n=1)
+    hint = f" (did you mean {near[0]!r}?)" if near else ""
+    sentence = f"not known here{hint}; known: {', '.join(known)}"
+    return _problem("not_known", sentence, problem["loc"], problem["input"])
+
+
+def _problem(code: str, sentence: str, where: tuple[int | str, ...], given: object) -> InitErrorDetails:
+    """One line of a validation error with a sentence of ours."""
+    # The sentence goes in as a value, as it may hold braces itself.
+    error = PydanticCustomError(code, "{sentence}", {"sentence": sentence})
+    return InitErrorDetails(type=error, loc=where, input=given)

@@ -1,0 +1,155 @@
+"""Do the records of a joint fit agree on its parameters? Each record is left out in turn, and what the others say is compared.
+
+A joint fit takes one value for all records. Where the structure lacks something that shows in one record more than in another,
+its residuals object, but the value looks well known all the same: it is a mean that depends on which records happened to be
+there. Leaving each out in turn shows that (the jackknife, Tukey 1958): two selections share most of their records, so that 95 %
+intervals which don't meet lie further apart than chance puts them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.estimate import Estimate
+from servobench.core.finding import Finding, info, parameter_in_words
+from servobench.core.rounding import rounded_interval
+from servobench.identification.estimators.base import Estimator, Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.models.motion import turns_both_ways
+from servobench.identification.trust.doubts.single_level import with_what_one_level_tells
+from servobench.identification.trust.validation import explains_the_colour
+
+_MOST = 8  # fits, spread evenly over the records
+# It belongs to the times of each file more than to the motor, and takes up what is wrong with them.
+_OF_THE_FILE = "delay"
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Without:
+    """The fit of all records but one, and the name of that one."""
+
+    name: str
+    fit: Fit
+
+
+def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
+    """Return the fit, with a finding and wider intervals where its records disagree on parameters.
+
+    Nothing is fitted again where the residuals are white: records that differ leave a colour. Otherwise each record is left out
+    in turn (8 of them at the most), with `method` and `allow` as the whole was fitted. Where two of the intervals don't meet,
+    that of the whole is widened to hold them all, and the standard deviation is at least the jackknife's,
+
+        s² = (n - 1)/n Σ (θ_i - θ̄)²,   θ_i without record i of n.
+
+    One odd record among several makes all intervals wide in which it is, so that they meet: that one is found by what the
+    others foretell of it (`held_out`). A selection in which the motor turned one way only, or under one level only, says nothing
+    of friction that it could be held to.
+    """
+    if len(fit.records) < 2 or explains_the_colour(fit):
+        return fit
+    selections = _selections(fit, method, allow)
+    if len(selections) < 2:
+        return fit
+    apart = [name for name in fit.model.names if name != _OF_THE_FILE and _apart(name, selections)]
+    if not apart:
+        return fit
+    added = np.zeros_like(fit.covariance)
+    holding = {}
+    for name in apart:
+        told = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
+        at = fit.model.names.index(name)
+        added += _beyond_stated(fit[name], told, len(fit.records)) * _moved_along(fit, at, selections)
+        holding[name] = _holding([fit[name], *told])
+    line = Contribution(
+        source="disagreement between records",
+        covariance=added,
+        reason="without one record or another the parameters come out differently",
+        freedom=len(fit.records) - 1,
+    )
+    wider = fit.widened(line)
+    said = (*fit.findings, _finding(apart, selections))
+    return replace(wider, intervals={**wider.intervals, **holding}, findings=said)
+
+
+def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> list[_Without]:
+    """The fits without one record each, where the rest moves as the whole does and determines the parameters."""
+    count = len(fit.records)
+    reverses = turns_both_ways([record.data for record in fit.records])
+    found = []
+    for number in sorted({int(k) for k in np.linspace(0, count - 1, min(_MOST, count))}):
+        rest = [record for n, record in enumerate(fit.records) if n != number]
+        data = [record.data for record in rest]
+        if turns_both_ways(data) != reverses or method.supports(fit.model.structure, data) is not None:
+            continue
+        start = np.concatenate([fit.model.theta, *(record.nuisance for record in rest)])
+        try:
+            other = with_what_one_level_tells(allow(method.fit(fit.model.structure, data, (start,))))
+        except NotIdentifiable:
+            continue
+        # Under another model of the noise the same data say something else: that is no matter of the records.
+        if other.converged and other.estimator == fit.estimator:
+            found.append(_Without(name=fit.records[number].data.name, fit=other))
+    return found
+
+
+def _apart(name: str, selections: Sequence[_Without]) -> bool:
+    """Whether two of the intervals don't meet."""
+    low, high = _ends(name, selections)
+    return low.fit[name].interval[1] < high.fit[name].interval[0]
+
+
+def _ends(name: str, selections: Sequence[_Without]) -> tuple[_Without, _Without]:
+    """The selection whose interval ends lowest, and that whose interval begins highest."""
+    known = [each for each in selections if np.isfinite(each.fit[name].sd)] or selections
+    low = min(known, key=lambda each: each.fit[name].interval[1])
+    return low, max(known, key=lambda each: each.fit[name].interval[0])
+
+
+def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> float:
+    """The variance that the jackknife has beyond that of the whole; 0 where there is none."""
+    values = np.array([each.value for each in told])
+    jackknife = float(np.sqrt((count - 1) * np.mean((values - values.mean()) ** 2)))
+    return max(jackknife**2 - whole.sd**2, 0.0) if np.isfinite(whole.sd) else 0.0
+
+
+def _moved_along(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
+    """What a parameter's variance is times to be the covariance (P, P), with those parameters along that no selection tells.
+
+    Those go with it as they do in the fit: of a record shorter than its time constant, gain and time constant in proportion.
+    """
+    slope = np.zeros(len(fit.model.names))
+    slope[at] = 1.0
+    for n, name in enumerate(fit.model.names):
+        if not any(np.isfinite(each.fit[name].sd) for each in selections) and fit.covariance[at, at] > 0:
+            slope[n] = fit.covariance[n, at] / fit.covariance[at, at]
+    return np.outer(slope, slope)
+
+
+def _holding(estimates: Sequence[Estimate]) -> tuple[float, float]:
+    """The interval that holds all of theirs."""
+    return min(each.interval[0] for each in estimates), max(each.interval[1] for each in estimates)
+
+
+def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
+    sentence = (
+        f"The records don't agree: {'; '.join(_told(name, selections) for name in apart)}. The intervals are widened to hold "
+        "what each choice of records says. The motor wasn't the same in all of them, or doesn't follow this model over all of "
+        "their levels, speeds and directions, so that somebody who fits other records, or weighs them otherwise, finds other "
+        "figures. Fit together those in which the motor does what you need it for."
+    )
+    return info("records-apart", sentence, parameters=tuple(apart))
+
+
+def _told(name: str, selections: Sequence[_Without]) -> str:
+    low, high = _ends(name, selections)
+    words = parameter_in_words(name)
+    return f"the {words} is {_said(low.fit[name])} without {low.name}, and {_said(high.fit[name])} without {high.name}"
+
+
+def _said(estimate: Estimate) -> str:
+    return str(rounded_interval(estimate.value, estimate.interval, estimate.unit))

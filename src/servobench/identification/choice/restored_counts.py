@@ -1,0 +1,136 @@
+"""A speed that was differenced from counts is taken back to them, where a motor explains the counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, info
+from servobench.core.units import unit
+from servobench.identification.choice.noise_choice import allowing_for_disturbance
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.models.motion import turns_both_ways
+from servobench.identification.trust.validation import explains_the_colour, is_rounding
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.summation import Summation, summations
+
+_MOST = 2000  # samples in which the counts have to prove themselves
+# Of Q/√12: what accumulates, as the steps of a converter do when they are summed, may go into a random torque, and what is left
+# beside it is rarely as large as the rounding of counts. That of four records of an encoder was 0.97 to 1.02 of it.
+_BESIDE_TORQUE = (0.9, 1.1)
+_NOISY = 11.0  # of Q/√12: three counts of noise in a reading
+# The correlation of neighbouring second differences is -4/6 for white readings, and -1/2 for the sum of white speeds. Half way
+# between the two, either is four standard deviations (1/√2000) off; as far on the other side is what alternates.
+_ONE_BY_ONE = (-0.75, -0.583)
+_STRUCTURES = {True: ("first_order_coulomb",), False: ("first_order_one_way", "first_order_one_way_rest")}
+_PRINTED = ("rad/s", "deg/s", "rpm", "rev/s")
+_EXACT = 1e-4  # of a step that is a power of ten; no encoder's is as near to one by chance more than once in a thousand
+
+
+def with_counts_restored(
+    records: Sequence[Dataset], estimator: str = "auto"
+) -> tuple[tuple[Dataset, ...], list[Finding]]:
+    """Return the records with each speed that was differenced from counts summed back to a position, and findings that say so.
+
+    A difference makes of an encoder's rounding, which is known to stay within a count, a noise that only a long record averages
+    out. Summed back, nothing of what the counts say is lost. All speeds that are fitted together are summed, or none. The proof
+    is a fit of a first-order motor: what it leaves of the sum, beside a random torque, has to be the rounding of those counts.
+    An `estimator` that was asked for by its name gets the speed that it was asked to work on.
+    """
+    if estimator != "auto" or any(record.kind != "speed" for record in records):
+        return tuple(records), []
+    restored = []
+    for record in records:
+        found = _restored(record)
+        if found is None:
+            return tuple(records), []
+        restored.append(found)
+    return tuple(each.data for each in restored), [_finding(each) for each in restored]
+
+
+def _restored(record: Dataset) -> Summation | None:
+    """The first position that a motor explains up to the rounding of its counts."""
+    for found in summations(record):
+        fits: list[Fit] = []
+        for plain in _plain_fits(found.data):
+            if is_rounding(plain) or (_ratio(plain) < _NOISY and _is_one_by_one(plain)):
+                return found
+            fits.append(plain)
+        smooth = [plain for plain in fits if _roughness(plain) < _NOISY]
+        if any(_is_rounding_beside_torque(plain) for plain in smooth):
+            return found
+        if fits and not smooth:
+            return None
+    return None
+
+
+def _plain_fits(data: Dataset) -> Iterator[Fit]:
+    part = _liveliest(data)
+    for structure in _STRUCTURES[turns_both_ways([part])]:
+        try:
+            yield ESTIMATORS["output_error"].fit(STRUCTURES[structure], [part])
+        except NotIdentifiable:
+            continue
+
+
+def _roughness(fit: Fit) -> float:
+    """How large a residual is from sample to sample, in Q/√12: what a motor does that the model doesn't know is smoother.
+
+    Of white noise, fourth differences have √(1 + 16 + 36 + 16 + 1) times its standard deviation.
+    """
+    record = fit.records[0]
+    differences = np.abs(np.diff(record.residual, 4))
+    sd = float(np.median(differences)) / 0.6745 / float(np.sqrt(70 / 12))
+    return sd / (record.data.quantum or float("nan"))
+
+
+def _is_rounding_beside_torque(plain: Fit) -> bool:
+    """Whether each reading has an error of its own beside a random torque: the rounding of counts, and maybe some noise."""
+    data = plain.records[0].data
+    if _is_printed((data.quantum or np.nan) / data.sample_time):
+        return False
+    fit = allowing_for_disturbance(plain)
+    if fit.disturbance is None or not explains_the_colour(fit):
+        return False
+    low, high = _BESIDE_TORQUE
+    return low <= _ratio(fit) <= high or (low <= _ratio(fit) < _NOISY and _is_one_by_one(fit))
+
+
+def _ratio(fit: Fit) -> float:
+    """The standard deviation of a fit's residual, in Q/√12."""
+    return fit.residual_sd * float(np.sqrt(12)) / (fit.records[0].data.quantum or float("nan"))
+
+
+def _is_one_by_one(fit: Fit) -> bool:
+    """Whether what is left of a position are errors of the readings, each of its own, by their second differences."""
+    bends = np.diff(fit.records[0].residual, 2)
+    low, high = _ONE_BY_ONE
+    return bool(low <= bends[1:] @ bends[:-1] / (bends @ bends) <= high)
+
+
+def _is_printed(step: float) -> bool:
+    """Whether a step of a speed [rad/s] is the last digit of a printed number in some unit."""
+    digits = [np.log10(step / unit(symbol).factor) for symbol in _PRINTED]
+    return any(abs(digit - round(digit)) < _EXACT for digit in digits)
+
+
+def _liveliest(data: Dataset) -> Dataset:
+    """The part of a long record in which the motor goes farthest."""
+    if len(data.y) <= _MOST:
+        return data
+    way = np.concatenate([np.zeros(1), np.cumsum(np.abs(np.diff(data.y)))])
+    first = int(np.argmax(way[_MOST:] - way[:-_MOST]))
+    return data.part(float(data.t_output[first]), float(data.t_output[first + _MOST]))
+
+
+def _finding(found: Summation) -> Finding:
+    data = found.data
+    turn = f" ({2.0 * np.pi / (data.quantum or np.nan):.6g} in a turn)" if data.position_unit == "rad" else ""
+    return info(
+        "counts-restored",
+        f"{data.name}: this speed is the difference of counts of {data.quantum:.6g} {data.position_unit}{turn}, taken "
+        f"{found.how}; it was summed back to the counts, and they are fitted, as they say more than their difference.",
+    )

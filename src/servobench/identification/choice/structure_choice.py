@@ -1,0 +1,243 @@
+"""The choice of a structure: a base that the motion calls for, then a rung of the ladder for each term that the data ask for.
+
+The score tests propose: they cost no fit, so that data which ask for nothing cost nothing. A proposed rung is fitted, and kept if
+
+- the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
+- the new term is known to half of itself, or else leaving it out would move gain or time constant by more than their own
+  standard deviation, which would claim to know more than the data tell,
+- gain and time constant are still known to half of themselves, and the search has settled.
+
+Then the tests look at what is left, until they ask for nothing, or for nothing that can be told.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.finding import Finding, info
+from servobench.identification.choice.rungs.comparison import better, clearly_better, fitted, moved
+from servobench.identification.choice.rungs.trial import Rung, tried, with_term_more
+from servobench.identification.choice.rungs.words import found, stopped
+from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.identification.estimators.delay_prior import is_usual
+from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.identification.models.first_motion import rests_at_first, stands_at_first
+from servobench.identification.models.motion import smoothed_speed, turns_both_ways
+from servobench.identification.trust.doubts.base import about_data
+from servobench.identification.trust.explanations.base import Causes, names_a_cause
+from servobench.identification.trust.missing_terms import shown_terms
+from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.uncertainty.score_test import ASKED, Shown
+from servobench.recordings.measurement.dataset import Dataset
+
+_RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
+# What hides the others if it is large comes first; an arm may need both of the first two before either can be told.
+_BY_TRIAL = ("gravity", "coulomb_gravity", "coulomb", "asymmetric", "load")
+_REST = "rest-found"
+# Times the residual of the other: the rounding of a rest is one error in all its samples, which a slow drift takes for signal.
+_AS_GOOD = 1.1
+_LARGE = 10_000  # samples, of all records
+_NEARLY_ALL = 90.0  # % of the output
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Choice:
+    """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it.
+
+    `causes` are what may be wrong with the records, as far as that has been looked into.
+    """
+
+    fit: Fit
+    causes: Causes
+    shown: tuple[Shown, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Base:
+    """The fit of the simplest structure that suits a motion, why it is that one, and all `fits` that were made, by structure."""
+
+    fit: Fit
+    findings: tuple[Finding, ...] = ()
+    fits: Mapping[str, Fit]
+
+
+def chosen(
+    method: Estimator,
+    data: Sequence[Dataset],
+    structure: str,
+    estimator: str,
+    allow: Callable[[Fit], Fit],
+) -> Choice:
+    """Return the fit of the structure asked for, or of the one that the data need ("auto").
+
+    `allow` makes of a fit one that allows for what disturbs the motor. Raises `NotIdentifiable` where the data can't support it,
+    and `UsageError` where a structure and an estimator were named that can't go together.
+    """
+    if structure != "auto":
+        _check_combination(method, STRUCTURES[structure], data, estimator)
+        fit = allow(fitted(method, STRUCTURES[structure], data))
+        return Choice(fit=fit, causes=Causes(tuple(data)), shown=shown_terms(fit))
+    base = _base(method, data)
+    known = base.fits if method is ESTIMATORS["output_error"] else {}
+    return _climbed(method, data, base, Causes(tuple(data), known), allow)
+
+
+def _check_combination(
+    method: Estimator, structure: Structure, data: Sequence[Dataset], estimator: str
+) -> None:
+    """Raise `UsageError` where the estimator that was named can't work on the structure that was named."""
+    hindrance = method.supports(structure, data) if estimator != "auto" else None
+    if hindrance is not None:
+        raise UsageError(hindrance.sentence)
+
+
+def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
+    """The simplest structure for a motor that turned so, with Coulomb friction if that is needed."""
+    if not turns_both_ways(data):
+        return _resting(method, data, fitted(method, STRUCTURES["first_order_one_way"], data))
+    frictionless = fitted(method, STRUCTURES["first_order"], data)
+    try:
+        with_friction = fitted(method, STRUCTURES["first_order_coulomb"], data)
+    except NotIdentifiable:
+        return _Base(fit=frictionless, fits={frictionless.structure: frictionless})
+    fits = {each.structure: each for each in (frictionless, with_friction)}
+    if better(with_friction, frictionless):
+        sentence = (
+            f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
+            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless.model['gain']:.4g} instead of "
+            f"{with_friction.model['gain']:.4g}."
+        )
+        told = info("friction-found", sentence, parameters=("coulomb_voltage",))
+        return _Base(fit=with_friction, findings=(told,), fits=fits)
+    if moved(with_friction, frictionless):
+        sentence = (
+            "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
+            f"would be {frictionless.model['gain']:.5g} instead of {with_friction.model['gain']:.5g}, and seem better "
+            "known than it is."
+        )
+        told = info("friction-possible", sentence, parameters=("coulomb_voltage",))
+        return _Base(fit=with_friction, findings=(told,), fits=fits)
+    sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
+    return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
+
+
+def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
+    """The base for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
+    simple = _Base(fit=one_way, fits={one_way.structure: one_way})
+    begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
+    stands = any(stands_at_first(record) for record in data)
+    late = not is_usual(one_way)  # a delay may stand for friction that the input has to overcome
+    if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
+        return simple
+    try:
+        with_rest = fitted(method, STRUCTURES["first_order_one_way_rest"], data)
+    except NotIdentifiable:
+        return simple
+    fits = {each.structure: each for each in (one_way, with_rest)}
+    # A shaft that rests when the record begins is held by something; without that, a delay or an offset stands for it.
+    drifts = not late or not is_usual(with_rest) or with_rest.residual_sd > _AS_GOOD * one_way.residual_sd
+    worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
+    if not with_rest.converged or not worth:
+        return replace(simple, fits=fits)
+    sentence = (
+        "The motor stands still in a part of the record, so the model has friction that holds the shaft: without it the "
+        f"simulation explains {one_way.fit_percent:.2f} % of the output, with it {with_rest.fit_percent:.2f} %."
+    )
+    return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
+
+
+def _stands(data: Sequence[Dataset]) -> bool:
+    """Whether at least one sample in fifty was taken while the motor stood still."""
+    speeds = [np.abs(smoothed_speed(record)) for record in data]
+    still = np.concatenate([speed <= 1e-3 * speed.max() for speed in speeds])
+    return bool(np.mean(still) > 0.02)
+
+
+def _climbed(
+    method: Estimator,
+    data: Sequence[Dataset],
+    base: _Base,
+    causes: Causes,
+    allow: Callable[[Fit], Fit],
+) -> Choice:
+    """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
+    plain, fit, refused = base.fit, allow(base.fit), dict[str, Rung]()
+    findings = base.findings
+    shown = shown_terms(fit)
+    if any(finding.code == _REST for finding in findings):
+        return Choice(
+            fit=fit, causes=causes, shown=shown, findings=findings
+        )  # nothing more can be told of its friction
+    if _suspected(shown, fit) and _damaged(causes, fit):
+        return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
+    for _ in range(_RUNGS):
+        terms = [t for t in _suspected(shown, fit) if t not in refused and with_term_more(fit.structure, t)]
+        asked = _asked(shown)
+        rungs = (tried(method, data, plain, fit, term, term in asked, allow) for term in terms)
+        kept = next((rung for rung in rungs if not _noted(rung, refused)), None)
+        if kept is None:
+            break
+        earlier = [f for f in findings if "coulomb" not in kept.term or f.code != "friction-not-found"]
+        findings = (*earlier, found(kept, plain, fit))
+        plain, fit = kept.plain, kept.fit
+        shown = shown_terms(fit)
+    hidden = [rung.hidden for rung in refused.values() if rung.hidden]
+    told = (*findings, stopped(fit, shown, refused), *hidden)
+    return Choice(fit=fit, causes=causes, shown=shown, findings=told)
+
+
+def _damaged(causes: Causes, fit: Fit) -> bool:
+    """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
+    told = [finding for record in causes.records for finding in record.findings]
+    return names_a_cause([*told, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
+
+
+def _noted(rung: Rung, refused: dict[str, Rung]) -> bool:
+    """Whether something speaks against a rung; it is noted in `refused`."""
+    if rung.doubt:
+        refused[rung.term] = rung
+    return bool(rung.doubt)
+
+
+def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
+    """The rungs to try: those that the data ask for, and all where the fit leaves a colour that nothing explains.
+
+    A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
+    Where a long record is nearly explained, what is missing is small, and the intervals hold it: each trial would take seconds.
+    """
+    asked = _asked(shown)
+    first = [
+        term for term in asked if term == "winding"
+    ]  # two poles bend all else, and are fitted in no time
+    if sum(len(record.data.y) for record in fit.records) >= _LARGE and fit.fit_percent >= _NEARLY_ALL:
+        return first
+    if not explains_the_colour(fit):
+        return list(dict.fromkeys([*first, *_BY_TRIAL, *asked]))
+    # Friction was looked for before gravity was known, and so in vain.
+    return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked
+
+
+def _asked(shown: Sequence[Shown]) -> list[str]:
+    """The rungs that the data ask for, strongest first."""
+    asked = [one for one in shown if _asks(one)]
+    asked.sort(key=lambda one: -one.size)
+    return list(dict.fromkeys(str(one.term.rung) for one in asked))
+
+
+def _asks(one: Shown) -> bool:
+    """Whether a score test calls for a rung: friction that falls with the speed or grows with the load, not the other way.
+
+    Where its absence moves gain or time constant by more than their own standard deviation, a hint is enough to try it: a
+    filter for a random torque takes a good part of what is missing for noise.
+    """
+    if one.term.rung is None or one.size <= ASKED:
+        return False
+    if one.term.rung in ("stribeck", "load") and one.amount[0] < 0:
+        return False
+    hint = one.term.rung != "winding" and one.moved > 1  # what a delay is made of is in the intervals already
+    return one.size > one.term.limit or hint

@@ -1,0 +1,120 @@
+"""What an experiment will tell of a motor: the standard deviations, before anything has moved.
+
+The covariance is that of the estimator which will be used on the data, with every nuisance parameter (friction, offset, delay,
+start state) unknown. It is the mean over motors drawn from what is known of the motor, of these parts:
+
+- the noise: σ² (J'J)⁻¹, or what the encoder's real rounding of the drawn motor's positions makes of the parameters where that
+  is more: rounding that repeats with the input doesn't average out, and that depends on the motor by chance.
+  Where a random torque acts, (J'J)⁻¹ of the innovations of a Kalman filter;
+- what a first-order model can't know about reversals within its delay (`models.reversals`), and of a delay that is the lag of
+  a winding, as far as the residuals will leave it open.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.identification.design.assumed import AssumedMotor
+from servobench.identification.estimators.covariance import inverse
+from servobench.identification.estimators.disturbance import whitened
+from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+_BOTH_WAYS = 0.02  # of the samples, as for `structure="auto"`
+_SEED = 20_260
+_MOVING = 0.1  # of the speed that friction takes: a start speed beside the kink at rest
+
+
+@dataclass(frozen=True, kw_only=True)
+class Foresight:
+    """The predicted standard deviations `sd` of the parameters by name, in SI units, and the structure that they belong to.
+
+    `rounding` is how many times larger the scatter from the encoder's real rounding is than white noise would make it, the worse
+    of gain and time constant; 1 where a random torque makes it unimportant.
+    """
+
+    structure: str
+    sd: Mapping[str, float]
+    rounding: float
+
+
+def foreseen(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
+    """Return what an experiment with the input u (N,) at the times t (N,) [s] will tell of a motor at rest at first.
+
+    The same draws are used for all experiments, so that they can be compared.
+    """
+    _, speed = motor.motion(t, u)
+    both = min(np.mean(speed > 0), np.mean(speed < 0)) > _BOTH_WAYS
+    name = "first_order_coulomb" if both else "first_order_one_way"
+    structure = STRUCTURES[name]
+    parts = [_parts(each, structure, t, u, random) for each, random in drawn(motor, draws)]
+    white, scatter, extra = (np.mean([part[k] for part in parts], axis=0) for k in range(3))
+    noise = np.maximum(np.diag(white), np.diag(scatter))
+    sd = np.sqrt(noise + np.diag(extra))
+    names = [parameter.name for parameter in structure.parameters]
+    main = [names.index("gain"), names.index("time_constant")]
+    ratio = np.sqrt(np.diag(scatter)[main] / np.diag(white)[main])
+    return Foresight(
+        structure=name,
+        sd=dict(zip(names, map(float, sd), strict=True)),
+        rounding=float(ratio.max()) if motor.disturbance is None else 1.0,
+    )
+
+
+def drawn(motor: AssumedMotor, draws: int) -> list[tuple[AssumedMotor, np.random.Generator]]:
+    """Return motors within the tolerance of the assumed one, with a generator for the noise of each."""
+    found = []
+    for number in range(draws):
+        random = np.random.default_rng([_SEED, number])
+        gain, tau = 1 + motor.tolerance * random.uniform(-1, 1, 2)
+        found.append(
+            (replace(motor, gain=motor.gain * gain, time_constant=motor.time_constant * tau), random)
+        )
+    return found
+
+
+def counted(motor: AssumedMotor, position: Array, random: np.random.Generator) -> Array:
+    """Return what the encoder makes of a position (N,) [rad] from a random start: the middle of each count, with the noise."""
+    before = np.sqrt(max(motor.noise**2 - motor.quantum**2 / 12, 0.0))
+    angle = position + motor.quantum * random.uniform() + before * random.standard_normal(len(position))
+    return np.asarray((np.floor(angle / motor.quantum) + 0.5) * motor.quantum, dtype=np.float64)
+
+
+def _parts(
+    motor: AssumedMotor, structure: Structure, t: Array, u: Array, random: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """The covariances (P, P) that white noise, real rounding, and what the model can't know make, for one motor."""
+    # Exactly at rest the output has no derivative by the start speed, and a fit never ends exactly there.
+    barely = _MOVING * motor.gain * motor.coulomb_voltage * float(np.sign(u[np.argmax(u != 0)]))
+    data, theta, shared = motor.dataset(t, u), motor.theta(structure, barely), len(structure.parameters)
+    prediction = structure.predict(theta, data)
+    errors = [structure.unmodelled(theta, data)]
+    if motor.winding and motor.delay > 0:
+        errors.append(_lag(motor, structure, theta, data)[:, None])
+    rounding = counted(motor, prediction.y, random) - prediction.y
+    columns = np.column_stack([prediction.jacobian, rounding, *errors])
+    if motor.disturbance is None:
+        columns = columns / motor.noise
+    else:
+        columns = whitened(columns, data, structure.sliding(theta, data), motor.disturbance)
+    j, e = columns[:, : len(theta)], columns[:, len(theta) :]
+    bread = inverse(j.T @ j)
+    shift = (bread @ (j.T @ e))[:shared]
+    scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
+    # As much of the errors as the residuals will leave (`estimators.known_errors`).
+    left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
+    told = np.eye(left.shape[1]) + left.T @ left
+    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(told, shift[:, 1:].T)
+
+
+def _lag(motor: AssumedMotor, structure: Structure, theta: Array, data: Dataset) -> Array:
+    """What the output has more where the delay d is the lag of a fast pole: d²/2 times its second derivative by d."""
+    step = np.zeros(len(theta))
+    at = [parameter.name for parameter in structure.parameters].index("delay")
+    step[at] = 0.1 * data.sample_time
+    later, now, earlier = (structure.predict(theta + change, data).y for change in (step, 0 * step, -step))
+    return np.asarray(0.5 * motor.delay**2 * (later - 2 * now + earlier) / step[at] ** 2)

@@ -1,0 +1,272 @@
+"""The kind `estimators`: from data and a structure to a model with its uncertainty."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property, partial
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.estimate import Estimate
+from servobench.core.finding import Finding, refusal
+from servobench.core.registry import Registry
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.disturbance import Disturbance
+from servobench.identification.models.base import Model, Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class FittedRecord:
+    """One record behind a fit: its data, the nuisance parameters (Q,), the prediction and the residual y - prediction (M,).
+
+    `innovations` (M,) are what the estimator minimised, of unit variance: white where its noise model is right.
+    `valid` (M,) is False where the chain still looks back before the record; those samples carry no weight.
+    """
+
+    data: Dataset
+    nuisance: Array
+    prediction: Array
+    residual: Array
+    innovations: Array
+    valid: np.ndarray[tuple[int], np.dtype[np.bool_]]
+
+
+@dataclass(frozen=True, eq=False)
+class IntervalsOnDemand(Mapping[str, tuple[float, float]]):
+    """Intervals that are searched for when the first of them is read: most fits of a choice are dropped before that.
+
+    `search` is called once at most, and returns the intervals by name.
+    """
+
+    search: Callable[[], Mapping[str, tuple[float, float]]]
+
+    @cached_property
+    def _found(self) -> Mapping[str, tuple[float, float]]:
+        return self.search()
+
+    def __getitem__(self, name: str) -> tuple[float, float]:
+        """Return the interval of a parameter; raises `KeyError` where value ± 1.96 sd will do."""
+        return self._found[name]
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names."""
+        return iter(self._found)
+
+    def __len__(self) -> int:
+        """Return how many there are."""
+        return len(self._found)
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Fit:
+    """What an estimator gives: a model, and how well it is known.
+
+    `covariance` (P, P) belongs to the model's parameters; `status` says in one sentence how the search ended, `converged` whether
+    it did. `residual_sd` is in the unit of the output;
+    `disturbance` is the noise model, None for white measurement noise alone. `intervals` holds the 95 % intervals of those
+    parameters for which value ± 1.96 sd wouldn't do, such as one near a bound. `budget` holds what was added to the estimator's
+    own covariance, line by line.
+    """
+
+    model: Model
+    covariance: Array
+    estimator: str
+    structure: str
+    """Name of the model structure."""
+    converged: bool
+    status: str
+    residual_sd: float
+    records: tuple[FittedRecord, ...]
+    """What each record left over."""
+    disturbance: Disturbance | None = None
+    intervals: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    findings: tuple[Finding, ...] = ()
+    """What there is to know about the search and what came out."""
+    budget: tuple[Contribution, ...] = ()
+    """What made the intervals wider than the estimator's own."""
+
+    def widened(self, line: Contribution) -> Fit:
+        """Return the fit with a line more in its budget: the covariance grows by that of the line, and the intervals with it.
+
+        An interval that lies unevenly about its value keeps its shape: each side grows as √(half² + (1.96 sd)²) does.
+        """
+        return replace(
+            self,
+            covariance=self.covariance + line.covariance,
+            intervals=IntervalsOnDemand(partial(self._grown, TWO_SIDED**2 * np.diag(line.covariance))),
+            budget=(*self.budget, line),
+        )
+
+    def without(self, source: str) -> Fit:
+        """Return the fit as it would be without the lines of a source in its budget."""
+        taken = sum((each.covariance for each in self.budget if each.source == source), np.zeros((1, 1)))
+        return replace(
+            self,
+            covariance=self.covariance - taken,
+            intervals=self._grown(-(TWO_SIDED**2) * np.diag(taken)) if taken.any() else self.intervals,
+            budget=tuple(each for each in self.budget if each.source != source),
+        )
+
+    def _grown(self, squares: Array) -> dict[str, tuple[float, float]]:
+        """The uneven intervals with so much more (P,) in the square of each side."""
+        grown = {}
+        for name, (low, high) in self.intervals.items():
+            at = self.model.names.index(name)
+            value = float(self.model.theta[at])
+            below, above = (
+                (side**2 + squares[at]) if squares[at] else side**2 for side in (value - low, high - value)
+            )
+            grown[name] = (value - max(below, 0.0) ** 0.5, value + max(above, 0.0) ** 0.5)
+        return grown
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return the estimate of a parameter, with its 95 % interval."""
+        return self.estimates[name]
+
+    def sd(self, name: str) -> float:
+        """Return the standard deviation of a parameter, in its unit, without looking for its interval."""
+        at = self.model.names.index(name)
+        return float(np.sqrt(self.covariance[at, at]))
+
+    @property
+    def estimates(self) -> dict[str, Estimate]:
+        """The estimates by name, each with its 95 % interval: value ± 1.96 sd, or that in `intervals`."""
+        sd = np.sqrt(np.diag(self.covariance))
+        return {
+            name: Estimate(
+                value=float(value),
+                sd=float(s),
+                interval=self.intervals.get(
+                    name, (float(value - TWO_SIDED * s), float(value + TWO_SIDED * s))
+                ),
+                level=0.95,
+                unit=unit,
+            )
+            for name, value, s, unit in zip(
+                self.model.names, self.model.theta, sd, self.model.units, strict=True
+            )
+        }
+
+    @property
+    def vector(self) -> Array:
+        """The joint vector (P + ΣQ,): the parameters, then the nuisance parameters of each record in turn."""
+        return np.concatenate([self.model.theta, *(record.nuisance for record in self.records)])
+
+    @property
+    def fit_percent(self) -> float:
+        """How much of the output's variation the simulation explains, 100 (1 - |y - ŷ| / |y - mean|), over all records."""
+        return fit_percent(self.records)
+
+
+def fit_percent(records: Sequence[FittedRecord]) -> float:
+    """Return 100 (1 - |y - ŷ| / |y - mean(y)|) over all records, each with its own mean; NaN where nothing varies."""
+    misfit = sum(float(np.sum(r.residual[r.valid] ** 2)) for r in records)
+    total = sum(float(np.sum((r.data.y[r.valid] - r.data.y[r.valid].mean()) ** 2)) for r in records)
+    return 100.0 * (1.0 - float(np.sqrt(misfit / total))) if total > 0 else float("nan")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Abilities:
+    """What a method of identification can do; `hindrance` holds data and structure against it.
+
+    `method` says in one sentence what it does, `noise` what noise it is right for, `interval` what its intervals are worth:
+    docs/which-estimator.md is written from them.
+    """
+
+    method: str
+    noise: str
+    interval: str
+    position: bool
+    """The output may be a position."""
+    speed: bool
+    """The output may be a speed."""
+    chain: bool
+    """A chain between shaft and data is part of the prediction."""
+    irregular_times: bool
+    """Samples need not be equally far apart."""
+    several_records: bool
+    """Several records are fitted jointly."""
+    closed_loop: bool
+    """The data may come from a feedback loop."""
+    delay: bool
+    """A delay is found."""
+    friction: bool
+    """Coulomb friction is found."""
+    disturbance: bool
+    """A random torque is allowed for."""
+
+
+@runtime_checkable
+class Estimator(Protocol):
+    """A method of identification."""
+
+    @property
+    def abilities(self) -> Abilities:
+        """What the method can do."""
+        ...
+
+    def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+        """Return None where the method can do this, or a refusal that says why it can't."""
+        ...
+
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the fit of a structure to several datasets jointly.
+
+        `starts` are vectors to begin from, in place of the structure's own guesses: the parameters, then the nuisance
+        parameters of each record. Raises `NotIdentifiable` where the data don't determine the parameters.
+        """
+        ...
+
+
+def hindrance(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+    """Return a refusal that names what data or structure need and the estimator of that name can't do; None where it can all."""
+    needs = {
+        "a position": any(record.kind == "position" for record in data) and not can.position,
+        "a speed": any(record.kind == "speed" for record in data) and not can.speed,
+        "data behind a measurement chain": any(record.chain.linear for record in data) and not can.chain,
+        "irregular times": not can.irregular_times and not all(is_regular(record) for record in data),
+        "several records at once": len(data) > 1 and not can.several_records,
+        "friction with rest and reversals": structure.friction and not can.friction,
+    }
+    lacking = [what for what, lacks in needs.items() if lacks]
+    if not lacking:
+        return None
+    return refusal(
+        "estimator-unsuited",
+        f"{name} can't work on {' or '.join(lacking)}; output_error can (docs/which-estimator.md lists what each one can do).",
+    )
+
+
+def too_few(used: int, unknowns: int, data: Sequence[Dataset]) -> NotIdentifiable:
+    """Return the error that says how many samples count, and of how many, where they are no more than the unknowns."""
+    given = sum(len(record.y) for record in data)
+    if used == given:
+        return NotIdentifiable(f"{used} samples for {unknowns} unknowns: record for longer")
+    return NotIdentifiable(
+        f"{given} samples that count as {used}, for {unknowns} unknowns: samples that follow closely on one another are "
+        "averaged where the motor seems to be moved at random, and those behind a filter that looks back to before the record "
+        "say nothing. Record for longer"
+    )
+
+
+def is_regular(data: Dataset) -> bool:
+    """Return whether input and output come at the same times, evenly spaced to a thousandth of the sample time."""
+    if len(data.t_input) != len(data.t_output) or len(data.t_output) < 2:
+        return False
+    step = data.duration / (len(data.t_output) - 1)
+    even = data.t_output[0] + step * np.arange(len(data.t_output))
+    late = np.abs(np.concatenate([data.t_output - even, data.t_input - even]))
+    return bool(late.max() <= 1e-3 * step)
+
+
+ESTIMATORS: Registry[Estimator] = Registry(
+    "estimator", "servobench.identification.estimators", "servobench.estimators"
+)

@@ -1,0 +1,44 @@
+"""The budget of uncertainty: where the width of an interval comes from, line by line (JCGM 100:2008, section 8 of its budget).
+
+What an estimator says of its parameters is the first line. Whatever makes intervals wider after the fit adds a line, and only
+here a covariance grows: so that the sum over all lines is what is stated, and a person sees what it is made of.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.core.channels import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Contribution:
+    """One line of the budget: what it comes from, the covariance (P, P) that it adds, and why.
+
+    `freedom` is the number of degrees of freedom that the covariance was found with, infinite where it isn't estimated.
+    """
+
+    source: str
+    """What it comes from, in a few words."""
+    covariance: Array
+    reason: str
+    """Why, in a sentence's words."""
+    freedom: float = np.inf
+
+
+def beyond(target: Array, already: Array) -> Array:
+    """Return the smallest covariance (P, P) that makes `already` no smaller than `target` in any direction.
+
+    That is the positive part of their difference, in units of the standard deviations of the target, so that units don't
+    matter. Parameters of which either says nothing (infinite) get nothing.
+    """
+    sd = np.sqrt(np.maximum(np.diag(target), np.diag(already)))
+    told = np.isfinite(sd) & (sd > 0)
+    part = np.ix_(told, told)
+    scale = np.outer(sd[told], sd[told])
+    values, vectors = np.linalg.eigh((target[part] - already[part]) / scale)
+    out = np.zeros_like(target)
+    out[part] = (vectors * np.maximum(values, 0.0)) @ vectors.T * scale
+    return out

@@ -1,0 +1,204 @@
+"""What is expected of a delay before the data speak, and what to do where they don't: a delay swallows nothing.
+
+On a ramp from rest the output is that of K (u - rate · d - u_c): delay d and Coulomb voltage u_c can't be told apart, and a
+search ends anywhere along their valley. A delay is a thing of the loop, not of the motor. A controller that computes for a whole
+tick acts a sample later (Åström and Wittenmark 1997, chapter 9), a bus or a servo's own loop takes about 10 ms more (the servo
+of fra233 and the Lego motors among the real recordings: 3 to 16 ms). So the prior is
+
+    d ~ Cauchy(one sample time, scale s),   s = max(2 sample times, 10 ms)
+
+whose tails are so heavy that data which know the delay hardly notice it: a delay of 20 scales costs 12 in twice the
+log-likelihood, about as much as Schwarz's criterion asks of two parameters. Where the data know the delay to a quarter of s,
+nothing is done. Elsewhere the delay with the largest posterior is taken, twice the log-likelihood being n/κ ln(sum of squares),
+with κ for the colour of the residuals, and s is what isn't known of it: a normal prior with that standard deviation in the
+covariance (docs/decisions/0041-delay-expected.md).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.covariance import effective_samples
+from servobench.identification.estimators.least_squares import (
+    Layout,
+    Minimum,
+    information,
+    jacobian_and_residual,
+    lowest,
+    squared,
+)
+from servobench.identification.estimators.least_squares import at as point_at
+from servobench.identification.models.base import Structure
+from servobench.identification.models.first_motion import rests_at_first
+from servobench.recordings.measurement.dataset import Dataset
+
+CODE = "delay-expected"
+TOLD = 0.25  # of the prior's scale: a delay that is known better is the data's own
+_USUAL = 4.0  # scales from its middle: a delay that is further away has to be worth it
+_USUAL_SURPRISE = 2.0 * float(np.log1p(_USUAL**2))
+_AS_LIKELY = 9.0  # in twice the logarithm of the posterior: places that lie further apart aren't in doubt
+_STARTS = 3  # of a search with a delay that is held
+_SHORTEST = 0.01  # s, of the prior's scale
+
+
+@dataclass(frozen=True, kw_only=True)
+class Expected:
+    """The prior of the delay, number `at` of the parameters: its `middle` and its `scale` [s]."""
+
+    at: int
+    middle: float
+    scale: float
+    along: Array | None = None
+    """How the joint vector (P + ΣQ,) follows the delay between places that explain the data as well, where those lie apart."""
+
+    def penalty(self, delay: float) -> float:
+        """Return twice the negative logarithm of the prior's density at a delay [s], but for a constant."""
+        return 2.0 * float(np.log1p(((delay - self.middle) / self.scale) ** 2))
+
+
+def expected_delay(structure: Structure, data: Sequence[Dataset]) -> Expected | None:
+    """Return what is expected of the delay that the loop adds to what the device says; None for a structure without one."""
+    names = [parameter.name for parameter in structure.parameters]
+    if "delay" not in names:
+        return None
+    step = max(min(record.sample_time, record.input_step) for record in data)
+    return Expected(at=names.index("delay"), middle=step, scale=max(2.0 * step, _SHORTEST))
+
+
+def where_expected(
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, sd: float, prior: Expected
+) -> tuple[Minimum, Expected] | None:
+    """Return the place with the largest posterior where the data don't tell the delay, and None where they do.
+
+    `sd` is the standard deviation [s] that they give it by themselves. The prior comes along, with the way to other places that
+    are as good, where there are such.
+    """
+    delay = float(minimum.theta[prior.at])
+    if sd < TOLD * prior.scale and abs(delay - prior.middle) < _USUAL * prior.scale:
+        return _one_of_several(structure, data, minimum, prior)
+    drawn = delay
+    if np.isfinite(sd):
+        drawn += (prior.middle - delay) * sd**2 / (sd**2 + prior.scale**2)
+    samples = _samples(data, minimum)
+    best = min(
+        _minima_at(structure, data, minimum, prior.at, (prior.middle, drawn)),
+        key=lambda each: _loss(each, prior, samples),
+    )
+    if structure.friction:
+        # Where the input climbs in stairs, parts of a sample are told: beside the place that is usual is one that suits the data.
+        settled = lowest(structure, data, (best.theta,))
+        if _loss(settled, prior, samples) < _loss(best, prior, samples):
+            best, prior = settled, replace(prior, along=_along(settled, minimum, prior.at))
+    if _loss(best, prior, samples) < _loss(minimum, prior, samples):
+        return best, prior
+    return (minimum, replace(prior, along=None)) if sd >= TOLD * prior.scale else None
+
+
+def _along(one: Minimum, other: Minimum, at: int) -> Array | None:
+    """How the joint vector (P + ΣQ,) follows the delay, number `at`, from one place to another; None where that is the same."""
+    change = other.theta - one.theta
+    return change / change[at] if change[at] else None
+
+
+def _one_of_several(
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, prior: Expected
+) -> tuple[Minimum, Expected] | None:
+    """The likeliest of several places that a delay is told at, each to a part of a sample; None where there is only one.
+
+    A shaft that friction holds while its input climbs sets off at the same time if the input climbs one stair less, a sample
+    later.
+    """
+    if not (structure.friction and any(rests_at_first(record) for record in data)):
+        return None
+    delay, step = float(minimum.theta[prior.at]), max(record.input_step for record in data)
+    values = (prior.middle, delay - step, delay + step)
+    held = _minima_at(structure, data, minimum, prior.at, values)
+    samples = _samples(data, minimum)
+    settled = [lowest(structure, data, (each.theta,)) for each in held]
+    others = [
+        each
+        for each in settled
+        if abs(each.theta[prior.at] - delay) > 0.5 * step
+        and abs(_loss(each, prior, samples) - _loss(minimum, prior, samples)) < _AS_LIKELY
+    ]
+    if not others:
+        return None
+    best = min((minimum, *others), key=lambda each: _loss(each, prior, samples))
+    other = others[0] if best is minimum else minimum
+    return best, replace(prior, along=_along(best, other, prior.at))
+
+
+def surprise(fit: Fit) -> float:
+    """Return twice the negative logarithm of the prior's density at the delay of a fit, 0 at its middle or without a delay."""
+    prior = expected_delay(fit.model.structure, [record.data for record in fit.records])
+    return 0.0 if prior is None else prior.penalty(float(fit.model.theta[prior.at]))
+
+
+def prior_of(fit: Fit) -> Expected | None:
+    """Return the prior that holds the delay of a fit, None where the data tell the delay by themselves."""
+    if not any(each.code == CODE for each in fit.findings):
+        return None
+    return expected_delay(fit.model.structure, [record.data for record in fit.records])
+
+
+def is_usual(fit: Fit) -> bool:
+    """Return whether a fit has a delay that needs no excuse."""
+    return surprise(fit) < _USUAL_SURPRISE
+
+
+def finding(minimum: Minimum, prior: Expected, covariance: Array) -> Finding:
+    """Return what to say of a delay that is expected and not told; `covariance` (P, P) is that with the prior."""
+    value, half = minimum.theta[prior.at], TWO_SIDED * float(np.sqrt(covariance[prior.at, prior.at]))
+    return info(
+        CODE,
+        f"These data can't tell the delay apart from friction and the time constant. {1e3 * value:.2g} ± {1e3 * half:.2g} ms is "
+        "taken for it, as is usual in control loops, and the other intervals allow for that. Faster samples of a step from "
+        "rest would tell it.",
+        parameters=("delay",),
+    )
+
+
+def _minima_at(
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, at: int, values: Sequence[float]
+) -> list[Minimum]:
+    """The minima with the delay held at values within its bounds.
+
+    Each search begins where the others are, where they lead to at first order, and at a guess: a delay that stands for friction
+    leads nowhere from its valley, as so much of the input has to be lost in another way.
+    """
+    layout = Layout(structure, tuple(data))
+    lower, upper = (float(bounds[at]) for bounds in structure.bounds(data))
+    free = np.arange(len(minimum.theta)) != at
+    h = information(layout, squared(layout, minimum.predictions))
+    slope = np.linalg.lstsq(h[np.ix_(free, free)], h[free, at], rcond=None)[0]
+    guesses = structure.guesses(data) if structure.friction else ()
+    found = []
+    for value in np.unique(np.clip(values, lower, upper)):
+        led = minimum.theta.copy()
+        led[free] -= slope * (value - minimum.theta[at])
+        starts = [np.where(free, start, value) for start in (minimum.theta, led, *guesses)]
+        if len(starts) > _STARTS:
+            starts.sort(key=lambda start: point_at(layout, start).cost)
+        found.append(lowest(structure, data, starts[:_STARTS], free))
+    return found
+
+
+def _samples(data: Sequence[Dataset], minimum: Minimum) -> float:
+    """How many samples of white noise the residuals are worth."""
+    return sum(
+        effective_samples(jacobian_and_residual(record, prediction)[1])
+        for record, prediction in zip(data, minimum.predictions, strict=True)
+    )
+
+
+def _loss(minimum: Minimum, prior: Expected, samples: float) -> float:
+    """Twice the negative logarithm of the posterior, but for a constant."""
+    cost = max(minimum.cost, np.finfo(float).tiny)
+    return samples * float(np.log(cost)) + prior.penalty(float(minimum.theta[prior.at]))

@@ -1,0 +1,431 @@
+"""A random torque on the shaft beside the noise of the measurement: its likelihood, and what it does to a structure.
+
+The output is what the model simulates, plus what a white torque adds (a speed that decays with τ, and its integral), plus white
+measurement noise of variance r. With q the intensity of the acceleration [1/s³ of the output's unit squared], only the
+ratio q/r shapes the filter; r follows from the size of the innovations.
+
+An encoder's rounding isn't white: at a constant speed it has next to no power at the low frequencies that carry the
+parameters, or now and then a line there. So neighbouring samples are averaged over a time that is short beside τ and beside the
+memory of the filter, and r is what is left of the noise in those means, not Q²/12.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.identification.estimators.encoder_rounding import is_rounded
+from servobench.identification.estimators.least_squares import Layout
+from servobench.identification.models.base import Output, Parameter, Prediction, Structure
+from servobench.recordings.measurement.base import Kind
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.systems.transfer_function import TransferFunction
+
+_COARSE = 16  # points of the first grid, from a torque that never shows to one that drowns the noise within a sample
+_FINE = np.linspace(-1.0, 1.0, 13)
+_POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample time)/T⁴, or T²
+_WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
+_SHORT = 0.33  # of τ: the longest block
+_QUICK = 1.0  # of the filter's memory: the longest block
+WEIGHED = 0.5  # of the filter's memory: the longest block that parameters are found from
+
+
+@dataclass(frozen=True, kw_only=True)
+class Disturbance:
+    """The noise model of one data set: time constant τ [s], ratio q/r, measurement noise variance r of a sample."""
+
+    tau: float
+    """The motor's time constant [s], with which the torque's effect dies away."""
+    ratio: float
+    variance: float
+
+    @property
+    def wander(self) -> float:
+        """The standard deviation of the speed that the torque causes in the long run, √(q τ / 2), in output units a second."""
+        return float(np.sqrt(0.5 * self.ratio * self.variance * self.tau))
+
+    def memory(self, kind: Kind, sample_time: float) -> float:
+        """Return the time [s] over which the filter averages: where the torque's effect outgrows the measurement noise."""
+        return float((sample_time / self.ratio) ** (1 / _POWER[kind])) if self.ratio > 0 else float("inf")
+
+    @classmethod
+    def remembering(cls, memory: float, tau: float, kind: Kind, sample_time: float) -> Disturbance:
+        """Return the disturbance for which the filter's `memory` is that long [s], with unit variance of the measurement."""
+        return cls(tau=tau, ratio=sample_time / memory ** _POWER[kind], variance=1.0)
+
+
+@dataclass(frozen=True, eq=False)
+class Blocks:
+    """Neighbouring samples and their means, (B,) each: the numbers `starts` of the first samples, counts, and mean times [s].
+
+    `moving` is 1 where the shaft slides and 0 where it rests, `noise` the variance of each mean, beside r.
+    """
+
+    starts: NDArray[np.int64]
+    counts: Array
+    times: Array
+    moving: Array
+    noise: Array
+
+    def means(self, x: Array) -> Array:
+        """Return the means of x (M, …) over each block, (B, …)."""
+        sums = np.add.reduceat(x, self.starts, axis=0)
+        return np.asarray(sums / self.counts.reshape(-1, *[1] * (x.ndim - 1)), dtype=np.float64)
+
+
+def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None = None) -> Blocks:
+    """Return blocks of a record that are at most `longest` [s] long, and have neither a gap nor a stop or start within.
+
+    `moving` (M,) is above 0 where the shaft slides.
+
+    A shaft at rest shows an encoder the same count all the time: that tells where it is once, with the whole rounding error,
+    however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
+    """
+    t = data.t_output
+    rests = (moving == 0) & (rest is not None and is_rounded(data))
+    size = max(int(longest / data.sample_time), 1)
+    gaps = (np.diff(t) > 1.5 * data.sample_time) & ~(rests[1:] & rests[:-1])
+    breaks = gaps | (np.diff(moving) != 0)
+    run = np.concatenate([[0], np.cumsum(breaks)])
+    inside = np.where(rests, 0, (np.arange(len(t)) - np.searchsorted(run, run)) // size)
+    starts = np.flatnonzero(np.concatenate([[True], breaks | (np.diff(inside) != 0)]))
+    counts = np.diff(np.append(starts, len(t))).astype(np.float64)
+    return Blocks(
+        starts=starts,
+        counts=counts,
+        times=np.add.reduceat(t, starts) / counts,
+        moving=moving[starts],
+        noise=np.where(rests[starts], rest or 1.0, 1 / counts),
+    )
+
+
+def variance_of_rest(data: Dataset, disturbance: Disturbance | None) -> float:
+    """Return the variance of an encoder's error at rest beside r: Q²/12 over r, one at least; one where r isn't known yet."""
+    return max((data.quantum or 0.0) ** 2 / 12 / disturbance.variance, 1.0) if disturbance else 1.0
+
+
+def _samples(data: Dataset, moving: Array) -> Blocks:
+    """Each sample as a block of its own."""
+    ones = np.ones(len(data.t_output))
+    return Blocks(starts=np.arange(len(ones)), counts=ones, times=data.t_output, moving=moving, noise=ones)
+
+
+@dataclass(frozen=True, eq=False)
+class Linearised:
+    """Records near one point of the parameters: blocks of [residual, Jacobian], and where each record's columns stand.
+
+    `places` are the columns of each record in the joint vector, `free` (P + ΣQ,) which of its entries may move. The
+    `kind` of output is that of all records, the `sample_time` [s] the longest that any has. `prior` (P + ΣQ,) is what is known
+    of each entry beforehand, as r over its variance.
+    """
+
+    blocks: tuple[Blocks, ...]
+    columns: tuple[Array, ...]
+    places: tuple[NDArray[np.int64], ...]
+    free: NDArray[np.bool_]
+    kind: Kind
+    sample_time: float
+    prior: Array | None = None
+
+    def levels(self, tau: float) -> Array:
+        """Return a grid of ln(q/r), for memories of the filter from 100 τ down to a third of a sample time."""
+        memories = np.geomspace(100 * tau, 0.3 * self.sample_time, _COARSE)
+        return np.asarray(np.log(self.sample_time / memories ** _POWER[self.kind]), dtype=np.float64)
+
+    def under(self, tau: float, ratio: float) -> Trial:
+        """Return what noise of a given τ and q/r makes of the parameters, and how likely it is."""
+        size = len(self.free)
+        h, g, logarithms, filtered = np.zeros((size, size)), np.zeros(size), 0.0, []
+        for blocks, columns, place in zip(self.blocks, self.columns, self.places, strict=True):
+            x, spread = _innovations(columns, blocks, self.kind, tau, ratio)
+            product = x.T @ x
+            h[np.ix_(place, place)] += product[1:, 1:]
+            g[place] += product[1:, 0]
+            logarithms += float(np.sum(np.log(spread)))
+            filtered.append(x)
+        if self.prior is not None:
+            h += np.diag(self.prior)
+        held = ~self.free
+        h[held], h[:, held], g[held] = 0.0, 0.0, 0.0
+        inverse, information = _inverse(h)
+        change = inverse @ g
+        left = [x[:, 0] - x[:, 1:] @ change[place] for x, place in zip(filtered, self.places, strict=True)]
+        freedom = max(sum(map(len, left)) - int(np.count_nonzero(np.diag(h))), 1)
+        variance = max(sum(float(e @ e) for e in left) / freedom, 1e-300)
+        return Trial(
+            ratio=ratio,
+            change=change,
+            covariance=variance * inverse,
+            variance=variance,
+            deviance=freedom * float(np.log(variance)) + logarithms + information,
+        )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """One noise model tried, with q/r as `ratio`: the parameters' best change (P + ΣQ,) and covariance under it.
+
+    `variance` is r, `deviance` -2 ln of the restricted likelihood.
+    """
+
+    ratio: float
+    change: Array
+    covariance: Array
+    variance: float
+    deviance: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Profile:
+    """How likely disturbances are: the best one, trials around it with their weights.
+
+    `likelihood_ratio` is twice what its ln L is above that of none at all.
+    """
+
+    disturbance: Disturbance
+    best: Trial
+    trials: tuple[Trial, ...]
+    weights: Array
+    likelihood_ratio: float
+
+    @property
+    def wander(self) -> tuple[float, float]:
+        """The 95 % interval of `Disturbance.wander`: where the likelihood is within a factor e^(-1.92) of the best."""
+        near = [t for t in self.trials if t.deviance <= self.best.deviance + 3.84]
+        q = [t.ratio * t.variance for t in near]
+        low, high = (float(np.sqrt(0.5 * x * self.disturbance.tau)) for x in (min(q), max(q)))
+        return low, high
+
+    def widened(self, covariance: Array) -> Array:
+        """Return a covariance (P, P) of the best parameters with the doubt about the noise model added.
+
+        Σ w (C + δ δ') over the trials, δ the change of the parameters from the best trial to that one: the variance of a mixture.
+        """
+        size = len(covariance)
+        own = np.diag(self.best.covariance)[:size]
+        mean = sum(w * np.diag(t.covariance)[:size] for w, t in zip(self.weights, self.trials, strict=True))
+        scale = np.sqrt(np.where(own > 0, mean / np.where(own > 0, own, 1.0), 1.0))
+        moved = np.array([t.change[:size] - self.best.change[:size] for t in self.trials])
+        return np.asarray(
+            covariance * np.outer(scale, scale) + (moved * self.weights[:, None]).T @ moved, dtype=np.float64
+        )
+
+
+def profile(near: Linearised, tau: float, around: float | None = None) -> Profile:
+    """Return how likely disturbances are for records near a point of the parameters, for a given τ [s].
+
+    The restricted likelihood (Patterson and Thompson 1971), -2 ln L = (n - p) ln r + Σ ln S + ln |J'S⁻¹J| with r profiled,
+    allows for the parameters having been fitted. It is taken on a grid of ln(q/r), then on a finer one that spans what is
+    likely; `around` is the ln(q/r) of an earlier answer.
+    No disturbance is on the edge of what can be, so the likelihood ratio exceeds 2.71 in at most 5 % of the records without
+    one, and 5.41 in 1 % (Self and Liang 1987).
+    """
+    levels = near.levels(tau) if around is None else around + 2.5 * np.array([-1.0, 0.0, 1.0])
+    best, sd = _mode(near, tau, levels)
+    trials = [near.under(tau, float(np.exp(x))) for x in best + _WIDE * sd * _FINE]
+    without = near.under(tau, 0.0)
+    deviances = np.array([trial.deviance for trial in trials])
+    top = trials[int(np.argmin(deviances))]
+    weights = np.exp(-0.5 * (deviances - deviances.min()))
+    return Profile(
+        disturbance=Disturbance(tau=tau, ratio=top.ratio, variance=top.variance),
+        best=top,
+        trials=tuple(trials),
+        weights=weights / weights.sum(),
+        likelihood_ratio=without.deviance - top.deviance,
+    )
+
+
+def _mode(near: Linearised, tau: float, levels: Array) -> tuple[float, float]:
+    """The ln(q/r) of the lowest deviance, and its standard deviation from the curvature there (at most 3)."""
+
+    def deviance(level: float) -> float:
+        return near.under(tau, float(np.exp(level))).deviance
+
+    costs = [deviance(float(level)) for level in levels]
+    at = int(np.argmin(costs))
+    middle, width, low = float(levels[at]), float(levels[1] - levels[0]), costs[at]
+    curvature = 0.0
+    while width > 0.3:
+        width /= 2
+        left, right = deviance(middle - width), deviance(middle + width)
+        curvature = (left - 2 * low + right) / width**2
+        if left < low or right < low:
+            middle, low = (middle - width, left) if left < right else (middle + width, right)
+            width *= 1.5
+    return middle, float(np.clip(np.sqrt(2 / curvature), 0.05, 3.0)) if curvature > 0 else 3.0
+
+
+def _inverse(h: Array) -> tuple[Array, float]:
+    """H⁻¹ and ln |H|, from scaled parameters; a parameter without any information is left out of both."""
+    informed = np.flatnonzero(np.diag(h) > 0)
+    part = h[np.ix_(informed, informed)]
+    scale = 1.0 / np.sqrt(np.diag(part))
+    values, vectors = np.linalg.eigh(part * np.outer(scale, scale))
+    values = np.maximum(values, 1e-14 * float(values.max(initial=1e-300)))
+    out = np.zeros_like(h)
+    out[np.ix_(informed, informed)] = (vectors / values) @ vectors.T * np.outer(scale, scale)
+    return out, float(np.sum(np.log(values)) - 2 * np.sum(np.log(scale)))
+
+
+def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+    """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
+    out, _ = _innovations(
+        x.reshape(len(x), -1), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+    )
+    return np.asarray((out / np.sqrt(disturbance.variance)).reshape(x.shape), dtype=np.float64)
+
+
+def innovations_of_blocks(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+    """Return the innovations (B,) of a residual x (M,), averaged over blocks as for the likelihood; their scale is arbitrary."""
+    blocks = blocks_of(
+        data,
+        moving,
+        longest_block(disturbance, disturbance.tau, data),
+        variance_of_rest(data, disturbance),
+    )
+    return _innovations(blocks.means(x[:, None]), blocks, data.kind, disturbance.tau, disturbance.ratio)[0][
+        :, 0
+    ]
+
+
+def innovation_sd(data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+    """Return the standard deviation of each sample's innovation (M,) [unit of the output]."""
+    n = len(data.t_output)
+    _, spread = _innovations(
+        np.empty((n, 0)), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
+    )
+    return np.asarray(np.sqrt(disturbance.variance * spread), dtype=np.float64)
+
+
+def of_each_sample(
+    disturbance: Disturbance, residuals: Sequence[Array], data: Sequence[Dataset], moving: Sequence[Array]
+) -> Disturbance:
+    """Return the disturbance of the same q with the r of single samples, where rounding has all its power."""
+    found, q = disturbance, disturbance.ratio * disturbance.variance
+    for _ in range(5):
+        squares = sum(
+            float(np.sum(whitened(r, d, m, found) ** 2))
+            for r, d, m in zip(residuals, data, moving, strict=True)
+        )
+        variance = found.variance * squares / sum(len(r) for r in residuals)
+        found = replace(found, ratio=q / variance, variance=variance)
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class Whitened:
+    """A structure whose predictions are innovations of blocks: least squares on it is maximum likelihood under the disturbance.
+
+    Wraps another structure; the data that go with it are `whitened_data`. A block's innovation stands in the place of its first
+    sample, the other samples aren't valid. A record is known by its times, which whitening leaves alone.
+    """
+
+    structure: Structure
+    disturbance: Disturbance
+    data: tuple[Dataset, ...]
+    blocks: tuple[Blocks, ...]
+
+    @property
+    def parameters(self) -> tuple[Parameter, ...]:
+        """Those of the structure."""
+        return self.structure.parameters
+
+    @property
+    def friction(self) -> bool:
+        """That of the structure."""
+        return self.structure.friction
+
+    def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
+        """Those of the structure."""
+        return self.structure.nuisance(data)
+
+    def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
+        """Those of the structure for the records as they were: whitened ones don't show when the shaft first moves."""
+        return self.structure.bounds(self.data)
+
+    def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
+        """Those of the structure."""
+        return self.structure.guesses(data)
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_]:
+        """None of the parameters (P,): a search begins where another one ended."""
+        return np.zeros(len(self.parameters), dtype=bool)
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """That of the structure, for theta and a change of it (P + ΣQ,)."""
+        return Layout(self.structure, self.data).moved(theta, change)
+
+    def predict(self, theta: Array, data: Dataset) -> Prediction:
+        """Return the innovations of the prediction and of its Jacobian for theta (P + Q,), the filter held fixed."""
+        plain = self.structure.predict(theta, data)
+        both = self._filtered(np.column_stack([plain.y, plain.jacobian]), data)
+        valid = np.zeros(len(plain.y), dtype=bool)
+        valid[self._blocks(data).starts] = True
+        return Prediction(y=both[:, 0], jacobian=both[:, 1:], valid=valid)
+
+    def unmodelled(self, theta: Array, data: Dataset) -> Array:
+        """Return the innovations (M, E) of what the structure knows that it may be wrong by, for theta (P + Q,)."""
+        return self._filtered(self.structure.unmodelled(theta, data), data)
+
+    def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
+        """That of the structure, for theta (P + Q,)."""
+        return self.structure.transfer_function(theta, output, data)
+
+    @property
+    def whitened_data(self) -> tuple[Dataset, ...]:
+        """The records with the innovations of their outputs in place of the outputs, which no encoder has rounded."""
+        return tuple(
+            replace(record, y=self._filtered(record.y[:, None], record)[:, 0], quantum=None)
+            for record in self.data
+        )
+
+    def sliding(self, theta: Array, data: Dataset) -> Array:
+        """That of the structure (M,), for theta (P + Q,)."""
+        return self.structure.sliding(theta, data)
+
+    def _blocks(self, data: Dataset) -> Blocks:
+        return next(
+            b for b, record in zip(self.blocks, self.data, strict=True) if record.t_output is data.t_output
+        )
+
+    def _filtered(self, x: Array, data: Dataset) -> Array:
+        """Columns x (M, K) as innovations of unit variance at the first samples of the blocks, zero elsewhere."""
+        blocks, noise = self._blocks(data), self.disturbance
+        found, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)
+        out = np.zeros_like(x)
+        out[blocks.starts] = found / np.sqrt(noise.variance)
+        return out
+
+
+def longest_block(disturbance: Disturbance | None, tau: float, data: Dataset, quick: float = _QUICK) -> float:
+    """Return how long [s] a block of a record may be: short beside τ, and beside the filter's memory where that is known.
+
+    `quick` is the part of the memory. A block of a whole one is right for the size of the disturbance, as rounding is white over
+    it; but with it the parameters depend on where the blocks happen to begin, by up to 0.9 of a standard deviation.
+
+    In a closed loop it is one sample. The mean of more would be predicted from an input that answers within the block to what
+    disturbs it, and the parameters would be drawn to those of the controller.
+    """
+    if data.closed_loop:
+        return data.sample_time
+    memory = np.inf if disturbance is None else disturbance.memory(data.kind, data.sample_time)
+    return float(min(_SHORT * tau, quick * memory))
+
+
+def _innovations(x: Array, blocks: Blocks, kind: Kind, tau: float, ratio: float) -> tuple[Array, Array]:
+    """Columns (B, K) as innovations over √S, and the variances S (B,), for r = 1."""
+    from servobench.identification.estimators import kernels
+
+    out = np.array(x, dtype=np.float64, order="C")
+    spread = np.empty(len(out))
+    position = 1.0 if kind == "position" else 0.0
+    kernels.innovations(
+        blocks.times, tau, ratio, blocks.moving, blocks.noise, position, 1.0 - position, out, spread
+    )
+    return out, spread

@@ -1,0 +1,285 @@
+"""Interval likelihood: a count says in which bin the position was, and nothing about where in the bin.
+
+With Gaussian noise of standard deviation s before the encoder rounds, a sample in the bin lo ≤ θ + noise < hi has the probability
+
+    P = Φ((hi - θ)/s) - Φ((lo - θ)/s)
+
+and Σ ln P is maximised over the parameters and s. Where s is small, a sample near an edge of its bin says where the shaft was to
+within s, and one in the middle of it next to nothing: the information of a sample is 1.81/(s Q) on the average, against 12/Q² of
+the rounding taken for noise. From s = 0.3 Q on the two are the same.
+
+Given the path of the shaft, the scores ∂ ln P/∂θ of the samples are independent, however regular the rounding itself is. So the
+inverse of the information is the covariance, at any s.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, info, refusal, warning
+from servobench.identification.estimators.base import (
+    ESTIMATORS,
+    Abilities,
+    Fit,
+    FittedRecord,
+    hindrance,
+    too_few,
+)
+from servobench.identification.estimators.covariance import conservative, inverse, sandwich
+from servobench.identification.estimators.interval.bins import Bins
+from servobench.identification.estimators.interval.noise import NoiseProfile, profiled
+from servobench.identification.estimators.interval.search import Found, Near, searched
+from servobench.identification.estimators.interval.wander import wandering
+from servobench.identification.estimators.known_errors import Weighed, of_known_errors
+from servobench.identification.estimators.least_squares import Layout, Minimum
+from servobench.identification.estimators.output_error import best_minimum, remarks, simulations
+from servobench.identification.models.base import STRUCTURES, Model, Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+_INFORMED = 8.0  # samples within s of an edge for each unknown, the least that a search leaves
+_EVEN = 0.02  # of a quantum: no encoder's edges are where they should be to better than that
+_ON_GRID = 0.02  # of a quantum: how far a value may lie off the grid, by digits that were cut
+_NO_GAIN = 0.3  # of a quantum: noise from which a bin says as much as its middle
+_DOUBT = 5.41  # the likelihood ratio for a random torque that 1 in 100 records without one exceeds
+_MISCOUNT = 6.0  # standard deviations of the noise beyond the edge of its bin: 1 in a thousand million
+
+
+class IntervalLikelihood:
+    """Maximises Σ ln P(lo ≤ θ + noise < hi) over the parameters and the noise before the encoder's rounding.
+
+    Right for white measurement noise before an encoder with even lines, and no random torque. The level of the noise is found
+    by its likelihood, adjusted for the parameters that were fitted (Cox and Reid 1987); its uncertainty is in the intervals.
+    """
+
+    abilities = Abilities(
+        method="takes a count for the bin that it is, not for its middle, and finds the noise before rounding",
+        noise="white noise before the encoder's rounding, best below a fifth of a count",
+        interval="covers; wider than needed where there is next to no noise before rounding",
+        position=True,
+        speed=False,
+        chain=False,
+        irregular_times=True,
+        several_records=True,
+        closed_loop=True,
+        delay=True,
+        friction=True,
+        disturbance=False,
+    )
+
+    def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+        """Return a refusal for data that aren't the plain positions of an encoder whose step is known."""
+        lacking = hindrance("interval_likelihood", self.abilities, structure, data)
+        if lacking is not None:
+            return lacking
+        for record in data:
+            reason = _no_bins(record)
+            if reason:
+                return refusal("estimator-unsuited", f"interval_likelihood {reason}")
+        return None
+
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the fit, from where output error ends or from start vectors; raises `NotIdentifiable`."""
+        lacking = self.supports(structure, data)
+        if lacking is not None:
+            raise NotIdentifiable(lacking.sentence.rstrip("."))
+        first = best_minimum(structure, data, starts or structure.guesses(data))
+        layout = Layout(structure, tuple(data))
+        floor = _floor(layout)
+        found = searched(layout, first.theta, _first_noise(data, first), floor)
+        return _fitted(layout, found, profiled(found, floor))
+
+
+ESTIMATORS.member("interval_likelihood")(IntervalLikelihood())
+
+
+def _no_bins(data: Dataset) -> str | None:
+    """Why a record's values aren't bins of an encoder; None where they are."""
+    if not data.quantum:
+        return (
+            f"needs the step of the encoder, and {data.name} doesn't tell it: give the output in counts, or its resolution, "
+            "or use output_error"
+        )
+    steps = np.diff(data.y) / data.quantum
+    off = float(np.abs(steps - np.round(steps)).max(initial=0.0))
+    if off > _ON_GRID:
+        return (
+            f"needs values that are whole steps of {data.quantum:.6g} {data.output_unit} apart, and some of {data.name} are "
+            f"{off:.2g} of a step off: the resolution is wrong, or the values were smoothed; output_error can work on them"
+        )
+    return None
+
+
+def _floor(layout: Layout) -> float:
+    """The smallest s that is tried [unit of the output]: 0.02 Q, or more for a short record, up to 0.3 Q.
+
+    2 s/Q of the samples are within s of an edge, and the others say next to nothing: with too few of them for each unknown the
+    likelihood isn't quadratic, and s would run to zero. From 0.3 Q on all samples tell the same.
+    """
+    unknowns = int(layout.columns()[-1][-1]) + 1
+    enough = _INFORMED * unknowns / sum(2 * len(record.y) / _quantum(record) for record in layout.data)
+    smallest = min(_quantum(record) for record in layout.data)
+    return float(np.clip(enough, _EVEN * smallest, _NO_GAIN * smallest))
+
+
+def _quantum(data: Dataset) -> float:
+    return float(data.quantum or np.nan)
+
+
+def _first_noise(data: Sequence[Dataset], first: Minimum) -> float:
+    """A first s: what the residuals of output error leave beside the rounding, a tenth of a bin at the least.
+
+    Raises `NotIdentifiable` where there are no more samples than unknowns.
+    """
+    samples = sum(len(record.y) for record in data)
+    if samples <= len(first.theta):
+        raise too_few(samples, len(first.theta), data)
+    quantum = max(_quantum(record) for record in data)
+    variance = first.cost / (samples - len(first.theta))
+    return float(np.sqrt(max(variance - quantum**2 / 12, (0.1 * quantum) ** 2)))
+
+
+def _fitted(layout: Layout, found: Found, noise: NoiseProfile) -> Fit:
+    """The fit that a maximum and what is known of s stand for."""
+    structure, data = layout.structure, layout.data
+    lower, upper = layout.bounds()
+    theta = found.near.theta if found.at_kink else found.near.theta + noise.best.change
+    theta = np.clip(theta, lower, upper)
+    said = found.near.said(noise.best)
+    covariance = _covariance(layout, found.near, noise, said)[: layout.shared, : layout.shared]
+    records = simulations(structure, data, theta)
+    squares = sum(float(record.residual @ record.residual) for record in records)
+    samples = sum(len(record.residual) for record in records)
+    ended = Minimum(
+        theta=theta,
+        predictions=(),
+        cost=-found.point.log_likelihood,
+        converged=found.converged,
+        status=found.status,
+    )
+    return Fit(
+        model=Model(structure=structure, theta=theta[: layout.shared], data=data[0]),
+        covariance=covariance,
+        estimator="interval_likelihood",
+        structure=STRUCTURES.name_of(structure),
+        converged=found.converged,
+        status=found.status,
+        residual_sd=float(np.sqrt(squares / max(samples - len(theta), 1))),
+        records=_with_scores(records, said),
+        findings=(
+            *remarks(structure, data, ended),
+            _noise_told(noise, data[0]),
+            *_miscounts_told(records, noise.best.s),
+            *_torque_told(layout, found.near, said, noise.best.s),
+        ),
+    )
+
+
+def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[Bins]) -> Array:
+    """The covariance of the joint vector: the larger of the inverse information and one that allows for coloured scores.
+
+    As with output error, a parameter at its bound is held there for the others' sake and has the standard deviation of a free
+    one; what the structure knows that it can't resolve is added.
+    """
+    best = noise.best
+    scores = _scores(near, said)
+    found = noise.widened(conservative(inverse(best.information), sandwich(best.information, scores)))
+    found += of_known_errors(layout.structure, _weighed(layout, near, said), inverse(best.information))
+    everything = replace(near, free=np.ones_like(near.free)).at(best.change, best.s).information
+    held = ~near.free
+    found[held, held] = np.diag(inverse(everything))[held]
+    unknown = np.diag(everything) == 0
+    found[unknown, unknown] = np.inf
+    return found
+
+
+def _scores(near: Near, said: Sequence[Bins]) -> list[Array]:
+    """The scores of each record over the joint vector, (M, P + ΣQ)."""
+    scores = []
+    for j, place, told in zip(near.jacobians, near.places, said, strict=True):
+        score = np.zeros((len(j), len(near.theta)))
+        score[:, place] = j * told.score[:, None]
+        scores.append(score * near.free)
+    return scores
+
+
+def _weighed(layout: Layout, near: Near, said: Sequence[Bins]) -> list[Weighed]:
+    """The records at the maximum, each sample with what its bin tells."""
+    return [
+        Weighed(
+            data=record,
+            theta=near.theta[place],
+            place=place,
+            jacobian=j,
+            weight=told.information,
+            score=told.score,
+            used=np.ones(len(j), dtype=bool),
+        )
+        for record, j, place, told in zip(layout.data, near.jacobians, near.places, said, strict=True)
+    ]
+
+
+def _with_scores(records: Sequence[FittedRecord], said: Sequence[Bins]) -> tuple[FittedRecord, ...]:
+    """The records with their scores for innovations, of unit variance over all of them: they point as residuals do."""
+    power = float(np.mean(np.concatenate([told.score for told in said]) ** 2)) or 1.0
+    return tuple(
+        replace(record, innovations=told.score / np.sqrt(power))
+        for record, told in zip(records, said, strict=True)
+    )
+
+
+def _noise_told(noise: NoiseProfile, data: Dataset) -> Finding:
+    quantum = _quantum(data)
+    s, (low, high) = noise.best.s / quantum, (edge / quantum for edge in noise.interval)
+    if noise.at_floor:
+        return info(
+            "noise-below-rounding",
+            f"Noise before the encoder's rounding, if there is any, is below {high:.2g} of a count. {s:.2g} is taken, so "
+            "that the intervals are rather too wide than too narrow.",
+        )
+    sentence = f"The noise before the encoder's rounding is {s:.2g} of a count ({low:.2g} to {high:.2g})"
+    if s >= _NO_GAIN:
+        sentence += ": with so much of it a count tells no more than the middle of its bin, and output_error does as well"
+    return info("noise-before-rounding", sentence + ".")
+
+
+def _miscounts_told(records: Sequence[FittedRecord], s: float) -> list[Finding]:
+    """A warning for each record with counts that no noise explains: they raise the noise level for all others."""
+    found = []
+    for record in records:
+        quantum = _quantum(record.data)
+        beyond = (np.abs(record.residual) - 0.5 * quantum) / s
+        worst, wrong = int(np.argmax(beyond)), int(np.count_nonzero(beyond > _MISCOUNT))
+        if wrong:
+            sentence = (
+                f"{record.data.name}: {'a sample is' if wrong == 1 else f'{wrong} samples are'} where no noise puts "
+                f"{'it' if wrong == 1 else 'them, the worst'}: {record.residual[worst] / quantum:+.3g} counts off at "
+                f"{record.data.t_output[worst]:.6g} s. All the others look noisier for it; leave it out."
+            )
+            found.append(warning("counts-off", sentence))
+    return found
+
+
+def _torque_told(layout: Layout, near: Near, said: Sequence[Bins], s: float) -> list[Finding]:
+    """A warning where the scores wander as under a random torque, which is no noise of the measurement."""
+    names = [parameter.name for parameter in layout.structure.parameters]
+    if "time_constant" not in names:
+        return []
+    ratio = wandering(layout, near, said, s, float(near.theta[names.index("time_constant")]))
+    if ratio <= _DOUBT:
+        return []
+    return [
+        warning(
+            "noise-not-of-the-measurement",
+            "What the model leaves over isn't white noise of the measurement but wanders, as under a random torque or where the "
+            "model lacks something: the intervals are too narrow then. prediction_error allows for a random torque. "
+            f"(Likelihood ratio {ratio:.3g}; chance alone exceeds {_DOUBT} once in a hundred.)",
+            parameters=tuple(names),
+        )
+    ]

@@ -1,0 +1,339 @@
+"""Non-linear least squares over several records: Levenberg-Marquardt with exact Jacobians, bounds and held parameters."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.identification.models.base import Prediction, Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+_STEPS = 100
+_STEPS_TO_VALLEY = 25
+_AS_LOW = 0.01  # of a residual's variance: a sum of squares that is higher by less is as low
+_NOTHING = 1e-200  # J'J of a parameter without any effect: its inverse is still a number
+_SAME_PLACE = 1e-5  # two sums of squares that differ by less, relatively, are the same minimum
+_FIRST_REFUSED = 1e-3  # damping that the first refused step is taken back from, at least
+_VALLEYS = 2  # of the starts into curved valleys are followed to their ends
+_ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Minimum:
+    """Where a search ended: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
+
+    `converged` says whether it came to a minimum, `status` in words how it ended.
+    """
+
+    theta: Array
+    predictions: tuple[Prediction, ...]
+    cost: float
+    converged: bool
+    status: str
+
+
+@runtime_checkable
+class Summing(Protocol):
+    """A structure that can add up the normal equations of a record without holding its Jacobian, which is much faster."""
+
+    def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
+        """Return J'J, J'r and r'r, r = y - prediction, for theta (P + Q,); None where that data need `predict`."""
+        ...
+
+
+@runtime_checkable
+class Curved(Protocol):
+    """A structure whose sum of squares has a curved valley, and which knows how to get into it and how to follow it."""
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_]:
+        """Which of the parameters to hold while the others come near their place, (P,)."""
+        ...
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """Return where a change leads from theta, both (P + ΣQ,): theta + change to first order."""
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Layout:
+    """Where the parameters of each record stand in the joint vector: the P shared ones first, then each record's own Q.
+
+    `structure` says which those are, `data` are the records.
+    """
+
+    structure: Structure
+    data: tuple[Dataset, ...]
+
+    @property
+    def shared(self) -> int:
+        """The number of shared parameters."""
+        return len(self.structure.parameters)
+
+    def columns(self) -> list[NDArray[np.int64]]:
+        """Return, for each record, the places of its parameters in the joint vector."""
+        return self._places
+
+    @cached_property
+    def _places(self) -> list[NDArray[np.int64]]:
+        places, start = [], self.shared
+        for record in self.data:
+            own = len(self.structure.nuisance(record))
+            places.append(np.append(np.arange(self.shared), np.arange(start, start + own)))
+            start += own
+        return places
+
+    def normal(self, theta: Array, record: Dataset) -> tuple[Array, Array, float]:
+        """Return J'J, J'r and r'r of a record for its own part (P + Q,) of the joint vector, as fast as the structure can."""
+        summed = self._summing.normal(theta, record) if self._summing else None
+        return summed or _sums(record, self.structure.predict(theta, record))
+
+    @cached_property
+    def _summing(self) -> Summing | None:
+        return self.structure if isinstance(self.structure, Summing) else None
+
+    def moved(self, theta: Array, change: Array) -> Array:
+        """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
+        return self._curved.moved(theta, change) if self._curved else theta + change
+
+    @property
+    def held_at_first(self) -> NDArray[np.bool_] | None:
+        """Which of the parameters a search should hold at first, (P,); None where the structure knows of none."""
+        return self._curved.held_at_first if self._curved else None
+
+    @cached_property
+    def _curved(self) -> Curved | None:
+        return self.structure if isinstance(self.structure, Curved) else None
+
+    def bounds(self) -> tuple[Array, Array]:
+        """Return the lower and the upper bounds of the joint vector."""
+        return self._bounds
+
+    @cached_property
+    def _bounds(self) -> tuple[Array, Array]:
+        lower, upper = self.structure.bounds(self.data)
+        own = [p for record in self.data for p in self.structure.nuisance(record)]
+        return np.append(lower, [p.lower for p in own]), np.append(upper, [p.upper for p in own])
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Point:
+    """A joint vector `theta` (P + ΣQ,) that a search came by: J'J (`h`), J'r (`g`) and r'r (`cost`) of all records there."""
+
+    theta: Array
+    h: Array
+    g: Array
+    cost: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Descent:
+    """How a search went: the best point it saw, a last change so small that nobody looked behind it, and how it ended.
+
+    `converged` and `status` as in `Minimum`.
+    """
+
+    point: Point
+    change: Array
+    converged: bool
+    status: str
+
+
+def minimise(
+    structure: Structure, data: Sequence[Dataset], start: Array, free: NDArray[np.bool_] | None = None
+) -> Minimum:
+    """Return the minimum of the sum of squared residuals from a start vector (P + ΣQ,).
+
+    `start` is in the units of the parameters; `free` (P + ΣQ,) says which entries may move (all).
+    """
+    return lowest(structure, data, (start,), free)
+
+
+def lowest(
+    structure: Structure,
+    data: Sequence[Dataset],
+    starts: Sequence[Array],
+    free: NDArray[np.bool_] | None = None,
+) -> Minimum:
+    """Return the lowest of the minima that start vectors lead to; `free` (P + ΣQ,) says which entries may move (all)."""
+    layout = Layout(structure, tuple(data))
+    nearer = _in_the_valley(layout, starts, free)
+    ends = [descent(layout, start, free) for start in nearer]
+    enough = min(end.point.cost for end in ends) * (1 + _AS_LOW / sum(len(record.y) for record in data))
+    # Of ends that are as good as each other, one where the search has settled.
+    best = min(ends, key=lambda end: (end.point.cost > enough, not end.converged, end.point.cost))
+    theta = best.point.theta + best.change
+    predictions, cost = _evaluate(layout, theta)
+    if not cost <= best.point.cost * (1 + _ENOUGH**2):
+        # A kink lay within the last small change.
+        theta = best.point.theta
+        predictions, cost = _evaluate(layout, theta)
+    return Minimum(
+        theta=theta, predictions=predictions, cost=cost, converged=best.converged, status=best.status
+    )
+
+
+def _in_the_valley(
+    layout: Layout, starts: Sequence[Array], free: NDArray[np.bool_] | None
+) -> Sequence[Array]:
+    """The start vectors, or where the best of them lead to while the parameters that shape a curved valley are held.
+
+    One start by itself is where an earlier search ended.
+    """
+    held = layout.held_at_first
+    if held is None or len(starts) == 1:
+        return starts
+    moves = np.ones(len(starts[0]), dtype=bool) if free is None else free.copy()
+    if not (moves[: len(held)] & held).any():
+        return starts
+    moves[: len(held)] &= ~held
+    found = (descent(layout, start, moves, _STEPS_TO_VALLEY).point for start in starts)
+    ends = sorted(found, key=lambda point: point.cost)
+    distinct = [
+        end for n, end in enumerate(ends) if n == 0 or end.cost > (1 + _SAME_PLACE) * ends[n - 1].cost
+    ]
+    return [end.theta for end in distinct[:_VALLEYS]]
+
+
+def descent(
+    layout: Layout, start: Array, free: NDArray[np.bool_] | None = None, steps: int = _STEPS
+) -> Descent:
+    """Go from a start vector to a minimum of the sum of squared residuals; `free` (P + ΣQ,) says which entries may move (all).
+
+    Levenberg (1944) and Marquardt (1963). The damping follows how well the quadratic model foretold the change of the cost: down
+    to a hundredth at once where it did, up ten times and more where the cost rose. A step that leaves the bounds is cut at them.
+    `start` (P + ΣQ,) is in the units of the parameters.
+    """
+    lower, upper = layout.bounds()
+    moves = np.ones(len(start), dtype=bool) if free is None else free
+    point, damping, least = at(layout, np.clip(start, lower, upper)), 1e-6, _FIRST_REFUSED
+    for step in range(1, steps + 1):
+        at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
+        active = np.flatnonzero(moves & ~at_bound & (point.h.diagonal() > _NOTHING))
+        if not len(active):
+            return _ended(point, None, True, "every parameter is at a bound")
+        change = np.zeros_like(point.theta)
+        every = len(active) == len(moves)
+        h, g = (point.h, point.g) if every else (point.h[active[:, None], active], point.g[active])
+        change[active] = _damped_step(h, g, damping)
+        change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
+        reached = np.minimum(np.maximum(layout.moved(point.theta, change), lower), upper)
+        if _small(change, point, layout):
+            return _ended(point, change, True, f"converged in {step} steps")
+        trial = at(layout, reached)
+        foretold = float(change @ (2 * point.g - point.h @ change))
+        if trial.cost <= point.cost:
+            gained = point.cost - trial.cost
+            done, point = gained <= 1e-13 * point.cost, trial
+            damping = max(damping * _following(gained, foretold), 1e-12)
+            if done:
+                return _ended(point, None, True, f"converged in {step} steps")
+        else:
+            damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
+            # In a narrow valley that bends, the right damping is small, and found by now.
+            least = 0.0
+    return _ended(point, None, False, f"did not settle within {steps} steps")
+
+
+def at(layout: Layout, theta: Array) -> Point:
+    """Return the normal equations and the sum of squares at a joint vector (P + ΣQ,)."""
+    if len(layout.data) == 1:
+        h, g, cost = layout.normal(theta, layout.data[0])
+    else:
+        h, g, cost = np.zeros((len(theta), len(theta))), np.zeros(len(theta)), 0.0
+        for record, place in zip(layout.data, layout.columns(), strict=True):
+            own_h, own_g, own_cost = layout.normal(theta[place], record)
+            h[place[:, None], place] += own_h
+            g[place] += own_g
+            cost += own_cost
+    sound = np.isfinite(cost) and np.isfinite(h).all()
+    return Point(theta=theta, h=h, g=g, cost=cost if sound else np.inf)
+
+
+def information(layout: Layout, squares: Sequence[Array]) -> Array:
+    """Return J'J (P + ΣQ, P + ΣQ) of all records; `squares` are the records' own, as `squared` gives them."""
+    places = layout.columns()
+    size = int(places[-1][-1]) + 1
+    h = np.zeros((size, size))
+    for square, place in zip(squares, places, strict=True):
+        h[place[:, None], place] += square
+    return h
+
+
+def squared(layout: Layout, predictions: Sequence[Prediction]) -> list[Array]:
+    """Return J'J (P + Q, P + Q) of each record."""
+    jacobians = [jacobian_and_residual(r, p)[0] for r, p in zip(layout.data, predictions, strict=True)]
+    # Far from any motor a pendulum's sensitivities may grow beyond all numbers.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return [jacobian.T @ jacobian for jacobian in jacobians]
+
+
+def jacobian_and_residual(record: Dataset, prediction: Prediction) -> tuple[Array, Array]:
+    """Return the Jacobian (V, P + Q) and the residual (V,) of the V samples that are valid."""
+    residual = record.y - prediction.y
+    if prediction.valid.all():
+        return prediction.jacobian, residual
+    return prediction.jacobian[prediction.valid], residual[prediction.valid]
+
+
+def _sums(record: Dataset, prediction: Prediction) -> tuple[Array, Array, float]:
+    """J'J, J'r and r'r of a record."""
+    j, r = jacobian_and_residual(record, prediction)
+    # Far from any motor a pendulum's sensitivities may grow beyond all numbers: `at` takes such a place for infinitely bad.
+    with np.errstate(over="ignore", invalid="ignore"):
+        return j.T @ j, j.T @ r, float(r @ r)
+
+
+def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], float]:
+    """The predictions at a joint vector, and their sum of squares."""
+    predictions = tuple(
+        layout.structure.predict(theta[place], record)
+        for record, place in zip(layout.data, layout.columns(), strict=True)
+    )
+    residuals = [jacobian_and_residual(r, p)[1] for r, p in zip(layout.data, predictions, strict=True)]
+    cost = sum(float(r @ r) for r in residuals)
+    return predictions, cost if np.isfinite(cost) else np.inf
+
+
+def _following(gained: float, foretold: float) -> float:
+    """What to multiply the damping by after a step that gained something."""
+    ratio = gained / foretold if foretold > 0 else 0.0
+    return 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
+
+
+def _after_a_rise(cost: float, before: float) -> float:
+    """What to multiply the damping by after a step that was refused: ten, and more where the cost rose by orders of magnitude."""
+    return 10 * min((cost / before) ** 0.25, 100.0) if before > 0 else 1000.0
+
+
+def _damped_step(h: Array, g: Array, damping: float) -> Array:
+    """The step of (H + λ diag H) s = g, in scaled parameters, so that their units don't matter."""
+    scale = 1.0 / np.sqrt(h.diagonal())
+    scaled = (
+        scale[:, None] * h * scale
+    )  # in this order: the scales' product alone may be too large for a float
+    scaled.flat[:: len(g) + 1] += damping
+    try:
+        step = np.linalg.solve(scaled, scale * g)
+    except np.linalg.LinAlgError:  # parameters that the data can't tell apart: the shortest of all steps
+        step = np.linalg.lstsq(scaled, scale * g, rcond=None)[0]
+    return np.asarray(scale * step, dtype=np.float64)
+
+
+def _small(change: Array, point: Point, layout: Layout) -> bool:
+    """Whether a change moves the sum of squares by less than `_ENOUGH`² of the residual's variance."""
+    samples = sum(len(record.y) for record in layout.data)
+    return float(change @ point.h @ change) <= _ENOUGH**2 * point.cost / max(samples, 1)
+
+
+def _ended(point: Point, change: Array | None, converged: bool, status: str) -> Descent:
+    still = np.zeros_like(point.theta)
+    return Descent(
+        point=point, change=still if change is None else change, converged=converged, status=status
+    )

@@ -1,0 +1,166 @@
+"""Intervals of parameters near a bound, by profile likelihood: there, value ± 1.96 sd would reach beyond what is possible.
+
+The profile of a parameter is the lowest cost that the others can reach while it is held. Its 95 % interval is where
+
+    (cost held - cost) / s² ≤ 1.96² κ,   κ = sd² / (s² [H⁻¹]ᵢᵢ)
+
+or the bound, where that comes first. κ carries over what the standard deviation allows for beside white noise, so that the
+interval is value ± 1.96 sd where the cost is a parabola (Venzon and Moolgavkar 1988). A delay that is known by a prior alone
+costs (d - d₀)²/s² more in units of s², in H as in the cost: else the others would lean on any delay.
+
+A search for the lowest cost may end in another valley, above it. It begins from several places, and no interval ends where the
+cost hasn't risen.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.covariance import inverse
+from servobench.identification.estimators.delay_prior import Expected
+from servobench.identification.estimators.least_squares import (
+    Layout,
+    Minimum,
+    Point,
+    descent,
+    information,
+    squared,
+)
+from servobench.identification.models.base import Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+_NEAR = 3.0  # standard deviations to a bound below which its interval is a profile's
+_STEPS = 6
+_SEARCH = 25  # steps with the parameter held: a valley that is followed from its slope is reached in a few
+_SETTLED = 0.01  # of the wished rise of the cost
+_FARTHER = 3.0  # times: the longest step outwards from where the cost hasn't risen enough
+
+
+def intervals_near_bounds(
+    structure: Structure,
+    data: Sequence[Dataset],
+    minimum: Minimum,
+    covariance: Array,
+    variance: float = 1.0,
+    prior: Expected | None = None,
+) -> dict[str, tuple[float, float]]:
+    """Return the 95 % intervals of those shared parameters that are within 3 standard deviations of a bound, by name.
+
+    `covariance` (P, P) is that of the shared parameters, with the `prior` of the delay in it where there is one, for which the
+    `variance` of the residuals is needed; parameters of which the data say nothing are left out.
+    """
+    lower, upper = structure.bounds(data)
+    found = {}
+    for n, parameter in enumerate(structure.parameters):
+        sd, value = float(np.sqrt(covariance[n, n])), float(minimum.theta[n])
+        if not (0 < sd < np.inf) or min(value - lower[n], upper[n] - value) > _NEAR * sd:
+            continue
+        profile = _Profile(structure, tuple(data), minimum, n, sd, variance, prior)
+        found[parameter.name] = (profile.end(-1.0, float(lower[n])), profile.end(1.0, float(upper[n])))
+    return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Profile:
+    """The cost along one parameter, number `at` of the joint vector, beside a minimum."""
+
+    structure: Structure
+    data: tuple[Dataset, ...]
+    minimum: Minimum
+    at: int
+    sd: float
+    variance: float
+    prior: Expected | None
+
+    def end(self, side: float, bound: float) -> float:
+        """The end of the interval on one side (±1): where the cost has risen by as much as it may, or the bound.
+
+        Each trial lies within what is known to be inside and what is known to be outside.
+        """
+        value, wished = float(self.minimum.theta[self.at]), self._rise
+        limit = abs(bound - value)
+        inside, outside, reach = 0.0, np.inf, min(TWO_SIDED * self.sd, limit)
+        start, lowest = self.minimum.theta, self.minimum.cost
+        for _ in range(_STEPS):
+            held = self._lowest_at(start, value + side * reach)
+            rise = held.cost - lowest
+            if rise <= wished:
+                inside, start = reach, held.theta
+                if reach >= limit:
+                    return bound
+            else:
+                outside = reach
+            if abs(rise - wished) <= _SETTLED * wished:
+                break
+            further = reach * float(np.clip(np.sqrt(wished / max(rise, 1e-9 * wished)), 0.3, _FARTHER))
+            reach = min(further, limit)
+            if not inside < reach < outside:
+                reach = 0.5 * (inside + outside)
+        return value + side * (reach if inside <= reach <= outside else inside)
+
+    def _lowest_at(self, near: Array, value: float) -> Point:
+        """The lowest cost with the parameter held: from where the minimum leads to, and from near by where that has risen."""
+        free = np.arange(len(near)) != self.at
+        led = self.minimum.theta.copy()
+        led[free] += self._slope * (value - led[self.at])
+        led[self.at] = value
+        found = descent(self._layout, led, free, _SEARCH).point
+        if found.cost <= self.minimum.cost + self._rise:
+            return found
+        beside = descent(self._layout, np.where(free, near, value), free, _SEARCH).point
+        return min(found, beside, key=lambda point: point.cost)
+
+    @cached_property
+    def _layout(self) -> Layout:
+        """The cost, with what the prior adds to it."""
+        if self.prior is None:
+            return Layout(self.structure, self.data)
+        middle = float(self.minimum.theta[self.prior.at])
+        weight = self.variance / self.prior.scale**2
+        return _Expecting(self.structure, self.data, self.prior.at, middle, weight)
+
+    @cached_property
+    def _information(self) -> Array:
+        """J'J (P + ΣQ, P + ΣQ) at the minimum, with that of the prior."""
+        layout = Layout(self.structure, self.data)
+        h = information(layout, squared(layout, self.minimum.predictions))
+        if self.prior is not None:
+            h[self.prior.at, self.prior.at] += self.variance / self.prior.scale**2
+        return h
+
+    @cached_property
+    def _slope(self) -> Array:
+        """How the others follow the parameter along the valley (P + ΣQ - 1,)."""
+        free = np.arange(len(self.minimum.theta)) != self.at
+        h = self._information
+        return np.asarray(-inverse(h[np.ix_(free, free)]) @ h[free, self.at], dtype=np.float64)
+
+    @cached_property
+    def _rise(self) -> float:
+        """1.96² κ s², which is what a parabola of that sd rises by over 1.96 sd."""
+        own = float(inverse(self._information)[self.at, self.at])
+        return TWO_SIDED**2 * self.sd**2 / own if own > 0 else np.inf
+
+
+@dataclass(frozen=True, eq=False)
+class _Expecting(Layout):
+    """A sum of squares in which a delay, number `at`, costs the square of its distance from a `middle` [s], times a weight."""
+
+    at: int
+    middle: float
+    weight: float
+
+    def normal(self, theta: Array, record: Dataset) -> tuple[Array, Array, float]:
+        """Return the sums of a record with its part of that cost."""
+        h, g, cost = super().normal(theta, record)
+        h, g = h.copy(), g.copy()
+        weight, away = self.weight / len(self.data), float(theta[self.at]) - self.middle
+        h[self.at, self.at] += weight
+        g[self.at] -= weight * away
+        return h, g, cost + weight * away**2

@@ -1,0 +1,256 @@
+"""Prediction error: a random torque may act on the motor, and each sample is predicted from those before it."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, info, refusal
+from servobench.identification.estimators.base import (
+    ESTIMATORS,
+    Abilities,
+    Fit,
+    FittedRecord,
+    IntervalsOnDemand,
+    hindrance,
+)
+from servobench.identification.estimators.disturbance import (
+    WEIGHED,
+    Blocks,
+    Disturbance,
+    Linearised,
+    Profile,
+    Whitened,
+    blocks_of,
+    longest_block,
+    of_each_sample,
+    profile,
+    variance_of_rest,
+    whitened,
+)
+from servobench.identification.estimators.encoder_rounding import counts_in_place
+from servobench.identification.estimators.least_squares import Layout, minimise
+from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.estimators.output_error import OutputError, remarks, simulations, uncertainty
+from servobench.identification.models.base import Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+THRESHOLD = 2.71  # the likelihood ratio that 5 % of the records without a disturbance exceed
+_ROUNDS = 4
+_SETTLED = 0.02  # of a standard deviation
+
+
+class PredictionError:
+    """Minimises the innovations of a Kalman filter for random torque and measurement noise, their levels profiled.
+
+    Maximum likelihood for white torque: where output error takes the wandering of the position for the motor's own motion, this
+    doesn't. In turns, the filter is fixed by the residuals' likelihood (q/r, r, at the present τ) and the parameters are
+    found by least squares on the innovations (Ljung 1999, chapter 7).
+    """
+
+    abilities = Abilities(
+        method="predicts each sample from those before it with a Kalman filter, and minimises the innovations",
+        noise="a random torque on the motor, and white noise of the measurement; both levels are found",
+        interval="covers under a random torque",
+        position=True,
+        speed=True,
+        chain=False,
+        irregular_times=True,
+        several_records=True,
+        closed_loop=True,
+        delay=True,
+        friction=True,
+        disturbance=True,
+    )
+
+    def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+        """Return a refusal for data behind a measurement chain, or a structure whose speed has no time constant."""
+        names = {parameter.name for parameter in structure.parameters}
+        if "time_constant" not in names:
+            return refusal("estimator-unsuited", "prediction_error needs a structure with a time constant.")
+        return hindrance("prediction_error", self.abilities, structure, data)
+
+    def fit(
+        self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
+    ) -> Fit:
+        """Return the fit, from where output error ends or from start vectors; raises `NotIdentifiable`."""
+        lacking = self.supports(structure, data)
+        if lacking is not None:
+            raise NotIdentifiable(lacking.sentence.rstrip("."))
+        start = OutputError().fit(structure, data, starts)
+        return self.fit_after(start)
+
+    def fit_after(self, start: Fit) -> Fit:
+        """Return the fit that begins from another estimator's."""
+        structure, data = start.model.structure, tuple(record.data for record in start.records)
+        theta = start.vector
+        found = _profiled(structure, data, theta)
+        for remaining in reversed(range(_ROUNDS)):
+            before = theta
+            model = Whitened(structure, found.disturbance, data, _weighed(structure, data, theta, found))
+            minimum = minimise(model, model.whitened_data, theta)
+            theta = minimum.theta
+            _, covariance = uncertainty(model, model.whitened_data, minimum)
+            change = (theta - before)[: len(covariance)]
+            if not remaining or np.all(np.abs(change) <= _SETTLED * np.sqrt(np.diag(covariance))):
+                break
+            found = _profiled(structure, data, theta, found)
+        covariance = found.widened(covariance)
+        records, disturbance = with_innovations(structure, data, theta, found.disturbance)
+        return replace(
+            start,
+            model=replace(start.model, theta=theta[: len(covariance)]),
+            covariance=covariance,
+            estimator="prediction_error",
+            converged=minimum.converged,
+            status=minimum.status,
+            residual_sd=float(np.sqrt(disturbance.variance)),
+            disturbance=disturbance,
+            intervals=IntervalsOnDemand(
+                partial(intervals_near_bounds, model, model.whitened_data, minimum, covariance)
+            ),
+            records=records,
+            findings=(*remarks(structure, data, minimum), _told(found, data[0])),
+        )
+
+
+ESTIMATORS.member("prediction_error")(PredictionError())
+
+
+def rounding_explains(fit: Fit, times: float = 2.0) -> bool:
+    """Return whether the encoder's rounding is all that a fit leaves over; see `counts_in_place`."""
+    data = [record.data for record in fit.records]
+    return counts_in_place(data, [record.residual for record in fit.records], len(fit.vector), times)
+
+
+def disturbance_test(fit: Fit) -> Profile | None:
+    """Return the most likely disturbance behind a fit's residuals and its likelihood ratio; None where it can't be tested.
+
+    The ratio is evaluated without a new fit of the parameters, so it is a lower bound.
+    """
+    data = [record.data for record in fit.records]
+    if PredictionError().supports(fit.model.structure, data) is not None:
+        return None
+    return _profiled(fit.model.structure, data, fit.vector)
+
+
+def linearised(
+    structure: Structure, data: Sequence[Dataset], theta: Array, noise: Disturbance | None
+) -> Linearised:
+    """Return the records near theta (P + ΣQ,), in blocks that are short beside τ and beside the memory of a noise model."""
+    layout = Layout(structure, tuple(data))
+    lower, upper = layout.bounds()
+    tau = time_constant(structure, theta)
+    blocks = tuple(
+        blocks_of(
+            record,
+            structure.sliding(theta[place], record),
+            longest_block(noise, tau, record),
+            variance_of_rest(record, noise),
+        )
+        for record, place in _each_record(layout)
+    )
+    columns = [_columns(structure, record, theta[place]) for record, place in _each_record(layout)]
+    return Linearised(
+        blocks=blocks,
+        columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
+        places=tuple(layout.columns()),
+        free=(theta > lower) & (theta < upper),
+        kind=data[0].kind,
+        sample_time=max(record.sample_time for record in data),
+    )
+
+
+def time_constant(structure: Structure, theta: Array) -> float:
+    """Return the time constant [s] in a vector (P + ΣQ,) of a structure that has one."""
+    return float(theta[[parameter.name for parameter in structure.parameters].index("time_constant")])
+
+
+def _profiled(
+    structure: Structure, data: Sequence[Dataset], theta: Array, earlier: Profile | None = None
+) -> Profile:
+    """How likely disturbances are near theta.
+
+    Blocks that are short beside τ may still be long beside the memory of the filter; then it is done again with shorter ones.
+    """
+    tau = time_constant(structure, theta)
+    noise = earlier.disturbance if earlier else None
+    while True:
+        near = linearised(structure, data, theta, noise)
+        found = profile(near, tau, float(np.log(noise.ratio)) if noise else None)
+        longest = [longest_block(noise, tau, record) for record in data]
+        finer = [longest_block(found.disturbance, tau, record) for record in data]
+        if all(
+            new >= 0.7 * old or old < 2 * record.sample_time
+            for new, old, record in zip(finer, longest, data, strict=True)
+        ):
+            return found
+        noise = found.disturbance
+
+
+def _weighed(
+    structure: Structure, data: Sequence[Dataset], theta: Array, found: Profile
+) -> tuple[Blocks, ...]:
+    """The blocks of samples that the parameters are found from: short enough that it doesn't matter where they begin."""
+    layout, noise = Layout(structure, tuple(data)), found.disturbance
+    return tuple(
+        blocks_of(
+            record,
+            structure.sliding(theta[place], record),
+            longest_block(noise, noise.tau, record, WEIGHED),
+            variance_of_rest(record, noise),
+        )
+        for record, place in _each_record(layout)
+    )
+
+
+def _each_record(layout: Layout) -> list[tuple[Dataset, NDArray[np.int64]]]:
+    """Each record with the places of its parameters in the joint vector."""
+    return list(zip(layout.data, layout.columns(), strict=True))
+
+
+def _columns(structure: Structure, data: Dataset, theta: Array) -> Array:
+    """The residual and the Jacobian of a record beside each other (M, 1 + P + Q)."""
+    prediction = structure.predict(theta, data)
+    return np.column_stack([data.y - prediction.y, prediction.jacobian])
+
+
+def with_innovations(
+    structure: Structure, data: Sequence[Dataset], theta: Array, disturbance: Disturbance
+) -> tuple[tuple[FittedRecord, ...], Disturbance]:
+    """Return the records simulated with theta (P + ΣQ,) and their innovations, and the disturbance with a sample's noise."""
+    records = simulations(structure, data, theta)
+    moving = [
+        structure.sliding(np.concatenate([theta[: len(structure.parameters)], record.nuisance]), record.data)
+        for record in records
+    ]
+    each = of_each_sample(disturbance, [record.residual for record in records], data, moving)
+    return tuple(
+        replace(record, innovations=whitened(record.residual, record.data, slides, each))
+        for record, slides in zip(records, moving, strict=True)
+    ), each
+
+
+def _told(found: Profile, data: Dataset) -> Finding:
+    unit = f"{data.position_unit}/s"
+    low, high = found.wander
+    if found.likelihood_ratio <= THRESHOLD:
+        return info(
+            "disturbance-not-found",
+            "Nothing shows that a random torque moves the motor: a model with one explains the data no better than chance would, "
+            f"so output_error would do. (Likelihood ratio {max(found.likelihood_ratio, 0.0):.3g}, limit {THRESHOLD}.)",
+        )
+    return info(
+        "disturbance-found",
+        f"Something moves the motor at random: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "
+        f"{high:.2g}) beside what the input does, more than chance would make it seem. The intervals allow for it "
+        "(estimator prediction_error); without that they would be too narrow. "
+        f"(Likelihood ratio {found.likelihood_ratio:.3g}, limit {THRESHOLD}.)",
+        parameters=("gain", "time_constant"),
+    )

@@ -1,0 +1,321 @@
+"""Local fits: the response near a line, free of leakage, and what noise leaves it uncertain by.
+
+In a window of neighbouring lines the spectrum of the data is
+
+    Y(k) = ρ(k) M(k) U(k) + T(k) + V(k)
+
+with a model M from a preliminary fit, the ratio ρ of the response to it, the transient T, which holds all leakage, and noise V.
+ρ is a number for each line that the input excites between quiet ones, or else a parabola along the window; T is a parabola times
+the shape of a free motion of M (Pintelon and Schoukens, System Identification, 2nd ed. 2012, chapter 7, the local polynomial
+method). They have M = 1: then the parabolas have to follow the motor itself, and a window of 6 rad/s around a pole at 10 rad/s
+is off by a part in a hundred. With M near the motor they only have to follow the difference. M is no assumption on the result.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.identification.estimators.spectral.lines import Lines, Stretch
+from servobench.identification.estimators.spectral.path import Complex, Path
+from servobench.systems.transfer_function import TransferFunction
+
+_DEGREE = 2  # of the parabolas
+_QUIET = 15  # lines in a window of separate ones, for three coefficients of T and the noise
+_DENSE = 21  # lines in a window without quiet ones, for six coefficients and the noise
+_WINDOWS = 150  # without quiet lines, at most; a longer record has wider windows
+_POOL = 60.0  # degrees of freedom that a noise level is taken over
+_KNOWN = 1.0  # a ratio with a larger standard deviation isn't known
+_UNKNOWN = 1e100  # the variance of what has no column; finite, as it is multiplied by zeros
+_NODES = {n: np.polynomial.legendre.leggauss(n)[0] for n in (1, 2, 3)}  # Gauss's points along a window
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Block:
+    """Points from one window, at the frequencies of `path` (m,): the ratio to the model (m,) and its covariance (m, m).
+
+    The covariance E[e e*] is that of circular errors: real and imaginary part have half of it each. `model` (m,) is M there,
+    chain and all; `input` (m,) the input's spectrum at the nearest line; `coherence` (m,) the share of the output's power that
+    the input made; `width` [rad/s] how far a point looks: a line, or the window.
+    """
+
+    path: Path
+    ratio: Complex
+    covariance: Complex
+    model: Complex
+    input: Complex
+    coherence: Array
+    width: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Local:
+    """What the local fits of one stretch give: blocks of points, one from each window.
+
+    `left` (K,) is the spectrum without what the windows explain, `noise` (K,) the noise's power, `leverage` (K,) what share of it
+    the fit's own error adds to a line that isn't used. `unknown` counts the points that the input
+    excites too little to tell them from nothing.
+    """
+
+    stretch: Stretch
+    blocks: tuple[Block, ...]
+    left: Complex
+    noise: Array
+    leverage: Array
+    unknown: int
+
+
+@dataclass(frozen=True, eq=False)
+class _Window:
+    """Lines of a window as places (L,) in the stretch's, those of them that are fitted, and the columns for ρ and T."""
+
+    at: Lines
+    used: NDArray[np.bool_]
+    ratio: Complex
+    transient: Complex
+    excited: Lines  # those whose ratio is a column of its own; none where it is a parabola
+
+
+def local_fits(stretch: Stretch, shape: TransferFunction) -> Local:
+    """Return the local fits of a stretch around a preliminary model, from the input to the shaft.
+
+    Raises `NotIdentifiable` where there are fewer lines than a window needs.
+    """
+    motion = stretch.path.motion(shape)
+    model = motion * stretch.path.measured
+    free = stretch.path.transient(shape)
+    windows = _windows(stretch, model, free / np.abs(free).max())
+    white = stretch.path.audible
+    first = _solved(stretch, windows, white)
+    noise = _noise_level(first, white, np.abs(motion) ** 2 * white)
+    found = _solved(stretch, windows, noise)
+    scales = _pooled(found)
+    hidden = _hidden_rounding(stretch, noise, white)
+    blocks = [
+        _block(stretch, shape, window, solution, scale, hidden)
+        for window, solution, scale in zip(windows, found, scales.tolist(), strict=True)
+    ]
+    known = tuple(block for block in blocks if block is not None)
+    return Local(
+        stretch=stretch,
+        blocks=known,
+        left=np.concatenate([solution.left for solution in found]),
+        leverage=np.concatenate([solution.leverage for solution in found]),
+        noise=noise * np.repeat(scales, [len(window.at) for window in windows]) + hidden,
+        unknown=sum(len(solution.ratio) for solution in found) - sum(len(block.ratio) for block in known),
+    )
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Solution:
+    """A window's weighted least squares: coefficients of ρ and their covariance for noise of the power `noise` (L,) supposed.
+
+    `left` (L,) is the data without the fit, on unused lines as well; `leverage` (L,) is the fit's variance over the noise's.
+    """
+
+    ratio: Complex
+    covariance: Complex
+    left: Complex
+    leverage: Array
+    used: NDArray[np.bool_]
+    noise: Array
+
+    @property
+    def freedom(self) -> float:
+        """How many complex residuals are free."""
+        return float(np.sum(1.0 - self.leverage[self.used]))
+
+    @property
+    def power(self) -> float:
+        """The squared residuals over the noise supposed; as large as `freedom` where that is right."""
+        return float(np.sum(np.abs(self.left[self.used]) ** 2 / self.noise[self.used]))
+
+
+def _windows(stretch: Stretch, model: Complex, free: Complex) -> list[_Window]:
+    driven = model * stretch.input
+    return [
+        _separate(stretch, at, driven, free) if stretch.separate else _smooth(at, driven, free)
+        for at in _partition(stretch)
+    ]
+
+
+def _partition(stretch: Stretch) -> list[Lines]:
+    """The lines in windows that don't overlap, so that their noise is independent."""
+    total = len(stretch.lines)
+    quiet = np.ones(total, dtype=bool)
+    size = max(_DENSE, int(np.ceil(total / _WINDOWS)))
+    if stretch.separate:
+        quiet[stretch.excited - 1] = False
+        quiet[stretch.detection - 1] = False
+        size = _QUIET
+    count = int(quiet.sum()) // size
+    if count == 0:
+        raise NotIdentifiable(
+            f"{stretch.data.name}: {int(quiet.sum())} lines of the spectrum tell of noise, at least {size} are needed: "
+            "record for longer, or more periods"
+        )
+    order = np.minimum((np.cumsum(quiet) - 1).clip(0) // size, count - 1)
+    return np.split(np.arange(total), np.flatnonzero(np.diff(order)) + 1)
+
+
+def _separate(stretch: Stretch, at: Lines, driven: Complex, free: Complex) -> _Window:
+    """A ratio for each excited line; what the input has beside these lines goes with the nearest one."""
+    lines = stretch.lines[at]
+    excited = stretch.excited[(stretch.excited >= lines[0]) & (stretch.excited <= lines[-1])]
+    columns = np.zeros((len(at), len(excited)), dtype=np.complex128)
+    if len(excited):
+        nearest = np.abs(lines[:, None] - excited).argmin(axis=1)
+        columns[np.arange(len(at)), nearest] = driven[at]
+    used = ~np.isin(lines, stretch.detection)
+    return _Window(at, used, columns, _powers(at, _DEGREE) * free[at, None], excited)
+
+
+def _smooth(at: Lines, driven: Complex, free: Complex) -> _Window:
+    """A parabola for the ratio, or less where few lines of the window are excited."""
+    strong = int(np.sum(np.abs(driven[at]) > 1e-6 * np.abs(driven).max()))
+    degree = min(_DEGREE, strong // 3 - 1)
+    powers = _powers(at, _DEGREE)
+    columns = powers[:, : degree + 1] * driven[at, None]
+    return _Window(
+        at, np.ones(len(at), dtype=bool), columns, powers * free[at, None], np.empty(0, dtype=np.int64)
+    )
+
+
+def _powers(at: Lines, degree: int) -> Array:
+    """x⁰ to x^degree at the lines (L, degree + 1), x from -1 to 1 along the window."""
+    half = max(0.5 * (at[-1] - at[0]), 0.5)
+    x = (at - 0.5 * (at[0] + at[-1])) / half
+    return np.asarray(x[:, None] ** np.arange(degree + 1), dtype=np.float64)
+
+
+def _solved(stretch: Stretch, windows: Sequence[_Window], noise: Array) -> list[_Solution]:
+    return [_solve(window, stretch.output[window.at], noise[window.at]) for window in windows]
+
+
+def _solve(window: _Window, y: Complex, noise: Array) -> _Solution:
+    columns = np.hstack([window.ratio, window.transient])
+    weight = np.sqrt(noise)
+    used = window.used
+    a, b = columns[used] / weight[used, None], y[used] / weight[used]
+    size = np.sqrt(np.sum(np.abs(a) ** 2, axis=0))
+    present = size > 0
+    q, triangle = np.linalg.qr(a[:, present] / size[present])
+    back = np.linalg.pinv(triangle, rcond=1e-12) / size[present, None]
+    linear = np.zeros(columns.shape[1], dtype=np.complex128)
+    linear[present] = back @ (q.conj().T @ b)
+    covariance = np.zeros((len(size), len(size)), dtype=np.complex128)
+    covariance[np.ix_(present, present)] = back @ back.conj().T
+    covariance[~present, ~present] = _UNKNOWN
+    leverage = np.sum(np.abs(columns[:, present] @ back) ** 2, axis=1) / noise
+    count = window.ratio.shape[1]
+    return _Solution(
+        ratio=linear[:count], covariance=covariance[:count, :count], left=y - columns @ linear,
+        leverage=leverage, used=used, noise=noise,
+    )  # fmt: skip
+
+
+def _noise_level(found: Sequence[_Solution], white: Array, driven: Array) -> Array:
+    """The power of the noise (K,), r · white + q · driven: noise of the sensor, and a random torque, which moves the motor.
+
+    Their ratio is the likeliest of some for the residuals, whose powers are exponentially distributed about their expectation.
+    """
+    left = np.concatenate([s.left for s in found])
+    free = np.concatenate([1.0 - s.leverage for s in found])
+    use = np.concatenate([s.used for s in found]) & (free > 0.1)
+    power = np.abs(left[use]) ** 2 / free[use]
+    white = white / white[use].mean()
+    driven = driven / driven[use].mean()
+    best, level = np.inf, white
+    for part in [0.0, *np.logspace(-8, 0, 33)]:
+        shape = (1.0 - part) * white + part * driven
+        size = float(np.mean(power / shape[use]))
+        cost = len(power) * np.log(max(size, 1e-300)) + float(np.sum(np.log(shape[use])))
+        if cost < best:
+            best, level = cost, size * shape
+    return np.maximum(level, 1e-300)
+
+
+def _pooled(found: Sequence[_Solution]) -> Array:
+    """By how much the noise around each window is above what was supposed: over as many windows as it takes to know that well."""
+    freedom = np.array([s.freedom for s in found])
+    power = np.array([s.power for s in found])
+    scales = np.empty(len(found))
+    sums = np.concatenate([[0.0], np.cumsum(freedom)]), np.concatenate([[0.0], np.cumsum(power)])
+    for n in range(len(found)):
+        reach = 0
+        low, high = n, n + 1
+        while sums[0][high] - sums[0][low] < _POOL and (low > 0 or high < len(found)):
+            reach += 1
+            low, high = max(n - reach, 0), min(n + reach + 1, len(found))
+        scales[n] = (sums[1][high] - sums[1][low]) / max(sums[0][high] - sums[0][low], 1e-300)
+    return np.maximum(scales, 1e-300)
+
+
+def _hidden_rounding(stretch: Stretch, noise: Array, white: Array) -> Array:
+    """What rounding may add at the harmonics of the period and nowhere else, (K,).
+
+    Where the motion repeats to a fraction of a count, so does its rounding: then it isn't seen between the harmonics. Its power
+    is a twelfth of a count squared all the same, and what isn't seen is spread over the harmonics.
+    """
+    quantum = stretch.data.quantum
+    if quantum is None or stretch.cycles < 2:
+        return np.zeros(len(noise))
+    seen = float(np.mean(noise / white))
+    return np.asarray(white * max(quantum**2 / 12 - seen, 0.0) * stretch.cycles, dtype=np.float64)
+
+
+def _points(stretch: Stretch, window: _Window, count: int) -> tuple[Array, Array]:
+    """Frequencies (m,) [rad/s] of a window's points, and what the coefficients of ρ are multiplied with there, (m, count)."""
+    spacing = stretch.path.omega[0]
+    if stretch.separate:
+        omega = spacing * window.excited if stretch.tone is None else np.full(count, stretch.tone)
+        return omega, np.eye(count)
+    # At Gauss's points the values of a fitted parabola don't depend on each other, where all lines count the same.
+    nodes = _NODES[count]
+    middle, half = 0.5 * (window.at[0] + window.at[-1]), 0.5 * (window.at[-1] - window.at[0])
+    return spacing * (1 + middle + half * nodes), nodes[:, None] ** np.arange(count)
+
+
+def _block(
+    stretch: Stretch, shape: TransferFunction, window: _Window, found: _Solution, scale: float, hidden: Array
+) -> Block | None:
+    """The points of a window, without those that the data say nothing of; None where there are none."""
+    count = len(found.ratio)
+    if count == 0:
+        return None
+    omega, basis = _points(stretch, window, count)
+    near = np.abs(stretch.path.omega[window.at] - omega[:, None]).argmin(
+        axis=1
+    )  # the nearest line of the window
+    at = window.at[near]
+    path = replace(stretch.path, omega=omega)
+    model = path.full(shape)
+    driven = np.abs(model * stretch.input[at]) ** 2
+    with np.errstate(invalid="ignore", divide="ignore"):
+        covariance = scale * (basis @ found.covariance @ basis.T) + np.diag(hidden[at] / driven)
+        known = np.flatnonzero(0.5 * np.diag(covariance).real < _KNOWN**2)
+    if not len(known):
+        return None
+    ratio = basis @ found.ratio
+    made = np.abs(ratio) ** 2 * _power_of_input(stretch, window, np.abs(model) ** 2, at)
+    return Block(
+        path=replace(path, omega=omega[known]),
+        ratio=ratio[known],
+        covariance=covariance[np.ix_(known, known)],
+        model=model[known],
+        input=stretch.input[at[known]],
+        coherence=(made / (made + scale * found.noise[near] + hidden[at]))[known],
+        width=float(stretch.path.omega[0] * (1 if stretch.separate else len(window.at))),
+    )
+
+
+def _power_of_input(stretch: Stretch, window: _Window, gain: Array, at: Lines) -> Array:
+    """The power that the model makes of the input at points (m,): at their own line, or on average over the window."""
+    if stretch.separate:
+        return np.asarray(gain * np.abs(stretch.input[at]) ** 2, dtype=np.float64)
+    return np.asarray(gain * np.mean(np.abs(stretch.input[window.at]) ** 2), dtype=np.float64)

@@ -1,0 +1,69 @@
+"""What the first motion of a record says: the longest that a delay can be, and that the shaft rests until then."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.first_motion import noise_of
+
+_FEW = 3  # samples that show a rest
+_CLEAR = 3.0  # times the noise: a top speed that stands out
+_FAR = 10.0  # times as far as the shaft may have gone unseen: that it has at its top speed, where it is taken to rest
+
+
+def latest_delay(data: Sequence[Dataset]) -> float:
+    """Return the longest delay [s] that the first motion of all records allows; infinite where no record begins before it.
+
+    It is what there is beyond the delay that the device says of itself.
+    """
+    found = [(record, record.first_motion) for record in data]
+    bounds = [
+        each.effect - each.cause + _margin(record) - record.delay
+        for record, each in found
+        if each is not None
+    ]
+    return min(bounds, default=np.inf)
+
+
+def rests_at_first(data: Dataset) -> bool:
+    """Return whether the shaft rests when a record begins, while its input does more than one thing.
+
+    Under one level from the first sample on, a shaft that sets off stands for a few samples, too: see `stands_at_first`.
+    """
+    stood = _stood(data)
+    changes = data.t_input[1:][data.u[1:] != data.u[0]]
+    return stands_at_first(data) and len(changes) > 0 and bool(changes[0] <= data.t_output[0] + stood)
+
+
+def stands_at_first(data: Dataset) -> bool:
+    """Return whether the output stands when a record begins, beside noise and counts.
+
+    A position does so for so long that the top speed would have led far away; a speed is none.
+    """
+    noise = noise_of(data)
+    if not noise > 0:
+        return False
+    if data.kind == "speed":
+        return bool(np.abs(data.y[:_FEW]).max() <= noise and _top_speed(data) > _CLEAR * noise)
+    return _top_speed(data) * _stood(data) > _FAR * noise
+
+
+def _stood(data: Dataset) -> float:
+    """How long [s] the output stays where it begins; 0 for one that never leaves."""
+    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:_FEW])) > noise_of(data))
+    return float(data.t_output[away[0]] - data.t_output[0]) if len(away) else 0.0
+
+
+def _margin(record: Dataset) -> float:
+    """A sample time, of the one of input and output that is sampled more seldom."""
+    steps = [step for step in (record.sample_time, record.input_step) if np.isfinite(step)]
+    return max(steps)
+
+
+def _top_speed(data: Dataset) -> float:
+    from servobench.identification.models.motion import smoothed_speed
+
+    return float(np.percentile(np.abs(smoothed_speed(data)), 95))

@@ -1,0 +1,265 @@
+"""The first-order motor with an integrator: gain, time constant and delay, and the voltage that is lost on the way.
+
+    τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
+
+They follow from J dω/dt = k i - b ω - T_c sgn(ω) and R i = u(t - d) - u₀ - k ω: K = k/(R b + k²),
+τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in which of the two lost voltages they have:
+the offset u₀, which doesn't care which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way
+only, nobody can tell the two apart: one voltage stands for their sum, and holds the shaft where it rests in between.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.identification.models.base import STRUCTURES, Output, Parameter, Prediction
+from servobench.identification.models.common_parameters import (
+    COULOMB,
+    DELAY,
+    GAIN,
+    OFFSET,
+    ONE_WAY,
+    TIME_CONSTANT,
+)
+from servobench.identification.models.first_motion import latest_delay
+from servobench.identification.models.records import (
+    START_SPEED,
+    beside_rest,
+    is_plain,
+    start_parameters,
+    through_chain,
+)
+from servobench.identification.models.reversals import Switching, unresolved
+from servobench.recordings.measurement.base import Kind
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.systems.transfer_function import TransferFunction
+
+# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d).
+_COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
+
+
+@dataclass(frozen=True)
+class FirstOrder:
+    """A first-order motor with an integrator, and those of its parameters that are to be found."""
+
+    parameters: tuple[Parameter, ...]
+
+    @cached_property
+    def friction(self) -> bool:
+        """Whether Coulomb friction acts, with rest and reversals."""
+        return COULOMB in self.parameters
+
+    @cached_property
+    def columns(self) -> NDArray[np.int64]:
+        """Where the parameters stand in the kernel's vector (K, τ, u₀, u_c, d)."""
+        return np.array([2 if p is ONE_WAY else _COLUMN[p.name] for p in self.parameters])
+
+    @cached_property
+    def columns_with_start(self) -> dict[Kind, NDArray[np.int64]]:
+        """The same with the start state (θ₀, ω₀) of a record of that kind."""
+        return {"position": np.append(self.columns, [5, 6]), "speed": np.append(self.columns, 6)}
+
+    @cached_property
+    def linear_columns(self) -> NDArray[np.int64]:
+        """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
+        from servobench.identification.models import kernels
+
+        linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)
+        return np.array(sorted(c for c in self.columns.tolist() if c in linear))
+
+    def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
+        """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""
+        return start_parameters(data)
+
+    def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
+        """Return the bounds of the parameters: the output comes at most two sample times before its cause.
+
+        Nor can it come later than it does: the first motion bounds the delay from above (`models.first_motion`).
+        Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
+        often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
+        In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it.
+        A time constant below a hundredth of a sample time can't be told from none.
+        """
+        step = max(record.sample_time for record in data)
+        latch = max(min(record.sample_time, record.input_step) for record in data)
+        early = 0.5 if any(record.closed_loop for record in data) else 2.0
+        nearest = {"delay": -early * latch, "time_constant": 0.01 * step}
+        lower = [nearest.get(parameter.name, parameter.lower) for parameter in self.parameters]
+        farthest = {"delay": max(latest_delay(data), 0.1 * step)}
+        upper = [farthest.get(parameter.name, parameter.upper) for parameter in self.parameters]
+        return np.array(lower), np.array(upper)
+
+    def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
+        """Return guesses from a search over τ and d; with friction, also one that starts at rest and one the other way.
+
+        Where friction holds the shaft for long, one is that of an input that lacks what friction takes.
+        """
+        from servobench.identification.models.search import is_held, separable_guesses
+
+        guesses = separable_guesses(self, data)
+        found = [guess for _, guess in guesses]
+        if not self.friction:
+            return tuple(found)
+        if is_held(data):
+            found += self._held(data, guesses[0][0])
+        return tuple(
+            guess
+            for moving in found
+            for guess in beside_rest(moving, self._still(moving, data), self._lost_speed(moving))
+        )
+
+    def _held(self, data: Sequence[Dataset], lowest: float) -> list[Array]:
+        """Guess as if of a shaft behind a dead zone; with an offset voltage only where that costs less than `lowest`."""
+        from servobench.identification.models.search import guess_behind_dead_zone
+
+        frictionless = FirstOrder(tuple(p for p in self.parameters if p not in (COULOMB, OFFSET)))
+        cost, held = guess_behind_dead_zone(frictionless, self.parameters.index(COULOMB), data)
+        if OFFSET not in self.parameters:
+            return [held]
+        return [np.insert(held, self.parameters.index(OFFSET), 0.0)] if cost < lowest else []
+
+    def starts(self, theta: Array, data: Dataset) -> tuple[Array, ...]:
+        """Return start vectors (P + Q,) for a search of the nuisance parameters alone, with the parameters theta (P,) held.
+
+        Without friction the output is linear in those, so that one step leads to the minimum from anywhere. With friction one
+        starts at rest and one the other way, as among the guesses.
+        """
+        from servobench.identification.models.motion import check_moves
+        from servobench.identification.models.search import start_guess
+
+        if self.friction:
+            moving = np.concatenate([theta, start_guess(self, theta, data)])
+            return tuple(beside_rest(moving, self._still(moving, [data]), self._lost_speed(moving)))
+        check_moves(data, len(self.parameters))
+        own = np.zeros(len(self.nuisance(data)))
+        own[0] = data.y[0]
+        return (np.concatenate([theta, own]),)
+
+    def _still(self, theta: Array, data: Sequence[Dataset]) -> NDArray[np.int64]:
+        """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
+        places, at = [], len(self.parameters)
+        for record in data:
+            own = self.nuisance(record)
+            if self._sticks(theta[: len(self.parameters)], record.input_before):
+                places.append(at + [parameter.name for parameter in own].index(START_SPEED.name))
+            at += len(own)
+        return np.array(places, dtype=np.int64)
+
+    def _lost_speed(self, theta: Array) -> float:
+        """The speed that friction takes, K u_c."""
+        value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=False))
+        return abs(float(value["gain"] * value["coulomb_voltage"]))
+
+    def _sticks(self, theta: Array, voltage: float) -> bool:
+        """Whether a shaft at rest stays at rest with that input."""
+        value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
+        return bool(abs(voltage - value.get("offset_voltage", 0.0)) <= max(value["coulomb_voltage"], 0.0))
+
+    def predict(self, theta: Array, data: Dataset) -> Prediction:
+        """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
+        columns = self.columns_with_start[data.kind]
+        y, jacobian = self.response(theta, data, data.kind if is_plain(data) else data.shaft_kind, columns)
+        return through_chain(y, jacobian, theta[len(columns) :], data)
+
+    def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
+        """Return J'J, J'r and r'r for theta (P + Q,), r = y - prediction, ten times as fast as `predict`; None behind a chain."""
+        from servobench.identification.models import kernels
+
+        if not is_plain(data):
+            return None
+        p, columns = self.vector(theta, data), self.columns_with_start[data.kind]
+        t, u, before = data.t_input, data.u, data.input_before
+        friction, speed = float(self.friction), float(data.kind == "speed")
+        both = kernels.normal(t, u, before, data.t_output, data.y, p, friction, speed, columns)
+        return both[:-1, :-1], both[:-1, -1], float(both[-1, -1])
+
+    def vector(self, theta: Array, data: Dataset) -> Array:
+        """Return the kernel's vector (K, τ, u₀, u_c, d, θ₀, ω₀) for theta (P + Q,), the device's own delay included in d."""
+        from servobench.identification.models import kernels
+
+        p = np.zeros(kernels.COLUMNS)
+        count = len(self.parameters)
+        p[self.columns] = theta[:count]
+        p[kernels.DELAY] += data.delay
+        start = theta[count : count + (2 if data.kind == "position" else 1)]
+        p[kernels.COLUMNS - len(start) :] = start
+        return p
+
+    def response(
+        self, theta: Array, data: Dataset, kind: Kind, columns: NDArray[np.int64]
+    ) -> tuple[Array, Array]:
+        """Return the position or the speed at the samples (M,), before any chain, and its derivatives (M, C).
+
+        `columns` (C,) are those wanted of the derivatives by (K, τ, u₀, u_c, d, θ₀, ω₀).
+        """
+        from servobench.identification.models import kernels
+
+        p = self.vector(theta, data)
+        y, jacobian = np.empty(len(data.t_output)), np.empty((len(data.t_output), len(columns)))
+        t, u, before = data.t_input, data.u, data.input_before
+        speed = 1.0 if kind == "speed" else 0.0
+        kernels.response(t, u, before, data.t_output, p, float(self.friction), speed, columns, y, jacobian)
+        return y, jacobian
+
+    def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
+        """Return the prediction (M,) alone, through the data's chain, for theta (P + Q,) and an input u (N,) at its times."""
+        plain = is_plain(data)
+        y = self._motion(theta, data, data.kind if plain else data.shaft_kind, data.t_output, u)
+        if plain:
+            return y
+        filters = theta[len(self.columns_with_start[data.kind]) :]
+        return through_chain(y, np.empty((len(y), 0)), filters, data).y
+
+    def _motion(self, theta: Array, data: Dataset, kind: Kind, times: Array, u: Array) -> Array:
+        """The position or the speed at times (M,), before any chain, for an input u (N,)."""
+        from servobench.identification.models import kernels
+
+        y, p, speed = np.empty(len(times)), self.vector(theta, data), float(kind == "speed")
+        kernels.motion(data.t_input, u, data.input_before, times, p, float(self.friction), speed, y)
+        return y
+
+    def sliding(self, theta: Array, data: Dataset) -> Array:
+        """Return 1 where the model's shaft slides and 0 where it sticks, which it does only with friction."""
+        if not self.friction:
+            return np.ones(len(data.y))
+        return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
+
+    def unmodelled(self, theta: Array, data: Dataset) -> Array:
+        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
+        if not self.friction:
+            return np.empty((len(data.y), 0))
+        return unresolved(self._switching(theta, data), data)
+
+    def _switching(self, theta: Array, data: Dataset) -> Switching:
+        """What reversals need to know."""
+        gain, tau, offset, coulomb, delay = (float(value) for value in self.vector(theta, data)[:5])
+
+        def states(times: Array) -> tuple[Array, Array]:
+            return self._motion(theta, data, "speed", times, data.u), np.full(len(times), offset)
+
+        return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
+
+    def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
+        """Return K e^(-ds) / (τ s + 1), or that over s for the position."""
+        value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=True))
+        lag = (float(value["time_constant"]), 1.0)
+        speed = output == "speed"
+        return TransferFunction(
+            numerator=(float(value["gain"]),),
+            denominator=lag if speed else (*lag, 0.0),
+            delay=float(value["delay"]),
+            output=output,
+            unit=data.gain_unit if speed else f"{data.position_unit}/{data.input_unit}",
+        )
+
+
+STRUCTURES.member("first_order")(FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)))
+STRUCTURES.member("first_order_one_way")(FirstOrder((GAIN, TIME_CONSTANT, ONE_WAY, DELAY)))
+STRUCTURES.member("first_order_one_way_rest")(FirstOrder((GAIN, TIME_CONSTANT, COULOMB, DELAY)))
+STRUCTURES.member("first_order_coulomb")(FirstOrder((GAIN, TIME_CONSTANT, COULOMB, OFFSET, DELAY)))

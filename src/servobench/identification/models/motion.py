@@ -1,0 +1,85 @@
+"""What can be seen of the motion in a record without any model: a rough speed, its direction, whether there is any."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.first_motion import noise_of
+
+_RARE = 1.5  # times what two readings of a shaft at rest may differ by: the most of a thousand of them do by more than that once
+
+
+_BACK = 0.1  # of the way: a position that comes back as far turned round
+
+
+def directions(data: Dataset) -> Array:
+    """Return the direction of motion at each output sample, -1, 0 or 1, from the smoothed speed, shape (M,)."""
+    speed = smoothed_speed(data)
+    scale = float(np.percentile(np.abs(speed), 95))
+    return np.where(np.abs(speed) > 0.02 * scale, np.sign(speed), 0.0)
+
+
+def turns_both_ways(data: Sequence[Dataset]) -> bool:
+    """Return whether at least one sample in fifty was taken while the motor turned the other way."""
+    senses = np.concatenate([_senses(record) for record in data])
+    return bool(min(np.mean(senses > 0), np.mean(senses < 0)) > 0.02)
+
+
+def _senses(data: Dataset) -> Array:
+    """The directions (M,); all forward where a position comes back by no more than the noise of a shaft at rest does."""
+    found = directions(data)
+    if data.kind == "speed":
+        return found
+    forward = 1.0 if data.y[-1] >= data.y[0] else -1.0
+    way = forward * data.y
+    least = min(_RARE * noise_of(data), _BACK * float(np.ptp(way)))
+    if float(np.max(np.maximum.accumulate(way) - way)) > least:
+        return found
+    return np.where(found * forward > 0.0, found, 0.0)
+
+
+def smoothed_speed(data: Dataset) -> Array:
+    """Return a speed for orientation only, in the unit of the position a second, shape (M,).
+
+    A position is differenced over the shortest span in which a step of the encoder is below a twentieth of the motion.
+    """
+    if data.kind == "speed":
+        return data.y
+    after, before = _apart(data)
+    return (data.y[after] - data.y[before]) / (data.t_output[after] - data.t_output[before])
+
+
+def _apart(data: Dataset) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """The samples (M,) after and before each one between which its smoothed speed is taken."""
+    y = data.y
+    span = 1
+    limit = max(1, len(y) // 20)
+    quantum = data.quantum or 0.0
+    while span < limit:
+        moved = np.abs(y[span:] - y[:-span])
+        enough = np.count_nonzero(moved > 20 * quantum) > 0.1 * len(moved)
+        if enough and np.count_nonzero(moved) > 0.5 * len(moved):
+            break
+        span = min(2 * span, limit)
+    index = np.arange(len(y))
+    return np.minimum(index + span, len(y) - 1), np.maximum(index - span, 0)
+
+
+def check_moves(data: Dataset, parameters: int) -> None:
+    """Raise `NotIdentifiable` where a record has too few samples for so many parameters, or its output never moves."""
+    needed = 2 * parameters + 4
+    if len(data.y) < needed:
+        raise NotIdentifiable(
+            f"{data.name}: {len(data.y)} samples of the output; at least {needed} are needed: record for longer"
+        )
+    if np.ptp(data.y) == 0:
+        raise NotIdentifiable(
+            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the wheel was blocked, the encoder "
+            "isn't connected, or another column was meant; record the motor while it turns"
+        )

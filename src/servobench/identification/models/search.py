@@ -1,0 +1,346 @@
+"""A first guess for first-order structures: a search over the time constant and the delay, the rest by least squares.
+
+For a given τ, d and direction of motion, the output is linear in K, K u₀, K u_c and the start state. So a coarse grid over
+τ and d, with a linear least-squares problem at each point, finds the region of the global minimum without any step that
+could diverge. A few hundred samples of each record are enough for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.identification.models.motion import check_moves, directions
+from servobench.recordings.measurement.dataset import Dataset
+
+if TYPE_CHECKING:
+    from servobench.identification.models.first_order import FirstOrder
+
+_ROWS = 240  # a guess needs no more samples of a record than this
+_TAUS = 24
+_DELAYS = np.array([0.0, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0])  # in sample times
+_PARTS = np.array([-0.5, -0.25, 0.25, 0.5])  # of a step of the grid of τ
+_LOWER = 1.0 - 1e-6  # times: under one level any width explains as much, and rounding shan't choose
+_WIDTHS = np.linspace(
+    0.05, 0.65, 7
+)  # of the largest input: dead zones that are tried for a guess of friction
+_NEAR = 4.0  # a valley is worth a search of its own if its cost is within this factor of the lowest
+
+
+@dataclass(frozen=True, eq=False)
+class _Trials:
+    """Points (T, 2) of τ and d, their costs (T,), and the least-squares coefficients (T, S + R O), shared ones first."""
+
+    points: Array
+    costs: Array
+    linear: Array
+
+    def one(self, n: int) -> _Trial:
+        """Trial number n by itself."""
+        tau, delay = self.points[n]
+        return _Trial(float(self.costs[n]), float(tau), float(delay), self.linear[n])
+
+
+@dataclass(frozen=True, eq=False)
+class _Trial:
+    """One point of τ and d: its cost, and the least-squares coefficients."""
+
+    cost: float
+    tau: float
+    delay: float
+    linear: Array
+
+
+class _Record(Protocol):
+    """A record as a linear least-squares problem, A x = y, for any τ and d."""
+
+    def moments(self, points: Array) -> Array:
+        """Return [A y]'[A y] (T, S + O + 1, S + O + 1) for points (T, 2) of τ and d; S columns are shared, O the record's own."""
+        ...
+
+    def own(self, linear: Array) -> Array:
+        """Return the record's nuisance parameters for its coefficients (O or more,)."""
+        ...
+
+
+def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[tuple[float, Array]]:
+    """Return costs and vectors of parameters and nuisance parameters of each record, the best first, from a search over τ and d.
+
+    Where the cost has several minima along τ that come near each other, each of them gives a guess (3 at the most).
+    Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
+    """
+    records, found = _searched(structure, data)
+    # A step of the input at the very first sample has no derivative by a delay of exactly zero.
+    least = 0.1 * min(record.sample_time for record in data)
+    return [
+        (trial.cost, _vector(structure, records, trial, least))
+        for trial in found
+        if trial.cost <= _NEAR * found[0].cost
+    ]
+
+
+def _searched(structure: FirstOrder, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
+    """The records, and the best trial of each valley along τ, the lowest first."""
+    for record in data:
+        check_moves(record, len(structure.parameters))
+    records = [_record(structure, record) for record in data]
+    step, points = max(record.sample_time for record in data), _on_a_grid(data)
+    ratio = points[1, 0] / points[0, 0]
+    trials = _trials(structure, records, points)
+    found = [_refined(structure, records, trial, step, ratio) for trial in _valleys(trials)]
+    found.sort(key=lambda trial: trial.cost)
+    if not found or not np.isfinite(found[0].cost):
+        raise NotIdentifiable(
+            "no first-order model comes near these data; look at them with `servobench inspect`"
+        )
+    return records, found
+
+
+def is_held(data: Sequence[Dataset]) -> bool:
+    """Return whether a shaft stands still in at least one sample in fifty although its input isn't off."""
+    found = [
+        (directions(record) == 0.0) & (np.abs(record.input_at_output) > 0.02 * np.abs(record.u).max())
+        for record in data
+    ]
+    return bool(np.mean(np.concatenate(found)) > 0.02)
+
+
+def guess_behind_dead_zone(
+    structure: FirstOrder, friction: int, data: Sequence[Dataset]
+) -> tuple[float, Array]:
+    """Return the best guess for a shaft that friction holds until its input has grown, and its cost.
+
+    While it turns one way, friction takes as much of the input all the time: it moves as if behind a dead zone of that width, of
+    which a few are tried. `structure` is that without friction, `friction` the place where its parameter belongs.
+    """
+    largest = max(float(np.abs(record.u).max()) for record in data)
+    best, lowest = 0.0, np.inf
+    for width in largest * _WIDTHS:
+        records = [_record(structure, _behind_dead_zone(record, width)) for record in data]
+        cost = float(np.min(_trials(structure, records, _on_a_grid(data)).costs))
+        if cost < _LOWER * lowest:
+            best, lowest = float(width), cost
+    cost, guess = separable_guesses(structure, [_behind_dead_zone(record, best) for record in data])[0]
+    return cost, np.insert(guess, friction, best)
+
+
+def _on_a_grid(data: Sequence[Dataset]) -> Array:
+    """Points (T, 2) of τ from half a sample to half a record, without a delay."""
+    longest = max(record.duration for record in data)
+    step = max(record.sample_time for record in data)
+    shortest = 0.5 * step
+    taus = shortest * (max(0.5 * longest, 2 * step) / shortest) ** np.linspace(0.0, 1.0, _TAUS)
+    return np.column_stack([taus, np.zeros(_TAUS)])
+
+
+def _behind_dead_zone(data: Dataset, width: float) -> Dataset:
+    """A record with what a dead zone of that width [unit of the input] lets through of its input."""
+
+    def beyond_zone(u: Array) -> Array:
+        return np.asarray(np.sign(u) * np.maximum(np.abs(u) - width, 0.0), dtype=np.float64)
+
+    return replace(data, u=beyond_zone(data.u), input_before=float(beyond_zone(np.array(data.input_before))))
+
+
+def _valleys(trials: _Trials) -> list[_Trial]:
+    """The local minima of the cost along τ, the three lowest."""
+    costs = np.concatenate([[np.inf], trials.costs, [np.inf]])
+    low = np.flatnonzero((costs[1:-1] <= costs[:-2]) & (costs[1:-1] <= costs[2:]) & np.isfinite(costs[1:-1]))
+    return [trials.one(int(n)) for n in low[np.argsort(trials.costs[low])][:3]]
+
+
+def _refined(
+    structure: FirstOrder, records: Sequence[_Record], trial: _Trial, step: float, ratio: float
+) -> _Trial:
+    """The best of a trial and its neighbours in τ and d, `step` the sample time and `ratio` that of the grid of τ."""
+    for finer in (1.0, 0.25):
+        points = np.empty((len(_DELAYS) + len(_PARTS), 2))
+        points[: len(_DELAYS), 0], points[: len(_DELAYS), 1] = trial.tau, _DELAYS * step
+        points[len(_DELAYS) :, 0], points[len(_DELAYS) :, 1] = (
+            trial.tau * ratio ** (finer * _PARTS),
+            trial.delay,
+        )
+        trials = _trials(structure, records, points)
+        best = trials.one(int(np.argmin(trials.costs)))
+        trial = best if best.cost < trial.cost else trial
+    return trial
+
+
+def start_guess(structure: FirstOrder, theta: Array, data: Dataset) -> Array:
+    """Return the nuisance parameters (Q,) that suit a record best with parameters theta (P,) held, by least squares.
+
+    The direction of motion is taken from the data, so that the output is linear in the start state.
+    Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
+    """
+    from servobench.identification.models import kernels
+
+    check_moves(data, len(structure.parameters))
+    record, p = _record(structure, data), np.zeros(kernels.COLUMNS)
+    p[structure.columns] = theta
+    lost = np.array([1.0, p[kernels.OFFSET], np.copysign(p[kernels.COULOMB], p[kernels.GAIN])])
+    among = [kernels.GAIN, kernels.OFFSET, kernels.COULOMB]
+    shared = p[kernels.GAIN] * lost[[among.index(c) for c in structure.linear_columns]]
+    (moments,) = record.moments(p[None, [kernels.TAU, kernels.DELAY]])
+    own = slice(len(shared), -1)
+    left = moments[own, -1] - moments[own, : len(shared)] @ shared
+    return record.own(np.linalg.lstsq(moments[own, own], left, rcond=None)[0])
+
+
+def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
+    """At most `_ROWS` of the samples, spread evenly but not regularly, so that no period of the input falls in with them."""
+    if len(keep) <= _ROWS:
+        return keep
+    k = np.arange(_ROWS)
+    within = k * 0.6180339887498949 % 1.0
+    return keep[((k + within) * (len(keep) / _ROWS)).astype(np.int64)]
+
+
+def _record(structure: FirstOrder, data: Dataset) -> _Record:
+    from servobench.identification.models.records import is_plain
+
+    sense = directions(data) if structure.friction else np.empty(0)
+    return _Plain.of(structure, data, sense) if is_plain(data) else _Chained(structure, data, sense)
+
+
+@dataclass(frozen=True, eq=False)
+class _Plain:
+    """A record of the shaft itself: the changes of the input and of the direction of motion, and the samples that are used.
+
+    The angles are counted from that at the first sample, which keeps the moments small.
+    """
+
+    shared: NDArray[np.int64]
+    nuisance: NDArray[np.int64]
+    data: Dataset
+    input_changes: tuple[Array, Array]
+    sense_changes: tuple[Array, Array]
+    t: Array
+    y: Array
+    zero: float
+
+    @classmethod
+    def of(cls, structure: FirstOrder, data: Dataset, sense: Array) -> _Plain:
+        rows = _rows(np.arange(len(data.y)))
+        changes = data.u != np.append(data.input_before, data.u[:-1])
+        turns = np.ones(len(sense), dtype=bool)
+        turns[1:] = sense[1:] != sense[:-1]
+        zero = float(data.y[0]) if data.kind == "position" else 0.0
+        return cls(
+            shared=structure.linear_columns,
+            nuisance=structure.columns_with_start[data.kind][len(structure.parameters) :],
+            data=data,
+            input_changes=(data.t_input[changes], data.u[changes]),
+            sense_changes=(data.t_output[: len(turns)][turns], sense[turns]),
+            t=data.t_output[rows],
+            y=data.y[rows] - zero,
+            zero=zero,
+        )
+
+    def moments(self, points: Array) -> Array:
+        """Those of the samples that are used."""
+        from servobench.identification.models import kernels
+
+        data = self.data
+        return kernels.separable_moments(
+            *self.input_changes,
+            data.input_before,
+            *self.sense_changes,
+            points + np.array([0.0, data.delay]),
+            self.t,
+            self.y,
+            float(data.kind == "speed"),
+            self.shared,
+            self.nuisance,
+        )
+
+    def own(self, linear: Array) -> Array:
+        """The start state."""
+        own = linear[: len(self.nuisance)].copy()
+        own[0] += self.zero
+        return own
+
+
+@dataclass(frozen=True, eq=False)
+class _Chained:
+    """A record behind a measurement chain, through which each column goes."""
+
+    structure: FirstOrder
+    data: Dataset
+    sense: Array
+
+    def moments(self, points: Array) -> Array:
+        """Those of the samples that are used."""
+        blocks = [self._columns(float(tau), float(delay)) for tau, delay in points]
+        return np.array([block.T @ block for block in blocks])
+
+    def own(self, linear: Array) -> Array:
+        """The start state, and those of the filters."""
+        return linear[: len(self.structure.nuisance(self.data))]
+
+    def _columns(self, tau: float, delay: float) -> Array:
+        """A and y beside each other."""
+        from servobench.identification.models.common_parameters import DELAY, GAIN, OFFSET, TIME_CONSTANT
+        from servobench.identification.models.first_order import FirstOrder
+
+        unit, data = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
+        theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
+        theta[:4] = (1.0, tau, 0.0, delay)
+        plain = unit.predict(theta, data)
+        shared = [plain.jacobian[:, 0]]
+        if len(self.structure.linear_columns) > 1 + self.structure.friction:
+            shared.append(plain.jacobian[:, 2])
+        if self.structure.friction:
+            sense = -self.sense
+            sensed = replace(
+                data,
+                t_input=data.t_output,
+                u=sense,
+                input_before=float(sense[0]),
+                delay=-delay,
+                reference=None,
+            )
+            shared.append(unit.predict(theta, sensed).jacobian[:, 0])
+        rows = _rows(np.flatnonzero(plain.valid))
+        return np.column_stack([*shared, plain.jacobian[:, 4:], data.y])[rows]
+
+
+def _trials(structure: FirstOrder, records: Sequence[_Record], points: Array) -> _Trials:
+    """Least squares over what is linear, at points (T, 2) of τ and d."""
+    from servobench.identification.models import kernels
+
+    moments = [record.moments(points) for record in records]
+    shared, width = len(structure.linear_columns), max(m.shape[1] for m in moments)
+    joint = np.zeros((len(records), len(points), width, width))
+    for m, into in zip(moments, joint, strict=True):
+        # Own columns that this record lacks stay zero, between those it has and y.
+        own = m.shape[1] - 1
+        into[:, :own, :own], into[:, :own, -1] = m[:, :-1, :-1], m[:, :-1, -1]
+        into[:, -1, :own], into[:, -1, -1] = m[:, -1, :-1], m[:, -1, -1]
+    linear = np.empty((len(points), shared + len(records) * (width - shared - 1)))
+    costs = np.empty(len(points))
+    kernels.separated(joint, shared, costs, linear)
+    costs[(linear[:, 0] == 0) | ~np.isfinite(costs)] = np.inf
+    return _Trials(points, costs, linear)
+
+
+def _vector(structure: FirstOrder, records: Sequence[_Record], trial: _Trial, least: float) -> Array:
+    """The whole parameter vector that a trial stands for, with a delay of `least` [s] or more."""
+    from servobench.identification.models.common_parameters import COULOMB, OFFSET, ONE_WAY
+
+    gain = float(trial.linear[0])
+    found = {"gain": gain, "time_constant": trial.tau, "delay": max(trial.delay, least)}
+    column = 1
+    for parameter in (OFFSET, ONE_WAY, COULOMB):
+        if parameter in structure.parameters:
+            value = float(trial.linear[column]) / gain
+            found[parameter.name] = float(np.clip(value, parameter.lower, parameter.upper))
+            column += 1
+    own = trial.linear[column:].reshape(len(records), -1)
+    start = [record.own(linear) for record, linear in zip(records, own, strict=True)]
+    return np.concatenate([[found[parameter.name] for parameter in structure.parameters], *start])

@@ -1,0 +1,162 @@
+"""What a measured current tells: resistance and torque constant, by the winding's equation and the model's own speed.
+
+    i = V/R - (k/R) ω̂ + i₀
+
+is linear in 1/R and k/R. ω̂ is simulated by the fitted model from the input alone, so it has no noise of the encoder in it and
+nothing needs to be differentiated: it is its own instrument, and least squares are consistent whatever the noise of the current.
+The line follows from R i = V - k ω (docs/decisions/0012-second-order-and-motor-parameters.md).
+The winding's lag λ is allowed for twice: samples within 8 lags of a change of the input are left out, and ω̂ is taken λ earlier,
+which is what a slow speed is behind that lag.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.covariance import conservative, inverse, sandwiched
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.grid import grid_step
+
+_SETTLED = 8.0  # lags; e^-8 = 0.0003
+_LEAST = 30  # samples with a current; fewer say nothing about their own scatter
+_TOLERANCE = 1e-9  # of a sample time: two times that differ by less are the same
+_EXPLAINED = 0.5  # of the current's variance; an armature's current follows voltage and speed
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class CurrentLine:
+    """The coefficients (1/R, k/R, i₀) (3,), their covariance (3, 3) for a given model, and the samples used.
+
+    `explained` is the part of the current's variance that the line explains, 1 where all of it is.
+    """
+
+    coefficients: Array
+    covariance: Array
+    samples: int
+    explained: float
+
+
+def has_current(fit: Fit) -> bool:
+    """Return whether any record of the fit has a measured current."""
+    return any(record.data.current is not None for record in fit.records)
+
+
+def current_line(fit: Fit, theta: Array, lag: float) -> CurrentLine | None:
+    """Return the line through the measured current for a model's parameters theta (P,) and a lag of the winding [s].
+
+    None where fewer than 30 samples can be used.
+    """
+    settled = _SETTLED * max(_whole_delay(fit), lag, 0.0)
+    rows = [
+        _rows(fit, record, theta, lag, settled) for record in fit.records if record.data.current is not None
+    ]
+    x, y = np.vstack([x for x, _ in rows]), np.concatenate([y for _, y in rows])
+    step = _quantum(fit)
+    if len(y) < _LEAST:
+        return None
+    h = x.T @ x
+    bread = inverse(h)
+    beta = bread @ (x.T @ y)
+    residual = y - x @ beta
+    variance = float(residual @ residual) / (len(y) - 3)
+    ends = np.cumsum([len(y) for _, y in rows])[:-1]
+    scores: Sequence[Array] = np.split(x * residual[:, None], ends)
+    spread = float(np.var(y))
+    return CurrentLine(
+        coefficients=beta,
+        covariance=conservative(variance * bread, sandwiched(bread, scores))
+        + _rounding(x, bread, step, variance),
+        samples=len(y),
+        explained=1.0 - float(np.var(residual)) / spread if spread > 0 else 0.0,
+    )
+
+
+def doubts(line: CurrentLine | None) -> Finding | None:
+    """Return why a line through the current can't be used, or None where it can."""
+    if line is None:
+        return info(
+            "current-unused",
+            "The measured current isn't used: the input changes again before the winding has settled, or there are too few "
+            "samples of it; hold each value of the input for some milliseconds, or fit a second-order structure.",
+        )
+    if line.explained < _EXPLAINED:
+        return info(
+            "current-not-the-armatures",
+            f"The measured current follows voltage and speed badly ({100 * line.explained:.0f} % of it is explained), so it "
+            "isn't used: it may be the supply's current rather than the armature's, or another motor's.",
+        )
+    if not (line.coefficients[0] > 0 and line.coefficients[1] > 0):
+        return info(
+            "current-not-the-armatures",
+            "The measured current falls with the voltage, or rises with the speed, so it isn't used: its sign is turned "
+            "round, or it isn't this motor's.",
+        )
+    return None
+
+
+def _quantum(fit: Fit) -> float:
+    """The smallest step of the measured currents [A], 0 where they have none."""
+    currents = [record.data.current for record in fit.records if record.data.current is not None]
+    return max(grid_step(current[np.isfinite(current)]) or 0.0 for current in currents)
+
+
+def _rounding(x: Array, bread: Array, step: float, variance: float) -> Array:
+    """What rounding adds to the covariance (3, 3) where the current's noise is too small to average it out.
+
+    Below half a step of noise the same current is rounded the same way each time, so that its error, step/√12, is taken as one
+    and the same for all samples of one voltage.
+    """
+    if variance >= (0.5 * step) ** 2:
+        return np.zeros_like(bread)
+    shift = np.stack([bread @ x[x[:, 0] == level].sum(axis=0) for level in np.unique(x[:, 0])])
+    return np.asarray(step**2 / 12.0 * shift.T @ shift, dtype=np.float64)
+
+
+def _whole_delay(fit: Fit) -> float:
+    """The delay of the model, the winding's lag included where the structure has one [s]."""
+    names = ("delay", "electrical_time_constant")
+    return sum(fit.model[name] for name in names if name in fit.model.names)
+
+
+def _rows(fit: Fit, record: FittedRecord, theta: Array, lag: float, settled: float) -> tuple[Array, Array]:
+    """V, -ω̂ and 1 (N, 3) at the samples that can be used, and the current (N,) there."""
+    data = record.data
+    if data.current is None:
+        return np.empty((0, 3)), np.empty(0)
+    held, voltage = _held(data, settled + data.delay)
+    use = np.flatnonzero(held & np.isfinite(data.current) & (data.t_output - lag > data.t_output[0]))
+    speed = _speed(fit, record, theta, data.t_output[use] - lag)
+    return np.column_stack([voltage[use], -speed, np.ones(len(use))]), data.current[use]
+
+
+def _held(data: Dataset, settled: float) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Array]:
+    """Whether the input has held for that time [s] at each sample of the output (M,), and its value (M,) just before it."""
+    step = _TOLERANCE * data.sample_time
+    before = np.concatenate([[data.input_before], data.u[:-1]])
+    changes = data.t_input[data.u != before]
+    last = np.searchsorted(changes, data.t_output - step) - 1
+    since = np.full(len(data.y), np.inf)
+    since[last >= 0] = (data.t_output - changes[np.maximum(last, 0)])[last >= 0] if len(changes) else np.inf
+    at = np.searchsorted(data.t_input, data.t_output - step) - 1
+    value = np.where(at >= 0, data.u[np.maximum(at, 0)], data.input_before)
+    return since >= settled - step, value
+
+
+def _speed(fit: Fit, record: FittedRecord, theta: Array, t: Array) -> Array:
+    """The model's own speed at increasing times (N,) after the first sample, before any chain."""
+    structure, data = fit.model.structure, record.data
+    names = [parameter.name for parameter in structure.nuisance(data)]
+    start = record.nuisance[names.index("start_speed")]
+    times = np.concatenate([data.t_output[:1], t])
+    shaft = replace(
+        data, t_output=times, y=np.zeros(len(times)), output_unit=f"{data.position_unit}/s", kind="speed", quantum=None,
+        declared=Chain(), applied=Chain(), current=None,
+    )  # fmt: skip
+    return structure.predict(np.append(theta, start), shaft).y[1:]

@@ -1,0 +1,34 @@
+"""What a model means whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf.
+
+That K = k/b, τ = J/b and K/τ = k/J follows from that equation where nothing sticks.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.core.rounding import TWO_SIDED
+from servobench.core.units import is_unit, unit
+from servobench.identification.estimators.base import Fit
+
+
+def about_current_input(fit: Fit) -> list[Finding]:
+    """Return what gain and time constant are where the input is a current, and k/J = K/τ with its interval; nothing otherwise."""
+    data = fit.records[0].data
+    driven = is_unit(data.input_unit) and unit(data.input_unit).quantity == "current"
+    if not driven or not {"gain", "time_constant"} <= set(fit.model.names):
+        return []
+    gain, tau = fit.model["gain"], fit.model["time_constant"]
+    places = [fit.model.names.index("gain"), fit.model.names.index("time_constant")]
+    # d ln(K/τ) = dK/K - dτ/τ
+    slope = np.array([1.0 / gain, -1.0 / tau])
+    relative = float(np.sqrt(max(slope @ fit.covariance[np.ix_(places, places)] @ slope, 0.0)))
+    ratio = gain / tau
+    sentence = (
+        "The input is a current, so there is no back-emf in the model: the time constant is J/b and the gain k/b, much longer "
+        "and larger than those of the same motor driven by a voltage. Their ratio k/J = "
+        f"{ratio:.4g} ± {TWO_SIDED * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit}) is what "
+        "such data tell best."
+    )
+    return [info("input-is-a-current", sentence, parameters=("gain", "time_constant"))]

@@ -1,0 +1,93 @@
+"""A claimed figure: a parameter, its value as somebody wrote it, and how exactly it was written."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from decimal import Decimal
+from typing import Literal, TypeAlias
+
+from servobench.core.errors import UnitError, UnknownName, UsageError
+from servobench.core.units import quantity
+
+Claimed: TypeAlias = Literal["gain", "time_constant"]
+_SPELLINGS: dict[str, Claimed] = {
+    "gain": "gain",
+    "K": "gain",
+    "time_constant": "time_constant",
+    "tau": "time_constant",
+    "τ": "time_constant",
+}
+# Parameters of structures, too, but the causes tell of gain and time constant only.
+_NOT_EXPLAINED = ("coulomb_voltage", "offset_voltage", "stribeck_voltage", "delay")
+_EXPECTED: dict[Claimed, str] = {"gain": "any number but 0", "time_constant": "more than 0"}
+_NUMBER = re.compile(r"\s*[+-]?(?P<digits>\d+\.?\d*|\.\d+)(?:[eE](?P<exponent>[+-]?\d{1,3}))?")
+_PLUS_MINUS = re.compile(r"±|\+/?-")
+_FEWEST_DIGITS = 2  # of a data sheet's value: 4e-06 was written 4.0e-6
+
+
+@dataclass(frozen=True, kw_only=True)
+class Claim:
+    """A claimed gain [unit of the data] or time constant [s], known to ± `half_width`; `text` is how it was written."""
+
+    name: Claimed
+    """Which of the two it is."""
+    value: float
+    """The figure itself."""
+    half_width: float
+    text: str
+
+    @classmethod
+    def parse(cls, text: str, gain_unit: str = "rad/(s·V)") -> Claim:
+        """Return the claim that a text makes: `tau=0.13`, `tau=130ms`, `gain=23.8`, `tau=0.13±0.01`.
+
+        Without ± it is known to half a unit of its last digit: 0.13 means 0.125 to 0.135. A gain without a unit is in
+        `gain_unit`. Raises `UsageError` where it is no claim, or of a parameter for which no causes are known;
+        `UnknownName` for what is no parameter.
+        """
+        name, mark, rest = text.partition("=")
+        if not mark or not rest.strip():
+            raise UsageError(f"claim {text!r}: expected NAME=VALUE, such as tau=0.13, tau=130ms or gain=23.8")
+        if name.strip() in _NOT_EXPLAINED:
+            raise UsageError(
+                f"claim {text!r}: causes are known for a gain and a time constant only; hold a claimed "
+                f"{name.strip().replace('_', ' ')} against its interval, and against what the findings say of it, with "
+                "`servobench identify`"
+            )
+        if name.strip() not in _SPELLINGS:
+            raise UnknownName("parameter to claim", name.strip(), _SPELLINGS)
+        known = _SPELLINGS[name.strip()]
+        unit = gain_unit if known == "gain" else "s"
+        written, *bounds = _PLUS_MINUS.split(rest.strip())
+        try:
+            value = quantity(written, unit)
+            half = quantity(bounds[0], unit) if len(bounds) == 1 else _half_digit(written, value)
+        except UnitError as error:
+            raise UsageError(f"claim {text!r}: {error}") from None
+        if not (value > 0 or (known == "gain" and value != 0)):
+            raise UsageError(
+                f"claim {text!r}: a {known.replace('_', ' ')} of {value:g} is none; expected {_EXPECTED[known]}"
+            )
+        if len(bounds) > 1 or not half > 0:
+            raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")
+        return cls(name=known, value=value, half_width=half, text=text.strip())
+
+
+def written_half_width(value: float) -> float:
+    """Return half a unit of the last digit that a number of a data sheet was written with; two digits are the fewest."""
+    if value == 0:
+        return 0.0
+    _, digits, exponent = Decimal(repr(float(value))).normalize().as_tuple()
+    lacking = max(_FEWEST_DIGITS - len(digits), 0)
+    return 0.5 * 10.0 ** (int(exponent) - lacking)
+
+
+def _half_digit(written: str, value: float) -> float:
+    """Half a unit of the last digit of a number as it was written, in the unit of its value."""
+    match = _NUMBER.match(written)
+    if match is None:
+        raise UnitError(f"{written!r} is no number with a unit")
+    decimals = len(match["digits"].partition(".")[2])
+    number = float(match["digits"]) * 10.0 ** int(match["exponent"] or 0)
+    last = 0.5 * 10.0 ** (int(match["exponent"] or 0) - decimals)
+    return abs(value) * last / number if number else 0.0

@@ -1,0 +1,33 @@
+"""What a method reads off the data, and what filters would add to it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from servobench.core.channels import Array
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Lags:
+    """What filters of falling `cutoffs` (n,) [rad/s] add to a time constant, `extra`, and to `delays` (n,) [s], as found."""
+
+    cutoffs: Array
+    extra: Array
+    delays: Array
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """What a method reads off a speed behind a chain: gain [unit of the data] and time constant [s].
+
+    `by_hand` where a person reads it off a curve; `simulated` where the record has no steps and the fitted motor was given some.
+    `why_not` says why it can't be read, empty where it can; then both are NaN.
+    """
+
+    method: str
+    chain: str
+    gain: float
+    time_constant: float
+    by_hand: bool
+    simulated: bool = False
+    why_not: str = ""

@@ -1,0 +1,384 @@
+"""A result: the answer of an identification, and the reasons to trust it or not."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from servobench.core.errors import NotIdentifiable
+from servobench.core.estimate import Estimate
+from servobench.core.finding import Finding, Verdict, verdict
+from servobench.core.json_numbers import finite
+from servobench.core.rounding import as_known
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.base import Output
+from servobench.identification.uncertainty.answers import Answer, Combination, State
+from servobench.identification.uncertainty.composition import BudgetLine, composition
+from servobench.identification.uncertainty.propagation import (
+    Derived,
+    continuous_loop_margins,
+    derived,
+    loop_margins,
+)
+from servobench.identification.uncertainty.purpose import good_for
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.systems import interop
+from servobench.systems.transfer_function import TransferFunction
+
+if TYPE_CHECKING:
+    import control
+    import scipy.signal
+
+SCHEMA = "servobench.result/2"
+SCHEMAS = ("servobench.result/1", SCHEMA)
+"""Those that are read; the first said nothing of states, combinations and the budget."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordFit:
+    """How well one part that was left out is simulated; `fit_percent` as in `Fit`.
+
+    `beyond` is its misfit (root mean square) over what the rest of the data foretell: their residual, and how well they know the
+    parameters.
+    """
+
+    name: str
+    """The name of the record."""
+    samples: int
+    """How many samples were left out."""
+    fit_percent: float
+    beyond: float = 1.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Validation:
+    """A model tried on data that it wasn't fitted to: how that was done, and what came out."""
+
+    how: str
+    fit_percent: float
+    """100 (1 - |y - model| / |y - mean|) over all that it wasn't fitted to [%]."""
+    records: tuple[RecordFit, ...]
+    """The same for each record."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class OperatingRange:
+    """Where the data were taken: the smallest and the largest input and speed."""
+
+    input: tuple[float, float]
+    speed: tuple[float, float]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Provenance:
+    """What the result was made with and from: version, time of making (ISO 8601, UTC), SHA-256 of each file."""
+
+    version: str
+    created: str
+    """Time of making, ISO 8601, UTC."""
+    inputs_sha256: tuple[str, ...]
+    """SHA-256 of each file."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Comparison:
+    """One parameter held against its nominal value: the difference in standard deviations is `z`."""
+
+    name: str
+    """The parameter."""
+    nominal: float
+    identified: float
+    """What the data say."""
+    sd: float
+    """The standard deviation that `z` counts in."""
+    unit: str
+    """The unit of the three."""
+
+    @property
+    def z(self) -> float:
+        """The difference between identified and nominal value in standard deviations."""
+        return (self.identified - self.nominal) / self.sd
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Result:
+    """The answer: a fit or None where the data can't support a model, findings, validation and provenance.
+
+    `motor_parameters` are the motor's own (resistance, torque constant, inertia ...), as far as a measured current or a stated
+    value determines them; empty where nothing does.
+    """
+
+    data: tuple[Dataset, ...]
+    fit: Fit | None
+    findings: tuple[Finding, ...]
+    validation: Validation | None
+    operating_range: OperatingRange
+    """Where the data were taken."""
+    nominal: tuple[Comparison, ...]
+    """The parameters held against a data sheet; empty where none was named."""
+    provenance: Provenance
+    motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
+    answers: Mapping[str, Answer] = field(default_factory=dict)
+    """What the data tell of each parameter of the model: its value, a combination, a bound, or nothing."""
+    combinations: tuple[Combination, ...] = ()
+    """What is known of several parameters together where not each of them is."""
+
+    @property
+    def verdict(self) -> Verdict:
+        """Refused, doubtful or trusted."""
+        return verdict(self.findings)
+
+    @property
+    def transfer_function(self) -> TransferFunction | None:
+        """The transfer function from the input to the speed, None where there is no fit."""
+        return self.fit.model.transfer_function("speed") if self.fit else None
+
+    @property
+    def equation(self) -> str:
+        """The transfer function as a line, to as many digits as are known, K for a gain that isn't; empty without a fit."""
+        if self.fit is None:
+            return ""
+        model, estimates = self.fit.model, self.fit.estimates
+        if {"gain", "time_constant"} <= set(
+            model.names
+        ):  # of polynomials no coefficient can be rounded by itself
+            theta = [as_known(each.value, each.half_width) for each in estimates.values()]
+            model = replace(model, theta=np.array(theta))
+        system = model.transfer_function("speed")
+        delay = estimates.get("delay")
+        if system.delay < 0 and delay is not None and delay.interval[1] >= 0:
+            system = replace(system, delay=0.0)  # below zero by chance
+        gain = estimates.get("gain")
+        answer = self.answers.get("gain")
+        untold = answer is not None and answer.state in (State.COMBINATION, State.UNKNOWN)
+        known = gain is None or (all(map(math.isfinite, gain.interval)) and not untold)
+        if known or len(system.numerator) > 1:
+            return f"G(s) = {system}, in {system.unit}"
+        _, _, rest = str(system).partition(" / ")
+        return f"G(s) = K / {rest}, K isn't known, in {system.unit}"
+
+    @cached_property
+    def derived(self) -> dict[str, Derived]:
+        """Poles, bandwidth, rise time, and the margins under unit position feedback at the data's sample time, with intervals.
+
+        See `uncertainty.propagation.derived`; empty where there is no fit.
+        """
+        return derived(self.fit) if self.fit else {}
+
+    @cached_property
+    def budget(self) -> tuple[BudgetLine, ...]:
+        """What the width of each interval is made of; empty where there is no fit."""
+        return composition(self.fit) if self.fit else ()
+
+    @property
+    def good_for(self) -> str:
+        """One sentence that says what the figures can be used for; empty where they are refused or good for nothing."""
+        if self.verdict is Verdict.REFUSED or not self.data:
+            return ""
+        predicts = self.validation.fit_percent if self.validation else math.nan
+        return good_for(
+            self.answers, self.combinations, predicts, min(each.sample_time for each in self.data)
+        )
+
+    def _state(self, name: str) -> dict[str, Any]:
+        answer = self.answers.get(name)
+        state = answer.state if answer else State.KNOWN
+        return {"state": str(state), "combination": (answer.combination or None) if answer else None}
+
+    def margins(
+        self,
+        controller: TransferFunction | Any = None,
+        around: Output = "position",
+        *,
+        sample_time: float | None = None,
+    ) -> dict[str, Derived]:
+        """Return the margins of a loop around the motor as it runs, tick by tick, each with its interval.
+
+        See `propagation.loop_margins`. `controller` is a `TransferFunction` or a python-control system; without one it is unit
+        feedback. `sample_time` [s] is the time between two ticks; without one it is that of the data. Raises `NotIdentifiable`
+        where there is no fit, `UsageError` for a sample time that isn't above zero.
+        """
+        return loop_margins(self._known(), controller, around, sample_time=sample_time)
+
+    def continuous_margins(
+        self, controller: TransferFunction | Any = None, around: Output = "position"
+    ) -> dict[str, Derived]:
+        """Return the margins of the continuous loop C(s) G(s), without ticks: what the theory says on paper.
+
+        See `propagation.continuous_loop_margins`; `controller` is as in `margins`. A loop that runs at ticks bears less: for that
+        take `margins`. Raises `NotIdentifiable` where there is no fit.
+        """
+        return continuous_loop_margins(self._known(), controller, around)
+
+    def to_control(
+        self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER
+    ) -> control.TransferFunction:
+        """Return the transfer function as a `control.TransferFunction`, its delay as a Padé approximation of order 3.
+
+        `pade_order` is another order; `to_control_and_delay` is exact. A delay whose 95 % interval holds zero, or that is below
+        zero, is left out. Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_control(self._handed_over(output), pade_order=pade_order)
+
+    def to_control_and_delay(self, output: Output = "speed") -> tuple[control.TransferFunction, float]:
+        """Return the rational part as a `control.TransferFunction`, and the delay [s], 0 where `to_control` leaves it out.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_control_and_delay(self._handed_over(output))
+
+    def to_scipy(self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER) -> scipy.signal.lti:
+        """Return the transfer function as a `scipy.signal.lti`, with its delay as `to_control` has it.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_scipy(self._handed_over(output), pade_order=pade_order)
+
+    def to_scipy_and_delay(self, output: Output = "speed") -> tuple[scipy.signal.lti, float]:
+        """Return the rational part as a `scipy.signal.lti`, and the delay [s], 0 where `to_control` leaves it out.
+
+        Raises `NotIdentifiable` where there is no fit.
+        """
+        return interop.to_scipy_and_delay(self._handed_over(output))
+
+    def _handed_over(self, output: Output) -> TransferFunction:
+        fit = self._known()
+        delay = fit.estimates.get("delay")
+        system, _ = interop.handed_over(
+            fit.model.transfer_function(output), delay.interval if delay else None
+        )
+        return system
+
+    def _known(self) -> Fit:
+        if self.fit is None:
+            raise NotIdentifiable(
+                "this result has no model, its findings say why: identify again with other data or another structure"
+            )
+        return self.fit
+
+    def __str__(self) -> str:
+        """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
+        from servobench.core.rounding import rounded_interval
+        from servobench.identification.uncertainty.words import in_words
+
+        lines = []
+        for name, e in self.fit.estimates.items() if self.fit else ():
+            told = rounded_interval(e.value, e.interval, e.unit)
+            instead = in_words(self.answers.get(name)) or ("" if told.low else "not known")
+            lines.append(f"{name.replace('_', ' '):16} {instead or told}")
+        for each in self.combinations:
+            told = rounded_interval(each.estimate.value, each.estimate.interval, each.estimate.unit)
+            lines.append(f"{each.meaning:16} {told}")
+        for name, e in self.motor_parameters.items():
+            lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
+        if self.transfer_function is not None:
+            lines.append(self.equation)
+        lines += [self.good_for] if self.good_for else []
+        lines.append(str(self.verdict))
+        lines += [f"- {finding.severity}: {finding.sentence}" for finding in self.findings]
+        return "\n".join(lines)
+
+    __repr__ = __str__
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None."""
+        fit, system = self.fit, self.transfer_function
+        data: dict[str, Any] = {
+            "schema": SCHEMA,
+            "verdict": str(self.verdict),
+            "findings": [_finding(finding) for finding in self.findings],
+            "structure": fit.structure if fit else None,
+            "estimator": fit.estimator if fit else None,
+            "parameters": {} if fit is None else {
+                name: _estimate(e) | self._state(name) for name, e in fit.estimates.items()
+            },
+            "combinations": {
+                each.name: _estimate(each.estimate)
+                | {"meaning": each.meaning, "parameters": list(each.parameters)}
+                for each in self.combinations
+            },
+            "budget": [
+                {
+                    "source": line.source,
+                    "parameters": list(line.shares),
+                    "share": dict(line.shares),
+                    "half_width": dict(line.half_widths),
+                    "dof": line.freedom,
+                    "reason": line.reason,
+                }
+                for line in self.budget
+            ],
+            "good_for": self.good_for,
+            "covariance": None if fit is None else {
+                "parameters": list(fit.model.names), "matrix": fit.covariance.tolist()
+            },
+            "motor_parameters": {name: _estimate(e) for name, e in self.motor_parameters.items()},
+            "transfer_function": None if system is None else {
+                "numerator": list(system.numerator),
+                "denominator": list(system.denominator),
+                "output": system.output,
+                "delay": system.delay,
+                "unit": system.unit,
+            },
+            "derived": {
+                name: {"value": d.value, "interval": list(d.interval), "level": d.level, "unit": d.unit, "method": d.method}
+                for name, d in self.derived.items()
+            },
+            "fit_percent": {
+                "training": fit.fit_percent if fit else None,
+                "validation": self.validation.fit_percent if self.validation else None,
+            },
+            "validation": {
+                "how": self.validation.how if self.validation else "not validated",
+                "records": [] if self.validation is None else [
+                    {"name": r.name, "samples": r.samples, "fit_percent": r.fit_percent}
+                    for r in self.validation.records
+                ],
+            },
+            "operating_range": {"input": list(self.operating_range.input), "speed": list(self.operating_range.speed)},
+            "nominal": [
+                {"name": c.name, "nominal": c.nominal, "identified": c.identified, "sd": c.sd, "z": c.z, "unit": c.unit}
+                for c in self.nominal
+            ],
+            "records": [_record(record) for record in self.data],
+            "provenance": {
+                "version": self.provenance.version,
+                "created": self.provenance.created,
+                "inputs_sha256": list(self.provenance.inputs_sha256),
+            },
+        }  # fmt: skip
+        plain: dict[str, Any] = finite(data)
+        return plain
+
+
+def _finding(finding: Finding) -> dict[str, Any]:
+    return {
+        "code": finding.code,
+        "severity": str(finding.severity),
+        "sentence": finding.sentence,
+        "parameters": list(finding.parameters),
+        "rows": list(finding.rows) if finding.rows else None,
+    }
+
+
+def _estimate(e: Estimate) -> dict[str, Any]:
+    return {"value": e.value, "sd": e.sd, "interval": list(e.interval), "level": e.level, "unit": e.unit}
+
+
+def _record(data: Dataset) -> dict[str, Any]:
+    import numpy as np
+
+    steps = np.diff(data.t_output)
+    p99 = float(np.percentile(steps, 99)) if len(steps) else math.nan
+    return {
+        "source": data.source.name,
+        "name": data.name,
+        "samples": len(data.y),
+        "duration": data.duration,
+        "sample_time": {"median": data.sample_time, "p99": p99},
+    }

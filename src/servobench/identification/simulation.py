@@ -1,0 +1,171 @@
+"""What a model says of an output: from the input alone (`simulate`), or from the input and the output's own past (`predict`)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.disturbance import Disturbance, innovation_sd, whitened
+from servobench.identification.estimators.output_error import simulated
+from servobench.identification.models.base import Model, Output
+from servobench.identification.result import Result
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Source
+
+AT_REST: Mapping[str, float] = MappingProxyType({})
+_PASSES = 5  # of the search for a start state
+
+
+def simulate(
+    model: Model | Fit | Result,
+    drive: Dataset | Callable[[Array], Array] | Array,
+    t: Array | None = None,
+    *,
+    output: Output = "speed",
+    chain: Chain | str = "",
+    start: Mapping[str, float] = AT_REST,
+) -> Array:
+    """Return what a model's output would be for an input, friction and offset included, and no noise: (M,).
+
+    `drive` is the input. As values (N,) it holds from t[k] to t[k+1], as a signal it is taken at t [s], which has to be given.
+    Before it the input is zero. `output` is what of the shaft goes through the measurement `chain` (such as `lowpass 50 rad/s`)
+    and comes out at the same times. A dataset brings its own times, chain, output and the input before it; what was measured is
+    not looked at. Only the linear stages of a chain are simulated.
+
+    It starts at rest at position zero. `start` gives other values to what a record has of its own, by their names in the model
+    structure (`start_position`, `start_speed`, …). To have them fitted to measured data, use `predict`.
+    Raises `UsageError` for arguments that don't go together, `NotIdentifiable` for a result without a model.
+    """
+    known = _model(model)
+    if isinstance(drive, Dataset):
+        if t is not None or chain or output != "speed":
+            raise UsageError(
+                f"{drive.name} is a dataset, which brings its own times, output and chain: leave t, output and chain out"
+            )
+        data = drive
+    elif t is None:
+        raise UsageError("an input without times can't be simulated: give t, the times of its values [s]")
+    else:
+        data = _driven(known, drive, np.asarray(t, dtype=np.float64), output, chain)
+    return known.simulate(data, _start(known, data, start))
+
+
+def predict(fit: Fit | Result, data: Dataset) -> Array:
+    """Return the one-step-ahead prediction of a record's output (M,): each sample from the input and the samples before it.
+
+    The noise model is the fit's own. With a disturbance (`prediction_error`) it is the Kalman filter for random torque and
+    measurement noise; without one the past of the output says nothing about the next sample, and the prediction is the
+    simulation. The start state is that of the fit for a record that it was made from, and is fitted for another one, the
+    parameters held. NaN where the chain still looks back before the record.
+    Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain where the fit has a disturbance.
+    """
+    known = _fit(fit)
+    if known.disturbance is not None and data.chain.linear:
+        raise UsageError(
+            f"{data.name} stands behind a measurement chain (`{data.chain}`), and the fit's noise model is that of the shaft "
+            "itself: simulate the record, or fit data of the same chain"
+        )
+    return _predicted(known, _record(known, data))
+
+
+def residuals(fit: Fit | Result) -> tuple[Array, ...]:
+    """Return what is left of each record that a fit was made from: measured minus predicted output, (M,) each.
+
+    These are the errors of `predict`; those of the simulation are `residual` of each of the fit's `records`.
+    NaN where the chain still looks back before the record. Raises `NotIdentifiable` for a result without a model.
+    """
+    known = _fit(fit)
+    return tuple(record.data.y - _predicted(known, record) for record in known.records)
+
+
+def _driven(
+    model: Model, drive: Callable[[Array], Array] | Array, t: Array, output: Output, chain: Chain | str
+) -> Dataset:
+    """A dataset with nothing measured yet: an input, and the times and the chain of the output that it is to have."""
+    stages = Chain.parse(chain) if isinstance(chain, str) else chain
+    kind = stages.yields(output)
+    position, u = model.data.position_unit, drive(t) if callable(drive) else drive
+    return Dataset(
+        name="simulation",
+        t_input=t,
+        u=np.asarray(u, dtype=np.float64),
+        input_unit=model.data.input_unit,
+        input_before=0.0,
+        t_output=t,
+        y=np.zeros(t.shape),
+        output_unit=position if kind == "position" else f"{position}/s",
+        kind=kind,
+        source=Source(name="simulation"),
+        applied=stages,
+    )
+
+
+def _start(model: Model, data: Dataset, start: Mapping[str, float]) -> Array:
+    """The record's own parameters (Q,): zero where nothing else is said."""
+    names = [parameter.name for parameter in model.structure.nuisance(data)]
+    unknown = sorted(set(start) - set(names))
+    if unknown:
+        raise UsageError(
+            f"a {data.kind} of this model has no {' or '.join(map(repr, unknown))} to start from; it has {', '.join(names)}"
+        )
+    return np.array([float(start.get(name, 0.0)) for name in names])
+
+
+def _record(fit: Fit, data: Dataset) -> FittedRecord:
+    """The record as the fit has it, or simulated from the start state that suits it best under the fit's noise model."""
+    for record in fit.records:
+        if record.data is data:
+            return record
+    record = simulated(fit.model.structure, fit.model.theta, data)
+    return record if fit.disturbance is None else _restarted(fit, record, fit.disturbance)
+
+
+def _restarted(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> FittedRecord:
+    """The record from the start state that makes its innovations least, by Gauss-Newton from that of the simulation."""
+    structure, data, shared = fit.model.structure, record.data, len(fit.model.theta)
+    best, cost = record, np.inf
+    for _ in range(_PASSES):
+        theta = np.concatenate([fit.model.theta, record.nuisance])
+        prediction = structure.predict(theta, data)
+        sliding = structure.sliding(theta, data)
+        residual = data.y - prediction.y
+        columns = np.column_stack([residual, prediction.jacobian[:, shared:]])
+        white = whitened(columns, data, sliding, disturbance)
+        now = float(white[:, 0] @ white[:, 0])
+        if not now < cost:
+            break
+        best = replace(record, prediction=prediction.y, residual=residual, innovations=white[:, 0])
+        step = np.linalg.lstsq(white[:, 1:], white[:, 0], rcond=None)[0]
+        cost, record = now, replace(best, nuisance=record.nuisance + step)
+    return best
+
+
+def _predicted(fit: Fit, record: FittedRecord) -> Array:
+    """Measured output less innovation, where there is a noise model, and the simulation where there is none."""
+    data = record.data
+    if fit.disturbance is None:
+        return np.where(record.valid, record.prediction, np.nan)
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    sd = innovation_sd(data, fit.model.structure.sliding(theta, data), fit.disturbance)
+    return np.where(record.valid, data.y - sd * record.innovations, np.nan)
+
+
+def _model(source: Model | Fit | Result) -> Model:
+    return source if isinstance(source, Model) else _fit(source).model
+
+
+def _fit(source: Fit | Result) -> Fit:
+    if isinstance(source, Fit):
+        return source
+    if source.fit is None:
+        raise NotIdentifiable(
+            "this result has no model, its findings say why: identify again with other data or another structure"
+        )
+    return source.fit

@@ -1,0 +1,61 @@
+"""The kind `doubts`: what data and estimates give to think, before and after the fit, each a finding with what to do about it.
+
+A doubt is one file in this folder. What it says before the fit keeps a useless one from being made (a refusal), or tells what the
+fit can't know; what it says after the fit weighs what came out. Doubts are cheap: they fit no model again.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from servobench.core.finding import Finding
+from servobench.core.registry import Registry
+from servobench.identification.estimators.base import Fit
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.rig.motor.parameters import MotorParameters
+
+AboutData: TypeAlias = Callable[[Sequence[Dataset]], Sequence[Finding]]
+AboutFit: TypeAlias = Callable[[Fit], Sequence[Finding]]
+AboutNominal: TypeAlias = Callable[[Fit, MotorParameters], Sequence[Finding]]
+BesideNominal: TypeAlias = Callable[[Sequence[Dataset], MotorParameters], Sequence[Finding]]
+
+
+def _nothing(*_: object) -> Sequence[Finding]:
+    return ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class Doubt:
+    """One doubt, or a small family: the codes of its findings, and when it can say something.
+
+    `about_data` looks at the records before any fit, `about_fit` at a fit, `about_nominal` at a fit beside the parameters that
+    the motor should have, `beside_nominal` at the records beside them, before any fit. Each returns no finding where there is
+    nothing to say.
+    """
+
+    codes: tuple[str, ...]
+    about_data: AboutData = _nothing
+    about_fit: AboutFit = _nothing
+    about_nominal: AboutNominal = _nothing
+    beside_nominal: BesideNominal = _nothing
+
+
+DOUBTS: Registry[Doubt] = Registry("doubt", "servobench.identification.trust.doubts", "servobench.doubts")
+
+
+def about_data(records: Sequence[Dataset], nominal: MotorParameters | None = None) -> list[Finding]:
+    """Return what can be said of the data before any fit, beside `nominal` parameters where there are any."""
+    found = [finding for doubt in DOUBTS for finding in doubt.about_data(records)]
+    if nominal is not None:
+        found += [finding for doubt in DOUBTS for finding in doubt.beside_nominal(records, nominal)]
+    return found
+
+
+def about_fit(fit: Fit, nominal: MotorParameters | None = None) -> list[Finding]:
+    """Return what the estimates themselves give to think, and what they do beside `nominal` parameters where there are any."""
+    found = [finding for doubt in DOUBTS for finding in doubt.about_fit(fit)]
+    if nominal is not None:
+        found += [finding for doubt in DOUBTS for finding in doubt.about_nominal(fit, nominal)]
+    return found

@@ -1,0 +1,58 @@
+"""A speed that comes without word of how it was measured: how much of the delay is the measurement's.
+
+A speed that was differenced lags by half a sample time b, one that was read is in time. Nothing in the data shows which. The
+delay that is found is the motor's plus something between 0 and b: evenly spread, its mean square is b²/3, which is added to the
+variance of the delay. A filter that nobody mentions lags by more, and is nothing that could be allowed for.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+
+def with_unknown_chain(fit: Fit) -> Fit:
+    """Return the fit with the delay's variance larger by the half sample that an unknown measurement may lag by."""
+    hidden = max((0.5 * r.data.sample_time for r in fit.records if _is_unknown(r.data)), default=0.0)
+    if not hidden or "delay" not in fit.model.names:
+        return fit
+    added = np.zeros_like(fit.covariance)
+    at = fit.model.names.index("delay")
+    added[at, at] = hidden**2 / 3.0
+    reason = "nobody says how the speed was measured; if it was differenced, it lags by half a sample"
+    return fit.widened(Contribution(source="measurement unknown", covariance=added, reason=reason))
+
+
+def _is_unknown(data: Dataset) -> bool:
+    return data.kind == "speed" and not data.chain and not data.chain_known
+
+
+def _of_each(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _chain_unknown(record)]
+
+
+def _chain_unknown(data: Dataset) -> list[Finding]:
+    """Whether a speed comes without word of how it was measured."""
+    found = []
+    if _is_unknown(data):
+        found.append(
+            info(
+                "chain-unknown",
+                f"{data.name}: nobody says how this speed was measured, so that time constant and delay are those of the motor "
+                f"and the measurement together. Counts that were differenced lag by half a sample "
+                f"({500 * data.sample_time:.3g} ms), a filter or an average by its own; say what it is with `chain=...`, or "
+                "record the position.",
+                parameters=("time_constant", "delay"),
+            )
+        )
+    return found
+
+
+DOUBTS.member("chain_unknown")(Doubt(codes=("chain-unknown",), about_data=_of_each))

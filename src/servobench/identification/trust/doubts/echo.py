@@ -1,0 +1,103 @@
+"""An input that is the output once more."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, refusal, warning
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_EQUAL = 0.02  # of the largest level, or error: how near an output comes to its reference
+_SETTLED = 10  # samples at the end of a level
+_STILL_GOES = 0.005  # of the largest level, within these samples: a speed that still changes passes any value
+_BENT = 1e-3  # of its range: what lies nearer to a line is one, but for rounding
+_ALIKE = 0.9999  # correlation: not even a motor without lag follows its input so well, sample by sample
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in (*_of(record), *_settles_at_it(record))]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    """Whether input and output, at the same times, are the same but for scale and offset."""
+    if len(data.u) < 20:
+        return []
+    u = np.interp(data.t_output, data.t_input, data.u)
+    speed = smoothed_speed(data)
+    for what, y in (("the output", data.y), ("the output's speed", speed)):
+        if (
+            _alike(u, y)
+            and _alike(_bent(u, data.t_output), _bent(y, data.t_output))
+            and not _is_the_controllers(data, u, y)
+        ):
+            sentence = (
+                f"{data.name}: the input is {what} once more, but for its scale: this column was measured at the shaft and "
+                "drives nothing. Name the column of the voltage with `input=COL:UNIT`; if the file has none, the input "
+                "wasn't recorded."
+            )
+            return [refusal("input-is-output", sentence)]
+    return []
+
+
+def _alike(u: Array, y: Array) -> bool:
+    """Whether two series (N,) are the same but for scale and offset."""
+    return bool(np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE)
+
+
+def _bent(x: Array, t: Array) -> Array:
+    """What x (N,) is beside a straight line in t (N,): a motor follows a ramp as a line, a little later. Zero for a line."""
+    rest = x - np.polyval(np.polyfit(t - t[0], x, 1), t - t[0])
+    return np.asarray(np.where(np.abs(rest).max() > _BENT * np.ptp(x), rest, 0.0))
+
+
+def _is_the_controllers(data: Dataset, u: Array, y: Array) -> bool:
+    """Whether the input is the error times a gain.
+
+    While the reference stays where it is a proportional controller makes the output once more, and is zero where the output is at
+    its reference. The two may count from places within one step of the encoder.
+    """
+    if not data.closed_loop or data.reference is None:
+        return False
+    slope, offset = np.polyfit(y, u, 1)
+    reference = np.interp(data.t_output, data.t_input, data.reference)
+    near = max(_EQUAL * float(np.abs(reference - y).max()), data.quantum or 0.0)
+    return bool(np.abs(-offset / slope - reference).max() <= near)
+
+
+def _settles_at_it(data: Dataset) -> list[Finding]:
+    """Whether a speed settles at just the value of each level of the input: as behind a controller with an integral part."""
+    if data.kind != "speed" or data.input_unit in {"rad/s", "m/s"}:
+        return []
+    switches = np.append(data.t_input[np.flatnonzero(np.diff(data.u)) + 1], data.t_output[-1])
+    starts = np.append(data.t_output[0], switches[:-1])
+    settled = []
+    for start, end in zip(starts, switches, strict=True):
+        late = data.y[(data.t_output > start + 0.7 * (end - start)) & (data.t_output < end)]
+        if len(late) >= _SETTLED:
+            first, last = (float(part.mean()) for part in np.array_split(late, 2))
+            settled.append((input_held(data, float(end)), 0.5 * (first + last), last - first))
+    levels, speeds, changes = np.array(settled).reshape(-1, 3).T
+    largest = float(np.abs(levels).max(initial=0.0))
+    if len(np.unique(levels)) < 2 or np.abs(changes).max() > _STILL_GOES * largest:
+        return []
+    if np.abs(speeds - levels).max() > _EQUAL * largest:
+        return []
+    sentence = (
+        f"{data.name}: the speed settles at just the value of the input, at each level: the input looks like the reference "
+        "of a speed controller, and the voltage that drove the motor isn't there. What is identified is the whole loop and "
+        "not the motor; name the voltage's column with `input=COL:V`."
+    )
+    return [warning("input-settles-at-output", sentence, parameters=("gain", "time_constant"))]
+
+
+def input_held(data: Dataset, end: float) -> float:
+    """Return the input that held just before a time [s]."""
+    return float(data.u[max(int(np.searchsorted(data.t_input, end, side="left")) - 1, 0)])
+
+
+DOUBTS.member("echo")(Doubt(codes=("input-is-output", "input-settles-at-output"), about_data=_about))

@@ -1,0 +1,265 @@
+"""Stretches in which the output stands still: a sensor at the end of its range, a blocked shaft, a dead channel."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, refusal, warning
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.lattice import lattice_step
+from servobench.recordings.measurement.dataset import Dataset
+
+_FEW = 3.0  # quanta: what moves less than that hasn't moved
+_TRAVELLED = 6.0  # times what steps that come and go by chance would travel
+_FINE = 200.0  # quanta in the range: of a coarser sensor nobody can say at what pace it reached its end
+_VISITS = 2  # of the end of a range: a motor that turns round once stands at its own largest value, too
+_OF_ALL = 0.2  # of the stretches that stand still: a sensor whose values are held has them everywhere
+_SHORTEST = 5  # samples in a stretch
+_ABRUPT = 0.3  # of the usual pace at which a stretch is entered: a motor slows down first
+_PILE = 0.005  # of the samples are exactly alike where a sensor without steps is at its end
+_ALONE = 5.0  # times as many samples at the end of the range as at any other value
+_ARRIVED = 0.05  # of the range: as near to its reference as a loop comes before friction holds it
+_WOULD_GO = 10.0  # quanta that the shaft would go at its top speed one way: on fewer it may have turned round
+_PART = 0.05  # of the record, for a blocked shaft
+_TURNS_WITHIN = (
+    3.0  # quanta: a shaft that goes no farther before and after it turned round may have done so unseen
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Flat:
+    """Samples `first` to `last`, which are alike, and the least pace of the output before them, per sample."""
+
+    first: int
+    last: int
+    pace: float
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _of(record)]
+
+
+def _of(data: Dataset) -> list[Finding]:
+    if not np.ptp(np.append(data.u, data.input_before)) > 0 or len(data.y) < 20:
+        return []
+    quantum = data.quantum or lattice_step(data.y) or 0.0
+    if np.ptp(data.y) > 0 and not _travels(data, quantum):
+        return [_too_little(data, quantum)]
+    if np.ptp(data.y) == 0:
+        sentence = (
+            f"{data.name}: the output doesn't move, although the input goes from {data.u.min():.3g} to {data.u.max():.3g} "
+            f"{data.input_unit}: the shaft is blocked, the amplifier is off, this is another motor's sensor, "
+            "or the motion was smaller than a step of it."
+        )
+        return [refusal("output-still", sentence)]
+    flats = _flats(data, quantum)
+    return (
+        _clipped(data, flats, quantum)
+        or _piled_up(data, quantum)
+        or (_stops(data, flats, quantum) if data.kind == "position" else [])
+    )
+
+
+def _travels(data: Dataset, quantum: float) -> bool:
+    """Whether the output goes further than a few steps of its sensor, by a speed also bit by bit.
+
+    A wheel that turns by less than a count in each row has a speed of one or no steps, and travels all the same. Steps that come
+    and go by chance would be as far away as the root of their number.
+    """
+    if np.ptp(data.y) > _FEW * quantum:
+        return True
+    dithers = np.abs(data.y).max() > _FEW * quantum  # a value, by its last digit
+    if data.kind != "speed" or dithers:
+        return False
+    steps = data.y / quantum
+    return bool(np.ptp(np.cumsum(steps)) > _TRAVELLED * max(float(np.sqrt(np.count_nonzero(steps))), _FEW))
+
+
+def _too_little(data: Dataset, quantum: float) -> Finding:
+    steps = max(round(float(np.ptp(data.y)) / quantum), 1)
+    sentence = (
+        f"{data.name}: the output moves by {steps} {'step' if steps == 1 else 'steps'} of its sensor, {quantum:.3g} "
+        f"{data.output_unit} each, which tells nothing of a motor. Drive it further, or take a finer sensor."
+    )
+    return refusal("motion-too-small", sentence)
+
+
+def _flats(data: Dataset, quantum: float) -> list[_Flat]:
+    """The stretches of the same value, longer than one of the rounding at the slowest usual pace."""
+    same = np.abs(np.diff(data.y)) <= 0
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], same, [False])).astype(np.int8)))
+    lengths = edges[1::2] - edges[::2]
+    pace = _usual_pace(data.y)
+    shortest = max(_SHORTEST, int(np.ceil(5 * quantum / pace)) if pace > 0 else _SHORTEST)
+    window = max(2, shortest // 2)
+    return [
+        _Flat(
+            first=int(first), last=int(first + length), pace=_pace_before(data.y, int(first), window, quantum)
+        )
+        for first, length in zip(edges[::2], lengths, strict=True)
+        if length >= shortest
+    ]
+
+
+def _usual_pace(y: Array) -> float:
+    """How far the output goes in a sample while it goes: the median over windows of 20 samples in which it moves at all."""
+    steps = np.abs(y[20:] - y[:-20]) / 20
+    steps = steps[steps > 0]
+    return float(np.median(steps)) if len(steps) else 0.0
+
+
+def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
+    """The least pace there was: what moved by one count may have crept over its edge, as a pendulum that turns round does."""
+    return max(abs(float(y[at] - y[max(at - window, 0)])) - quantum, 0.0) / window if at >= window else 0.0
+
+
+def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
+    """Whether flat tops stand at an end of the range, and are reached at full pace: no motor stops within a sample."""
+    usual = _usual_pace(data.y)
+    if np.ptp(data.y) < _FINE * quantum:
+        return []
+    for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
+        if data.kind == "speed" and end == 0:
+            continue  # a motor at rest
+        at_end = [flat for flat in flats if data.y[flat.first] == end and not _told_to(data, flat)]
+        abrupt = [flat for flat in at_end if flat.pace > _ABRUPT * usual]
+        if (
+            len(abrupt) >= max(_VISITS, _OF_ALL * len(flats))
+            and len(abrupt) >= 0.5 * len(at_end)
+            and _leaves(data, abrupt, usual)
+        ):
+            return [_at_the_end(data, which, end, np.flatnonzero(data.y == end))]
+    return []
+
+
+def _told_to(data: Dataset, flat: _Flat) -> bool:
+    """Whether a feedback loop was told to be there where the output stands: it brakes, and friction holds the shaft at once."""
+    if data.reference is None:
+        return False
+    held = max(int(np.searchsorted(data.t_input, data.t_output[flat.first], side="right")) - 1, 0)
+    return bool(abs(data.reference[held] - data.y[flat.first]) <= _ARRIVED * np.ptp(data.y))
+
+
+def _piled_up(data: Dataset, quantum: float) -> list[Finding]:
+    """Whether many samples of an output that has no steps of its own are exactly alike, at an end of the range."""
+    jumps = np.abs(np.diff(data.y))
+    if quantum > 0 or not (jumps > 0).any():
+        return []
+    usual = float(np.median(jumps[jumps > 0]))
+    for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
+        at_end = np.flatnonzero(data.y == end)
+        if data.kind == "speed" and end == 0:
+            continue
+        if len(at_end) < max(10, _PILE * len(data.y)):
+            continue
+        if len(at_end) < _ALONE * _commonest_within(data.y):
+            continue  # a sensor whose values are held, or come again, has as many alike elsewhere
+        entered = at_end[(at_end > 0) & (data.y[at_end - 1] != end)]
+        # A motor that settles comes near its last value in ever smaller steps, which end in a float's last digit.
+        if len(entered) and np.median(jumps[entered - 1]) > 0.05 * usual:
+            return [_at_the_end(data, which, end, at_end)]
+    return []
+
+
+def _commonest_within(y: Array) -> int:
+    """How many samples have the commonest value that is neither an end of the range nor zero."""
+    values, counts = np.unique(y, return_counts=True)
+    within = counts[1:-1][values[1:-1] != 0]
+    return int(within.max(initial=0))
+
+
+def _at_the_end(data: Dataset, which: str, end: float, samples: NDArray[np.int64]) -> Finding:
+    sentence = (
+        f"{data.name}: the output stays at its {which} value, {end:.4g} {data.output_unit}, in {len(samples)} samples and "
+        "gets there at full pace: the sensor is at the end of its range. What the motor did there isn't known; take a "
+        "smaller input, or leave these rows out."
+    )
+    rows = (int(samples[0]) + 1, int(samples[-1]) + 1)
+    return warning("output-clipped", sentence, parameters=("gain", "time_constant"), rows=rows)
+
+
+def _leaves(data: Dataset, flats: list[_Flat], usual: float) -> bool:
+    """Whether the output comes back from the end of its range, at least once, at full pace: a blocked shaft doesn't."""
+    # At once, or within half of its stay: a loop that goes on to the other end stays far longer than it needs for the way.
+    windows = (2, max(2, (flats[0].last - flats[0].first) // 2))
+    return any(
+        abs(float(data.y[flat.last + window] - data.y[flat.last])) / window > _ABRUPT * usual
+        for window in windows
+        for flat in flats
+        if flat.last + window < len(data.y)
+    )
+
+
+def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
+    """Whether the shaft stands although the input is one that moved it at other times."""
+    if data.input_unit == data.position_unit:
+        return []  # a goal that is reached: there a servo stands as it should
+    u = data.input_at_output
+    speed = np.abs(smoothed_speed(data))
+    fastest = float(np.percentile(speed, 95))
+    fast = np.abs(u[speed > 0.5 * fastest])
+    # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
+    driven = (np.abs(u) >= 0.99 * float(np.sqrt(np.mean(fast**2)))) & (u != 0)
+    long = [flat for flat in flats if flat.last - flat.first + 1 >= _PART * len(data.y)]
+    lost = _without_effect(data, np.where(driven, u, 0.0), flats)
+    for flat in long:
+        rows = slice(flat.first, flat.last + 1)
+        held_back = abs(float(np.sum(np.sign(u[rows]) * driven[rows]))) * data.sample_time * fastest
+        stays = held_back > _WOULD_GO * quantum and not _may_turn_within(data, flat, quantum)
+        if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
+            sentence = (
+                f"{data.name}: from {data.t_output[flat.first]:.4g} s to {data.t_output[flat.last]:.4g} s the output stands "
+                "still although the input would move it at other times: the shaft was blocked or the amplifier off. Leave "
+                "this stretch out."
+            )
+            at = (flat.first + 1, flat.last + 1)
+            return [warning("output-stops", sentence, parameters=("gain", "time_constant"), rows=at)]
+    return []
+
+
+def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:
+    """Whether a shaft may have turned round in the middle of a flat of time t: at an acceleration a it goes a t²/8 either way."""
+    quickest = float(np.abs(np.diff(smoothed_speed(data))).max()) / data.sample_time
+    time = (flat.last - flat.first) * data.sample_time
+    return quickest * time**2 / 8.0 <= _TURNS_WITHIN * quantum
+
+
+def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
+    """The flats in which a pulse had no effect until the next one came, as strong as those that moved the shaft far."""
+    edges = np.flatnonzero(np.diff(np.sign(u), prepend=0.0, append=0.0))
+    pulses = [(int(a), int(b)) for a, b in pairwise(edges) if u[a] != 0]
+    if len(pulses) < 2:
+        return []
+    starts = np.array([a for a, _ in pulses])
+    nexts = np.append(starts[1:], starts[-1] + int(np.median(np.diff(starts))))
+    # In the first sample under the next pulse the shaft may move already.
+    stood = [
+        _stood(a, max(b + _SHORTEST, int(n) - 1), flats) for (a, b), n in zip(pulses, nexts, strict=True)
+    ]
+    moved = np.array([flat is None for flat in stood])
+    if not moved.any():
+        return []
+    area = np.array([abs(float(u[a:b].sum())) for a, b in pulses])
+    enough = 0.9 * float(np.quantile(area[moved], 0.8))
+    way = np.abs(data.y[np.minimum(nexts, len(u) - 1)] - data.y[starts])
+    quantum = data.quantum or lattice_step(data.y) or 0.0
+    if not np.median(way[moved & (area >= enough)]) > _FEW * quantum:
+        return []  # pulses so small that a coarse sensor may miss one
+    return [flat for flat, size in zip(stood, area, strict=True) if flat is not None and size >= enough]
+
+
+def _stood(first: int, end: int, flats: list[_Flat]) -> _Flat | None:
+    """The flat in which samples `first` to `end` lie, if there is one."""
+    return next((flat for flat in flats if flat.first <= first and end <= flat.last), None)
+
+
+DOUBTS.member("flats")(
+    Doubt(codes=("motion-too-small", "output-still", "output-clipped", "output-stops"), about_data=_about)
+)

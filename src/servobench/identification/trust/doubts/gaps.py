@@ -1,0 +1,88 @@
+"""Times that aren't even, and gaps in which nobody knows what the input did."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info, warning
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.formats.times import GAP, UNEVEN
+from servobench.recordings.measurement.dataset import Dataset
+
+_CHANGED = 0.05  # of the input's range: a smaller change over a gap doesn't matter
+# What a run of ours says of itself: in ticks that were missed nothing was written, in rows that were lost something was.
+_HELD, _ROWS_LOST = "samples-missed", "rows-not-recorded"
+_IN_EVERY_ROW = (
+    0.9  # of the input's values come one to a sample of the output, and not only when the input changed
+)
+
+
+def _about(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in (*_unknown_input(record), *_uneven(record))]
+
+
+def _unknown_input(data: Dataset) -> list[Finding]:
+    """Whether rows are missing in which the input may have changed, for inputs that are written in every row."""
+    told = {finding.code for finding in data.findings}
+    if _HELD in told and _ROWS_LOST not in told:
+        return []
+    steps = np.diff(data.t_input)
+    if len(steps) < 10 or _in_every_row(data) < _IN_EVERY_ROW:
+        return []
+    typical = float(np.median(steps))
+    gaps = np.flatnonzero(steps > GAP * typical)
+    gaps = gaps[~_late(data.t_input, gaps, typical)]
+    unknown = [int(k) for k in gaps if _may_have_changed(data.u, int(k), round(float(steps[k]) / typical))]
+    if not unknown:
+        return []
+    longest = max(unknown, key=lambda k: float(steps[k]))
+    many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
+    sentence = (
+        f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at {data.t_input[longest]:.4g} s), and nobody knows "
+        "when the input changed in it; the model takes it to have held its last value. Cut the file at the gap and give the "
+        "parts as two files, or record again without losing rows."
+    )
+    rows = (unknown[0] + 1, unknown[-1] + 2)
+    return [warning("gap-input-unknown", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)]
+
+
+def _in_every_row(data: Dataset) -> float:
+    """The share of the input's values that come one sample of the output after the one before, be it with it or after it."""
+    return float(np.mean(np.diff(np.searchsorted(data.t_output, data.t_input, side="right")) == 1))
+
+
+def _late(t: Array, gaps: NDArray[np.int64], typical: float) -> NDArray[np.bool_]:
+    """Whether nothing is missing in gaps of times t (N,), as so many values follow at once: they came late, all of them."""
+    expected = np.rint((t[gaps + 1] - t[gaps]) / typical)
+    came = np.searchsorted(t, t[gaps + 1] + 0.5 * typical, side="right") - (gaps + 1)
+    return np.asarray(came >= expected)
+
+
+def _may_have_changed(u: Array, k: int, rows: int) -> bool:
+    """Whether the input is another one after the gap, or usually changes within so many rows."""
+    least = _CHANGED * float(np.ptp(u))
+    span = min(rows, len(u) // 2)
+    usual = float(np.mean(np.abs(u[span:] - u[:-span])))
+    return bool(abs(u[k + 1] - u[k]) > least or usual > least)
+
+
+def _uneven(data: Dataset) -> list[Finding]:
+    """How the times scatter, where the file's reader hasn't told already."""
+    steps = np.diff(data.t_output)
+    if len(steps) < 10 or any(finding.code == "time-uneven" for finding in data.findings):
+        return []
+    low, middle, high = (float(step) for step in np.percentile(steps, (1, 50, 99)))
+    if high - low <= UNEVEN * middle:
+        return []
+    sentence = (
+        f"{data.name}: samples come late or early: the sample time is {middle:.4g} s in the median, and 98 % of the steps "
+        f"lie between {low:.4g} s and {high:.4g} s. Each sample is taken at its own time."
+    )
+    return [info("time-uneven", sentence)]
+
+
+DOUBTS.member("gaps")(Doubt(codes=("gap-input-unknown", "time-uneven"), about_data=_about))

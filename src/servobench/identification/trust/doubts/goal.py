@@ -1,0 +1,36 @@
+"""An input that is the goal of a control loop, and not what drives the motor."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.position_loop.goal import goal_finding
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+_OF_A_SHAFT = frozenset({"rad", "rad/s", "m", "m/s"})
+
+
+def _about(fit: Fit) -> Sequence[Finding]:
+    """What a fit of a plain motor takes for its input; a structure of the loop itself knows what it is."""
+    if fit.structure.startswith("position_loop"):
+        return ()
+    found = [goal_finding(record.data) for record in fit.records]
+    return [finding for finding in found if finding is not None] or _of_a_loop(fit)
+
+
+def _of_a_loop(fit: Fit) -> list[Finding]:
+    """Whether the input is itself a position or a speed: then it is what a loop was told, and not what drove the motor."""
+    unit = fit.records[0].data.input_unit
+    if unit not in _OF_A_SHAFT:
+        return []
+    sentence = (
+        f"The input is in {unit}: it is the reference of a control loop, and the voltage that drove the motor isn't there. "
+        "What is identified is the whole loop, controller included, and not the motor; name the voltage's column with "
+        "`input=COL:V`."
+    )
+    return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
+
+
+DOUBTS.member("goal")(Doubt(codes=("input-is-a-goal", "input-is-reference"), about_fit=_about))

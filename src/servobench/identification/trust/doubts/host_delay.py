@@ -1,0 +1,54 @@
+"""What a computer's clock can't tell of the delay: when, within a read or a write, the device did what it was asked for.
+
+Sample k is latched at some time while the device is read, and the voltage acts from some time while it is written. The output's
+times are the earliest, the input's the latest that they can be, so that the delay is too short by something between 0 and the
+length b of the two calls, on average. Nothing in the data shows which: it is the same as a delay of the motor. Evenly spread
+over that span its mean square is b²/3, which is added to the delay's variance. Gain and time constant aren't moved, as the delay
+takes up what is the same for all samples.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.core.rounding import microseconds
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+_WORTH_A_WORD = 0.5  # of the standard deviation of the delay
+
+
+def with_what_the_computer_hides(fit: Fit) -> Fit:
+    """Return the fit with the delay's variance larger by what reading and writing hide of it."""
+    hidden = _hidden(fit)
+    if not hidden:
+        return fit
+    added = np.zeros_like(fit.covariance)
+    at = fit.model.names.index("delay")
+    added[at, at] = hidden**2 / 3.0
+    reason = "the computer doesn't know when within a read or a write the device did it"
+    return fit.widened(Contribution(source="reading and writing", covariance=added, reason=reason))
+
+
+def _hidden(fit: Fit) -> float:
+    """The longest time that the delay may be too short by [s]; 0 for a model without one."""
+    return max(record.data.hidden_delay for record in fit.records) if "delay" in fit.model.names else 0.0
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether the computer has much of a part in how well the delay is known."""
+    hidden = _hidden(fit)
+    if not hidden:
+        return []
+    if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit["delay"].sd:
+        return []
+    sentence = (
+        f"The computer needed {microseconds(hidden)} µs to read the sensors and to put the voltage out, and doesn't know when "
+        "within that time the device did it: the delay may be longer by as much, and its interval allows for that."
+    )
+    return [info("delay-within-a-call", sentence, parameters=("delay",))]
+
+
+DOUBTS.member("host_delay")(Doubt(codes=("delay-within-a-call",), about_fit=_about_fit))

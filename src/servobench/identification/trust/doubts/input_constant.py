@@ -1,0 +1,58 @@
+"""An input that never changes, under which the motor does nothing else than turn on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.finding import Finding, refusal
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_UNSTEADY = 0.3  # of the last speed: what it may vary by
+_FEWEST = 10  # samples
+_BEHIND = 5.0  # steps of the sensor, or standard deviations about the line
+_SLOWER = 0.75  # of the last speed: what the motor begins with where it still has to get there
+
+
+def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether the input ever changes, from one record to the next is enough, or the motor gets to its speed meanwhile."""
+    levels = np.concatenate([np.append(record.u, record.input_before) for record in records])
+    if np.ptp(levels) > 0 or (levels[0] != 0 and any(map(_gets_to_speed, records))):
+        return []
+    return [
+        refusal(
+            "input-constant",
+            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so nothing tells gain and friction apart; "
+            "record steps between at least two levels.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _gets_to_speed(record: Dataset) -> bool:
+    """Whether the shaft gets to its speed while the record lasts, and is steady in its last half."""
+    if len(record.y) < _FEWEST:
+        return False
+    return _falls_behind(record) if record.kind == "position" else _is_slower(record)
+
+
+def _falls_behind(record: Dataset) -> bool:
+    """Whether a position begins ahead of the line that it ends on, by more than chance."""
+    t, y, half = record.t_output, record.y, len(record.y) // 2
+    speed, start = np.polyfit(t[half:] - t[0], y[half:], 1)
+    left = float(np.std(y[half:] - start - speed * (t[half:] - t[0])))
+    return bool((y[0] - start) * np.sign(speed) > _BEHIND * max(left, record.quantum or 0.0))
+
+
+def _is_slower(record: Dataset) -> bool:
+    """Whether a speed is a quarter less in the first tenth of a record than in its last half, over which it varies by little."""
+    speed = np.abs(smoothed_speed(record))
+    slow, steady, fast = np.percentile(speed[len(speed) // 2 :], (5, 50, 95))
+    first = speed[: max(len(speed) // 10, 1)].min()
+    return bool(first < _SLOWER * steady and fast - slow < _UNSTEADY * steady)
+
+
+DOUBTS.member("input_constant")(Doubt(codes=("input-constant",), about_data=_input_constant))

@@ -1,0 +1,86 @@
+"""A lag of which the data don't tell how much is the time constant and how much is a delay.
+
+A motor of time constant τ behind a delay d lags by τ + d behind any input that is slow beside both: to first order nothing else
+of the two can be seen. Which it is shows in the first moments after a step, and a coarse sensor hides just those. Then the sum
+may be well known where neither of the two is. Where the sensor isn't the reason, the input or the model is, and nothing is known.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.resolution import is_coarse
+
+CODE = "lag-not-split"
+_UNKNOWN = 0.5  # of its value: a parameter with a larger standard deviation isn't known
+_SAMPLES = 10.0  # a lag that lasts for fewer may be hidden by the sampling alone
+_EXPLAINED = 80.0  # percent of the output: a model that explains less is another motor's
+
+
+def with_what_the_lag_tells(fit: Fit) -> Fit:
+    """Return the fit, with any split of the lag into time constant and delay where a coarse sensor tells their sum only.
+
+        C' = C + s² v v',   v = ∂θ/∂τ at constant τ + d
+
+    It follows from a split that is off by s moving θ by s v. s² is the mean square distance of a time constant from the
+    estimate, all being as likely between none and the whole lag. The sum keeps its standard deviation. The intervals of the two
+    hold what they held before and every such split.
+    """
+    if not _is_the_sum_all_that_is_known(fit):
+        return fit
+    names, theta, tau = fit.model.names, fit.model.theta, fit["time_constant"]
+    at, late = names.index("time_constant"), names.index("delay")
+    lag, half = float(theta[at] + theta[late]), TWO_SIDED * float(np.sqrt(_variance(fit)))
+    lower, _ = fit.model.structure.bounds([record.data for record in fit.records])
+    none, whole = float(lower[at]), lag - float(lower[late])
+    spread = ((whole - tau.value) ** 3 - (none - tau.value) ** 3) / (3 * (whole - none))
+    split = np.zeros(len(theta))
+    split[at], split[late] = 1.0, -1.0
+    longest = max(tau.interval[1], whole + half)
+    intervals = {
+        **fit.intervals,
+        "time_constant": (none, longest),
+        "delay": (float(lower[late]), max(fit["delay"].interval[1], lag + half)),
+    }
+    reason = "a coarse sensor hides the first moments after a step, which tell the time constant from a delay"
+    line = Contribution(source="lag not split", covariance=spread * np.outer(split, split), reason=reason)
+    said = (*fit.findings, _said(lag, half, longest))
+    return replace(fit.widened(line), intervals=intervals, findings=said)
+
+
+def _variance(fit: Fit) -> float:
+    """The variance of time constant + delay [s²]; infinite where that of one is."""
+    at = [fit.model.names.index(name) for name in ("time_constant", "delay")]
+    covariance = fit.covariance[np.ix_(at, at)]
+    return float(covariance.sum()) if np.isfinite(covariance).all() else np.inf
+
+
+def _is_the_sum_all_that_is_known(fit: Fit) -> bool:
+    """Whether gain and lag are known, the time constant isn't, and a coarse sensor is the reason."""
+    if not {"gain", "time_constant", "delay"} <= set(fit.model.names) or not fit.converged:
+        return False
+    gain, tau = fit["gain"], fit["time_constant"]
+    lag, step = tau.value + fit["delay"].value, max(record.data.sample_time for record in fit.records)
+    if tau.sd < _UNKNOWN * tau.value or not gain.sd < _UNKNOWN * abs(gain.value):
+        return False
+    known = 0 <= _variance(fit) < (_UNKNOWN * lag) ** 2 and lag > _SAMPLES * step
+    return known and fit.fit_percent > _EXPLAINED and is_coarse(fit)
+
+
+def _said(lag: float, half: float, longest: float) -> Finding:
+    sentence = (
+        f"The data tell the time constant and the delay by their sum only: together they are {lag:.3g} ± {half:.2g} s, of which "
+        f"the time constant may be anything up to {longest:.2g} s. Which of the two it is shows in the first moments after a "
+        "step; record steps with a finer sensor to tell them apart."
+    )
+    return info(CODE, sentence, parameters=("time_constant", "delay"))
+
+
+DOUBTS.member("lag_not_split")(Doubt(codes=(CODE,)))

@@ -1,0 +1,75 @@
+"""A control loop that doesn't do what it is for: it swings between the limits of the voltage, or runs away from its reference.
+
+What is identified may be right all the same, as the voltage that was put out is known; but whoever closes a loop wants to know.
+Three things are looked at: how much of the time the voltage is at its largest, how often it goes from there to the opposite
+beside how often the reference turns, and whether the shaft is ever nearer to the reference than at rest it would have been.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info, warning
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_AT_LIMIT = 0.99  # of the largest voltage
+_MUCH = 0.5  # of the time
+# Changes from limit to limit for each turn of the reference, the start among them: the quickest loop of all needs two, one to set
+# off and one to brake.
+_PER_TURN = 2
+
+
+def _about_data(records: Sequence[Dataset]) -> list[Finding]:
+    return [
+        finding
+        for data in records
+        if data.closed_loop and len(data.y) >= 20 and data.reference is not None
+        for finding in (*_swings(data, data.reference), *_runs_away(data, data.reference))
+    ]
+
+
+def _swings(data: Dataset, reference: Array) -> list[Finding]:
+    """Whether the voltage goes from one limit to the other far more often than the reference asks for."""
+    most = float(np.abs(data.u).max())
+    at_limit = np.abs(data.u) >= _AT_LIMIT * most
+    share = float(at_limit.mean())
+    changes = int(np.count_nonzero(np.diff(np.sign(data.u[at_limit]))))
+    if most == 0 or share < _MUCH or changes <= _PER_TURN * (_turns(reference) + 1):
+        return []
+    sentence = (
+        f"{data.name}: the loop swings: its voltage is at ±{most:.3g} {data.input_unit}, as large as it gets, for "
+        f"{100 * share:.0f} % of the time, and goes from one side to the other {changes} times. It is unstable, or its gains are "
+        "far too high: choose smaller ones (servobench tune does). The model is made of what was put out, and may be right."
+    )
+    return [info("loop-swings", sentence)]
+
+
+def _turns(reference: Array) -> int:
+    """How often a reference (N,) goes the other way."""
+    steps = np.diff(reference)
+    return int(np.count_nonzero(np.diff(np.sign(steps[steps != 0])))) + int(np.any(steps != 0))
+
+
+def _runs_away(data: Dataset, reference: Array) -> list[Finding]:
+    """Whether the shaft is farther from its reference than one that stands, for most of the time after the first quarter."""
+    if data.reference_unit != data.output_unit:
+        return []
+    held = np.maximum(np.searchsorted(data.t_input, data.t_output, side="right") - 1, 0)
+    error = np.abs(reference[held] - data.y)
+    standing = float(np.abs(reference[held] - data.y[0]).max())
+    share = float(np.mean(error[len(error) // 4 :] > standing))
+    if share < _MUCH:
+        return []
+    sentence = (
+        f"{data.name}: the loop doesn't follow its reference, it makes for the distance: the shaft is up to {error.max():.3g} "
+        f"{data.output_unit} away from where it should be, one that stood still would be {standing:.3g} at the most. A gain has "
+        "the wrong sign, or the encoder counts the other way: turn the sign of one of them."
+    )
+    return [warning("loop-runs-away", sentence, parameters=("gain",))]
+
+
+DOUBTS.member("loop_followed")(Doubt(codes=("loop-swings", "loop-runs-away"), about_data=_about_data))

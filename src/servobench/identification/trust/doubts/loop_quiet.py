@@ -1,0 +1,27 @@
+"""A closed loop whose reference asks too little of the motor to tell it."""
+
+from __future__ import annotations
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+_KNOWN = 0.05  # of its value: a standard deviation beyond that is worth a sentence
+
+
+def _loop_quiet(fit: Fit) -> list[Finding]:
+    """Whether gain or time constant stay vague, or the search for them doesn't settle, though a controller moved the motor."""
+    if not any(record.data.closed_loop for record in fit.records):
+        return []
+    names = [name for name in ("gain", "time_constant") if name in fit.model.names]
+    if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
+        return []
+    sentence = (
+        "In this closed loop the voltage is mostly the controller's answer to what it sees, and the motor moves too little "
+        "to be told from that: let it follow a larger or richer reference (a PRBS, steps of several sizes), add a dither, or "
+        "record it in open loop."
+    )
+    return [warning("loop-tells-little", sentence, parameters=tuple(names))]
+
+
+DOUBTS.member("loop_quiet")(Doubt(codes=("loop-tells-little",), about_fit=_loop_quiet))

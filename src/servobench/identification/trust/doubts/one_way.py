@@ -1,0 +1,58 @@
+"""What the one voltage stands for where the motor turned one way only."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import with_unit
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import directions
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+
+def _one_way(fit: Fit) -> list[Finding]:
+    """What the one voltage stands for where the motor turned one way only."""
+    if fit.structure not in ("first_order_one_way", "first_order_one_way_rest"):
+        return []
+    estimate = fit["coulomb_voltage"]
+    unit = estimate.unit
+    together = info(
+        "friction-and-offset-together",
+        "The motor turned one way only, so Coulomb friction and an offset can't be told apart: coulomb_voltage is their sum. "
+        "Let it turn both ways to separate them.",
+        parameters=("coulomb_voltage",),
+    )
+    if abs(estimate.value) <= 3 * estimate.sd:
+        return [together]
+    # The motor's equation has -K u_c, which brakes where it is against ω: K u_c ω > 0.
+    turns = float(np.sign(np.sum(np.concatenate([directions(record.data) for record in fit.records]))))
+    is_flag = fit.records[0].data.input_unit == "1"  # of which nobody knows what it switches
+    brakes = fit.structure == "first_order_one_way_rest"  # as it holds the shaft, whichever way that turns
+    helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
+    if helps and is_flag:
+        sentence = (
+            f"The motor turns as if {-estimate.value * turns:.3g} more of the input came in: a zero of this input doesn't stand "
+            "for zero volts, and the gain belongs to its levels only."
+        )
+        return [together, info("offset-found", sentence, parameters=("coulomb_voltage", "gain"))]
+    if helps:
+        sentence = (
+            f"The friction voltage comes out with the wrong sign, {estimate.value:.3g} {unit}: friction never helps. The motor "
+            "isn't linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
+        )
+        return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
+    return [
+        together,
+        info(
+            "offset-found",
+            f"{with_unit(estimate.value, estimate.unit)} of the input are lost before the motor turns; a model without this "
+            "offset would get the gain wrong.",
+            parameters=("coulomb_voltage", "gain"),
+        ),
+    ]
+
+
+DOUBTS.member("one_way")(
+    Doubt(codes=("friction-and-offset-together", "offset-negative", "offset-found"), about_fit=_one_way)
+)

@@ -1,0 +1,53 @@
+"""A gain that belongs to one operating point, or to two levels."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.core.rounding import with_unit
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    return [*_local(fit), *_levels(fit)]
+
+
+def _local(fit: Fit) -> list[Finding]:
+    """Whether the input stayed near one level, so that the gain belongs to that level only."""
+    inputs = np.concatenate([record.data.u for record in fit.records])
+    low, high = (float(level) for level in np.percentile(inputs, (1, 99)))
+    largest = max(abs(low), abs(high))
+    if high - low >= 0.5 * largest:
+        return []
+    unit = fit.records[0].data.input_unit
+    ends = f"between {low:.3g} and {high:.3g} {unit}"
+    where = ends if f"{low:.3g}" != f"{high:.3g}" else f"at {low:.3g} {unit}"
+    return [
+        info(
+            "gain-local",
+            f"The input stayed {where}: the gain and the offset belong to this operating point, "
+            "and nothing is known of the motor elsewhere.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def _levels(fit: Fit) -> list[Finding]:
+    """Whether two points are all that the line through the levels has."""
+    levels = np.unique(np.round(np.concatenate([record.data.u for record in fit.records]), 9))
+    if len(levels) != 2:
+        return []
+    unit = fit.records[0].data.input_unit
+    return [
+        info(
+            "two-levels",
+            f"The input has two levels only, {levels[0]:g} and {with_unit(levels[1], unit)}: nothing shows whether the motor "
+            "is linear between them; a staircase or a multisine would.",
+            parameters=("gain",),
+        )
+    ]
+
+
+DOUBTS.member("operating_point")(Doubt(codes=("gain-local", "two-levels"), about_fit=_about_fit))

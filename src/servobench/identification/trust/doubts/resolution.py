@@ -1,0 +1,59 @@
+"""An output that comes in coarse steps beside what the motor does."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, info, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.lattice import lattice_step
+from servobench.identification.uncertainty.model_error import SOURCE
+
+_FEWEST = 40.0  # steps in a time constant, or in the range of a speed
+# Fewer steps in a time constant than that and a rounding (a step / √12) is more than 5 % of the way: it is no small
+# perturbation of the model any more, which is what the model error in the intervals is worked out for.
+_BLIND = 1 / (0.05 * 12**0.5)
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether the sensor has few steps in what tells the time constant: the way gone in it, or the range of the speed."""
+    fewest, quantum, kind = np.inf, 0.0, "position"
+    for record in fit.records:
+        data = record.data
+        q = data.quantum or lattice_step(data.y)
+        if not q or (data.chain and not data.quantum):
+            continue
+        if data.kind == "position":
+            if "time_constant" not in fit.model.names:
+                continue
+            speed = float(np.percentile(np.abs(smoothed_speed(data)), 95))
+            estimate = fit["time_constant"]
+            # A time constant that is hardly known may be as long as its interval reaches.
+            steps = speed * np.nanmin([estimate.value + 2 * estimate.sd, data.duration]) / q
+        else:
+            low, high = np.percentile(data.y, (1, 99))
+            steps = float(high - low) / q
+        if steps < fewest:
+            fewest, quantum, kind = steps, q, data.kind
+    if not fewest < _FEWEST:
+        return []
+    unit = fit.records[0].data.output_unit
+    where = "while the motor gets to its speed" if kind == "position" else "over the whole range of the speed"
+    sentence = (
+        f"The sensor is coarse: it has steps of {quantum:.3g} {unit}, {fewest:.2g} of them {where}. Its rounding, which "
+        "isn't random, may move the time constant and the friction by more than their intervals; take a finer sensor or a "
+        "longer record."
+    )
+    allowed_for = any(line.source == SOURCE for line in fit.budget)
+    say = info if allowed_for and not (kind == "position" and fewest < _BLIND) else warning
+    return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
+
+
+def is_coarse(fit: Fit) -> bool:
+    """Return whether the sensor has too few steps to show what tells the time constant."""
+    return bool(_about_fit(fit))
+
+
+DOUBTS.member("resolution")(Doubt(codes=("resolution-coarse",), about_fit=_about_fit))

@@ -1,0 +1,79 @@
+"""A motor that only ever moved under one level of the input: gain and friction can't be told apart."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.models.level import single_level
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.uncertainty.answers import driving_level
+from servobench.recordings.measurement.dataset import Dataset
+
+_ANY_SPLIT = 3.0  # times its value: the standard deviation of a gain that nothing tells
+_FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
+
+
+def _single_level(records: Sequence[Dataset]) -> list[Finding]:
+    """Whether one level moved the motor: then only K (u - u_c), the speed that it leads to, is known, and not its two factors."""
+    level = single_level(records)
+    if level is None:
+        return []
+    unit = "" if records[0].input_unit == "1" else f" {records[0].input_unit}"
+    return [
+        info(
+            "single-level",
+            f"The motor moved under one level of the input only, {level:.3g}{unit}: what is known is the speed that this level "
+            "leads to. How much of the level friction takes isn't, so that gain and friction can't be told apart; add a second "
+            "level, or let the motor coast.",
+            parameters=("gain", "coulomb_voltage"),
+        )
+    ]
+
+
+def with_gain_and_friction_apart(fit: Fit) -> Fit:
+    """Return the fit with a line for any split of the speed K (u - u_c) between the two, where one level alone moved the motor.
+
+    What a record says of the friction of a shaft at rest under no input is nothing, whatever the model makes of it there.
+    """
+    friction = next((name for name in _FRICTION if name in fit.model.names), "")
+    if not friction or "gain" not in fit.model.names:
+        return fit
+    if single_level([record.data for record in fit.records]) is None:
+        return fit
+    gain, level = fit.model["gain"], driving_level(fit)
+    split = np.zeros(len(fit.model.names))
+    split[fit.model.names.index("gain")] = gain
+    split[fit.model.names.index(friction)] = level - fit.model[friction]
+    reason = "the motor moved under one level of the input only: any gain with its own friction makes the same speed"
+    line = Contribution(source="one level", covariance=_ANY_SPLIT**2 * np.outer(split, split), reason=reason)
+    return fit.widened(line)
+
+
+def with_what_one_level_tells(fit: Fit) -> Fit:
+    """Return the fit, with gain and friction unknown where one level of the input only moved the motor.
+
+    Every pair with the same K (u - u_c) makes the same motion, so that each of the two may be anything. The time constant and the
+    delay are known from the shape of that motion, and stay as they are.
+    """
+    names = fit.model.names
+    together = [names.index(name) for name in ("gain", *_FRICTION) if name in names]
+    if "gain" not in names or len(together) < 2:
+        return fit
+    said = _single_level([record.data for record in fit.records])
+    if not said:
+        return fit
+    covariance = fit.covariance.copy()
+    covariance[together, :] = 0.0
+    covariance[:, together] = 0.0
+    covariance[together, together] = np.inf
+    intervals = {name: ends for name, ends in fit.intervals.items() if names.index(name) not in together}
+    return replace(fit, covariance=covariance, intervals=intervals, findings=(*fit.findings, *said))
+
+
+DOUBTS.member("single_level")(Doubt(codes=("single-level",), about_data=_single_level))

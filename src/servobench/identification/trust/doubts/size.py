@@ -1,0 +1,87 @@
+"""Sizes that no servo motor has: mostly a unit that is another one than was said."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.lattice import lattice_step
+from servobench.recordings.measurement.dataset import Dataset
+
+_FASTEST = 3500.0  # rad/s, 33,000 rpm: small motors with an encoder reach it; a servo motor in degrees seems to go beyond
+_VOLTAGES = (0.05, 1000.0)  # V: less moves no motor, more is for locomotives
+_SLOWEST = 30.0  # s: a time constant of half a minute is a flywheel's
+
+
+def _about_data(records: Sequence[Dataset]) -> list[Finding]:
+    found = []
+    for data in records:
+        found += [*_input_size(data), *_speed(data)]
+    return found[:2]
+
+
+def _input_size(data: Dataset) -> list[Finding]:
+    largest = float(np.abs(data.u).max(initial=0.0))
+    if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
+        return []
+    other = "V that were taken for mV" if largest < 1 else "mV that were taken for V"
+    sentence = (
+        f"{data.name}: the input reaches {largest:.3g} V, which is no servo motor's voltage ({other}?). Check its unit: "
+        "`input=COL:UNIT`."
+    )
+    return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
+
+
+def _speed(data: Dataset) -> list[Finding]:
+    if data.position_unit != "rad" or len(data.y) < 3:
+        return []
+    fastest = float(np.percentile(np.abs(smoothed_speed(_counted(data))), 95))
+    if fastest <= _FASTEST:
+        return []
+    sentence = (
+        f"{data.name}: the motor seems to turn at {fastest:.3g} rad/s ({fastest * 30 / np.pi:.3g} rpm), faster than a servo "
+        "motor can: degrees or counts may have been taken for radians, or milliseconds for seconds. Check the units: "
+        "`output=COL:UNIT`, `time=COL:UNIT`."
+    )
+    return [warning("size-absurd", sentence, parameters=("gain",))]
+
+
+def _counted(data: Dataset) -> Dataset:
+    """The record as counts, where its values are steps of a sensor: the speed from one step to the next is no motor's."""
+    step = data.quantum or lattice_step(data.y)
+    if step is None:
+        return data
+    if data.kind == "position":
+        return replace(data, quantum=step)
+    position = np.cumsum(data.y) * data.sample_time
+    return replace(
+        data,
+        kind="position",
+        output_unit=data.position_unit,
+        y=position,
+        quantum=step * data.sample_time,
+        reference=None,
+    )
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    if "time_constant" not in fit.model.names:
+        return []
+    tau = fit["time_constant"]
+    longest = max(record.data.duration for record in fit.records)
+    if tau.value <= _SLOWEST or tau.value > 0.5 * longest or tau.sd > 0.5 * tau.value:
+        return []
+    sentence = (
+        f"The time constant comes out as {tau.value:.3g} s, which is a flywheel's and no servo motor's: milliseconds may "
+        "have been taken for seconds. Check the unit of the times: `time=COL:ms`."
+    )
+    return [warning("size-absurd", sentence, parameters=("time_constant", "gain"))]
+
+
+DOUBTS.member("size")(Doubt(codes=("size-absurd",), about_data=_about_data, about_fit=_about_fit))

@@ -1,0 +1,61 @@
+"""A model that misses much more than its measurement could: another structure moves."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.identification.trust.doubts.lattice import lattice_step
+
+_EXPLAINED = 80.0  # percent of the output
+_GOES_ON = 0.8  # of its variance: a residual's covariance with itself a sample later
+_PENDULUM = (
+    "The file says that a pendulum hangs on the shaft, and this structure has no gravity: what it gives is not of the motor. "
+    "Try `structure=first_order_coulomb_gravity` with the motor's voltage as the input, or record the motor alone."
+)
+_ROUNDING = 3.0  # quanta: what is left over beside less may be the sensor's
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether a pendulum hangs on a shaft without gravity, or much is left that neither rounding nor noise explains."""
+    if _pendulum_left_out(fit):
+        return [warning("structure-wrong", _PENDULUM, parameters=("gain", "time_constant"))]
+    codes = {finding.code for finding in fit.findings}
+    no_noise = "weighed-twice" in codes or ("delay-expected" in codes and _follows_itself(fit))
+    if not no_noise or fit.fit_percent >= _EXPLAINED:
+        return []
+    rounding = [
+        float(np.std(record.residual[record.valid]))
+        <= _ROUNDING * (record.data.quantum or lattice_step(record.data.y) or 0.0)
+        for record in fit.records
+    ]
+    if any(rounding):
+        return []
+    missed = 100 - fit.fit_percent
+    sentence = (
+        f"A motor of first order is the wrong structure for these data: it misses {missed:.0f} % of the output, which neither "
+        "the sensor's rounding nor a random torque explains. Something else moves with the shaft (a pendulum, a spring, a second "
+        "motor), or acts before it (hysteresis, a limit): record the motor alone, or try `structure=...` with another one."
+    )
+    return [warning("structure-wrong", sentence, parameters=("gain", "time_constant"))]
+
+
+def _pendulum_left_out(fit: Fit) -> bool:
+    """Whether a recording names a pendulum for which the structure has no term."""
+    if any(name.startswith("gravity") for name in fit.model.names):
+        return False
+    return any(finding.code == "bench-pendulum" for record in fit.records for finding in record.data.findings)
+
+
+def _follows_itself(fit: Fit) -> bool:
+    """Whether what is left over of each record goes on from sample to sample, as the error of a model does and no noise."""
+    for record in fit.records:
+        left = record.residual[record.valid] - record.residual[record.valid].mean()
+        if float(left[1:] @ left[:-1]) < _GOES_ON * float(left @ left):
+            return False
+    return True
+
+
+DOUBTS.member("structure_wrong")(Doubt(codes=("structure-wrong",), about_fit=_about_fit))

@@ -1,0 +1,34 @@
+"""A time constant that is too short for the sampling, or too long for the record."""
+
+from __future__ import annotations
+
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts import lag_not_split
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+
+
+def _time_scale(fit: Fit) -> list[Finding]:
+    """Whether the time constant lies between the sample time and the length of the record."""
+    if "time_constant" not in fit.model.names:
+        return []
+    tau = fit["time_constant"].value
+    step = max(record.data.sample_time for record in fit.records)
+    # Of a closed loop only the stretches of motion may be there: all of them follow one another in one record.
+    together = sum if any(record.data.closed_loop for record in fit.records) else max
+    longest = together(record.data.duration for record in fit.records)
+    split_unknown = any(finding.code == lag_not_split.CODE for finding in fit.findings)
+    if tau < 2 * step and not split_unknown:
+        sentence = (
+            f"The time constant, {tau:.3g} s, is less than two sample times of {step:.3g} s: sample faster."
+        )
+        return [info("sampling-too-slow", sentence, parameters=("time_constant",))]
+    if tau > 0.5 * longest:
+        sentence = (
+            f"The time constant, {tau:.3g} s, is longer than half of the longest record: record for longer."
+        )
+        return [info("record-too-short", sentence, parameters=("time_constant", "gain"))]
+    return []
+
+
+DOUBTS.member("time_scale")(Doubt(codes=("sampling-too-slow", "record-too-short"), about_fit=_time_scale))

@@ -1,0 +1,28 @@
+"""Times that are seconds by convention only."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from servobench.core.finding import Finding, warning
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+
+def _of_each(records: Sequence[Dataset]) -> list[Finding]:
+    return [finding for record in records for finding in _time_unit(record)]
+
+
+def _time_unit(data: Dataset) -> list[Finding]:
+    """Whether times that are seconds by convention only would make a motor of minutes."""
+    by_convention = any(finding.code == "time-recognised" for finding in data.findings)
+    if not by_convention or data.sample_time < 0.5:
+        return []
+    sentence = (
+        f"{data.name}: taken in seconds, as its name is usually meant, the time column makes samples {data.sample_time:.3g} "
+        "s apart, which is slow for a motor; if it is in milliseconds, say so with `time=COL:ms`."
+    )
+    return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
+
+
+DOUBTS.member("time_unit")(Doubt(codes=("time-unit-doubtful",), about_data=_of_each))

@@ -1,0 +1,26 @@
+"""A cause that explains why a fit is bad, before anybody has tried it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from servobench.core.finding import Finding
+from servobench.recordings.measurement.dataset import Dataset
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Explained:
+    """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
+
+    `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.
+    What a fit has to bear it out with is `remedy`, which takes the cause out of a record, or the name of a `structure` that has
+    it; without either the equation's word is enough.
+    """
+
+    finding: Finding
+    misfit: float
+    chosen: int = 1
+    structural: bool = False
+    remedy: Callable[[Dataset], Dataset] | None = None
+    structure: str = ""

@@ -1,0 +1,63 @@
+"""Small inputs that don't act, whether the motor stands or turns: an amplifier's dead zone, which isn't friction."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import warning
+from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.equation import Motion, swept
+
+_TURNING = 0.1  # of the top speed: a motor that turns, as friction alone lets none turn for long
+_SWEPT = 2.0  # times through its range: over one ramp or step a zone looks like friction
+_SEEN = 0.01  # of the samples have to show a turning motor under an input in the zone
+_WIDTHS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+
+
+def _dead_zone(case: Case) -> Explained | None:
+    """The best width of a zone around zero in which the input has no effect."""
+    largest = max(float(np.abs(each.u).max()) for each in case.motions)
+    tried = [
+        (case.with_input(lambda m, width=width: without_zone(m.u, width)), width)  # type: ignore[misc]
+        for width in (part * largest for part in _WIDTHS)
+    ]
+    found, width = min(tried, key=lambda each: each[0].misfit)
+    if max(swept(each.u) for each in case.motions) < _SWEPT or _seen(case.motions, width) < _SEEN:
+        return None
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"Inputs within about ±{width:.2g} {unit} don't act, even on a motor that turns: that is a dead zone of the "
+        "amplifier, and not friction, which brakes. Record the voltage behind the amplifier, or take the zone off the input "
+        "first."
+    )
+    return Explained(
+        finding=warning("dead-zone", sentence, parameters=("gain", "coulomb_voltage")),
+        misfit=found.misfit,
+        chosen=1,
+        remedy=lambda data: replace(data, u=without_zone(data.u, width), reference=None),
+    )
+
+
+def _seen(motions: Sequence[Motion], width: float) -> float:
+    """The part of the samples in which the motor turns under an input in the zone, which isn't zero: what isn't friction's."""
+    speeds = [np.abs(np.interp(m.t, m.data.t_output, smoothed_speed(m.data))) for m in motions]
+    top = max(float(np.percentile(speed, 99)) for speed in speeds)
+    shown = [
+        (np.abs(m.u) < width) & (m.u != 0) & (w > _TURNING * top)
+        for m, w in zip(motions, speeds, strict=True)
+    ]
+    return float(np.mean(np.concatenate(shown)))
+
+
+def without_zone(u: Array, width: float) -> Array:
+    """Return what an amplifier with a dead zone puts out (N,): u (N,) moved towards zero by its width, in the unit of u."""
+    return u - np.clip(u, -width, width)
+
+
+EXPLANATIONS.member("dead_zone")(_dead_zone)

@@ -1,0 +1,38 @@
+"""Large inputs that act less than they should: an amplifier, a supply or a controller's limit clips what was commanded."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import warning
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+
+_KNEES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95)
+
+
+def _gain_falls(case: Case) -> Explained | None:
+    """The best limit at which the input is clipped; None where the clipped one doesn't act less."""
+    largest = max(float(np.abs(each.u).max()) for each in case.motions)
+    tried = [
+        (case.with_input(lambda m, limit=limit: np.clip(m.u, -limit, limit)), limit)  # type: ignore[misc]
+        for limit in (part * largest for part in _KNEES)
+    ]
+    found, limit = min(tried, key=lambda each: each[0].misfit)
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"Inputs beyond about {limit:.3g} {unit} have no more effect than that: what was commanded didn't all reach the "
+        "motor (a limit of the amplifier, the supply or the controller). Record the voltage that was applied, or stay below "
+        "that."
+    )
+    return Explained(
+        finding=warning("gain-falls", sentence, parameters=("gain",)),
+        misfit=found.misfit,
+        chosen=1,
+        remedy=lambda data: replace(data, u=np.clip(data.u, -limit, limit), reference=None),
+    )
+
+
+EXPLANATIONS.member("gain_falls")(_gain_falls)

@@ -1,0 +1,50 @@
+"""An input that acts only after it has turned round by some width: a valve's or a gear's play before the motor."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import warning
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.equation import swept
+
+_SWEPT = 3.0  # times through its range: a play shows where the input turns round, more than once
+_WIDTHS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
+
+
+def _hysteresis(case: Case) -> Explained | None:
+    """The best half width of a play that the input goes through."""
+    if max(swept(each.u) for each in case.motions) < _SWEPT:
+        return None
+    largest = max(float(np.abs(each.u).max()) for each in case.motions)
+    tried = [
+        (case.with_input(lambda m, width=width: play(m.u, width)), width)  # type: ignore[misc]
+        for width in (part * largest for part in _WIDTHS)
+    ]
+    found, width = min(tried, key=lambda each: each[0].misfit)
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"What acts lags behind the input by about {width:.2g} {unit} whenever the input turns round (hysteresis, as of a "
+        "valve or of play before the motor): the same input has two effects, depending on where it came from. A linear "
+        "model is the wrong structure."
+    )
+    return Explained(
+        finding=warning("hysteresis", sentence, parameters=("gain", "time_constant")),
+        misfit=found.misfit,
+        chosen=1,
+        remedy=lambda data: replace(data, u=play(data.u, width), reference=None),
+    )
+
+
+def play(u: Array, width: float) -> Array:
+    """Return u (N,) behind a play of `width` on either side, in the unit of u, from its first value on."""
+    from servobench.identification.trust.explanations import kernels
+
+    return kernels.play(u, width)
+
+
+EXPLANATIONS.member("hysteresis")(_hysteresis)

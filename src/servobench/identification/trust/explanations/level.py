@@ -1,0 +1,45 @@
+"""One level of the input that acts like another one: a label that isn't true, or a supply that couldn't keep up."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.finding import warning
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+
+_MOST_LEVELS = 16
+_FEWEST = 4  # with fewer levels, one that is off is only another gain or offset
+_SHARE = 0.02  # of the samples at a level that counts
+
+
+def _level(case: Case) -> Explained | None:
+    """The level that, let free, makes the equation hold best, and what it really seems to be."""
+    inputs = np.concatenate([each.u for each in case.motions])
+    levels, counts = np.unique(inputs, return_counts=True)
+    if not _FEWEST <= len(levels) <= _MOST_LEVELS:
+        return None
+    tried = []
+    for level in levels[(counts > _SHARE * len(inputs)) & (levels != 0)]:  # at none, friction holds the shaft
+        extra = [each.caused(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
+        tried.append((case.with_columns(extra), float(level)))
+    if not tried:
+        return None
+    found, level = min(tried, key=lambda each: each[0].misfit)
+    really = level + found.coefficients[-1] / found.coefficients[1]
+    unit = case.motions[0].data.input_unit
+    sentence = (
+        f"The level that the record calls {level:g} {unit} acts like {really:.3g} {unit}, measured by the other levels: its "
+        "label is wrong, or the supply couldn't hold it. Correct it, or leave it out."
+    )
+    return Explained(
+        finding=warning("level-disagrees", sentence, parameters=("gain",)),
+        misfit=found.misfit,
+        chosen=2,
+        remedy=lambda data: replace(data, u=np.where(data.u == level, really, data.u), reference=None),
+    )
+
+
+EXPLANATIONS.member("level")(_level)

@@ -1,0 +1,95 @@
+"""Records, or parts of one, in which the motor isn't the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import warning
+from servobench.core.rounding import plain
+from servobench.identification.models.level import single_level
+from servobench.identification.models.motion import directions
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.equation import swept, with_extra
+from servobench.recordings.measurement.dataset import Dataset
+
+_SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
+_APART = 0.02  # of the gain: records of one motor differ by less
+
+
+def _records(case: Case) -> Explained | None:
+    """Whether the records hold to the equation with a gain each, and not with a common one."""
+    if len(case.motions) < 2:
+        return None
+    columns = [
+        [each.base[0][:, make] * (1.0 if n == k else 0.0) for n, each in enumerate(case.motions)]
+        for k in range(1, len(case.motions))
+        for make in (1, 2)
+    ]
+    found = case.with_columns(*columns)
+    first = found.coefficients[1]
+    level = single_level([each.data for each in case.motions])
+    if level:  # gain and friction can't be told apart; what counts is what is left of the level
+        first -= found.coefficients[3] / abs(level)
+    gains = np.array([first, *(first + found.coefficients[5::2])])
+    middle = float(np.median(gains))
+    if middle == 0 or float(np.abs(gains / middle - 1).max()) < _APART:
+        return None
+    far = int(np.argmax(np.abs(gains - middle))) if len(gains) > 2 else int(np.argmin(np.abs(gains)))
+    odd, times = case.motions[far].data, float(gains[far] / np.median(np.delete(gains, far)))
+    sentence = (
+        f"The records disagree: {odd.name} moves as if its input were {times:.2g} times what it says, measured by the others. "
+        "They are of different motors or gears, or one has another supply, unit or label. Fit them one by one."
+    )
+    return Explained(
+        finding=warning("records-disagree", sentence, parameters=("gain",)),
+        misfit=found.misfit,
+        chosen=1,
+        remedy=lambda data: (
+            replace(data, u=times * data.u, input_before=times * data.input_before, reference=None)
+            if data is odd
+            else data
+        ),
+    )
+
+
+def _changes(case: Case) -> Explained | None:
+    """Whether the gain or the friction changes steadily through the record."""
+    if max(swept(each.u) for each in case.motions) < _SWEPT:
+        return None
+    gone = [2 * (each.t - each.t[0]) / (each.t[-1] - each.t[0]) - 1 for each in case.motions]
+    by_gain = [each.caused(each.u * g) for each, g in zip(case.motions, gone, strict=True)]
+    by_friction = [each.caused(each.sense * g) for each, g in zip(case.motions, gone, strict=True)]
+    found = case.with_columns(by_gain, by_friction)
+    shares = found.coefficients[5:7] / (found.coefficients[1] or 1.0)
+    added = np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ found.coefficients[5:]
+    share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly
+    sentence = (
+        f"The motor answered differently at the end of the record than at its beginning, by about {plain(100 * share, 2)} % of "
+        "its speed: the supply sagged, the motor warmed up, or its friction changed. What was found is a mean over the record."
+    )
+    return Explained(
+        finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
+        misfit=found.misfit,
+        chosen=2,
+        remedy=lambda data: _unchanged(data, *shares),
+    )
+
+
+def _unchanged(data: Dataset, of_gain: float, of_friction: float) -> Dataset:
+    """A record whose input has what the motor's change makes of it, by parts of the gain and of the input's unit at the end."""
+    sense = directions(data)
+
+    def change(t: Array, u: Array) -> Array:
+        gone = 2 * (t - data.t_output[0]) / max(data.duration, 1e-300) - 1
+        nearest = np.minimum(np.searchsorted(data.t_output, t), len(sense) - 1)
+        return np.asarray(np.clip(gone, -1, 1) * (of_gain * u + of_friction * sense[nearest]))
+
+    return with_extra(data, change)
+
+
+EXPLANATIONS.member("records")(_records)
+EXPLANATIONS.member("changes")(_changes)

@@ -1,0 +1,84 @@
+"""Two masses that swing against each other: a shaft, a belt or a coupling between motor and load that gives."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import warning
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.equation import (
+    Motion,
+    filter_time,
+    filtered,
+    regression,
+    rings,
+)
+
+_DAMPED = 0.3  # of critical damping: with more, nobody would call it a swing
+_NYQUIST = 0.25  # of the sampling frequency: what swings faster can't be seen to swing
+_PERIODS = 5  # in the record: what swings fewer times is anything slow
+_LAGS = 5  # of the filter, so that the fourth derivative is proper
+
+
+def _resonance(case: Case) -> Explained | None:
+    """Whether a pair of poles that swings, and a pair of zeros, beside the motor's own pole make the equation hold.
+
+    τ ω' + ω + b₂ ω'' + b₃ ω''' = K (u - d u' + c₂ u'') and friction, as of two masses with a spring between them.
+    """
+    columns, speed = (np.concatenate(each) for each in zip(*map(swinging_columns, case.motions), strict=True))
+    without, found = regression(columns[:, :5], speed), regression(columns, speed)
+    tau, second, third = (float(found.coefficients[k]) for k in (0, 5, 6))
+    swinging = _swinging(np.roots([third, second, tau, 1.0]).astype(np.complex128))
+    if not any(rings(each.u) for each in case.motions):
+        return None
+    fastest = _NYQUIST / max(each.step for each in case.motions)
+    slowest = _PERIODS / max(each.t[-1] - each.t[0] for each in case.motions)
+    if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
+        return None
+    sentence = (
+        f"The shaft swings at about {swinging:.2g} Hz, as two masses do that are coupled by something that gives (a long shaft, "
+        "a belt, a coupling). A first-order motor is the wrong structure: stiffen the coupling, take the load off, or excite it "
+        "well below that frequency."
+    )
+    return Explained(
+        finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
+        structural=True,
+        misfit=case.plain.misfit * found.misfit / without.misfit,
+        chosen=4,
+        structure="rational_3_2_integrator_delay",
+    )
+
+
+def _swinging(poles: NDArray[np.complex128]) -> float | None:
+    """The frequency [Hz] of a stable pair of poles that is hardly damped; None where there is none."""
+    pairs = poles[(poles.imag > 0) & (poles.real < 0)]
+    swinging = [abs(pole) for pole in pairs if -pole.real < _DAMPED * abs(pole)]
+    return float(swinging[0]) / (2 * np.pi) if swinging else None
+
+
+def swinging_columns(m: Motion) -> tuple[Array, Array]:
+    """Return the columns (R, 8) of τ, K, K d, K u_c, K u₀, b₂, b₃ and K c₂, and the speed (R,), behind filters of their own."""
+    up = 1 if m.data.kind == "position" else 0
+    time = filter_time(m.y, m.step, 3 + up, _LAGS)
+    rows, u = m.rows_behind(time), m.through_chain(m.u)
+
+    def behind(x: Array, order: int) -> Array:
+        return filtered(x, m.step, time, order, _LAGS)[rows]
+
+    columns = [
+        -behind(m.y, 1 + up),
+        behind(u, 0),
+        -behind(u, 1),
+        -behind(m.through_chain(m.sense), 0),
+        -behind(m.through_chain(np.ones(len(m.t))), 0),
+        -behind(m.y, 2 + up),
+        -behind(m.y, 3 + up),
+        behind(u, 2),
+    ]
+    return np.column_stack(columns), behind(m.y, up)
+
+
+EXPLANATIONS.member("resonance")(_resonance)

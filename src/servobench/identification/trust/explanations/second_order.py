@@ -1,0 +1,46 @@
+"""A response with one more pole than a motor has: something swings or lags behind the shaft."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import warning
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
+from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.equation import rings
+
+
+def _second_order(case: Case) -> Explained | None:
+    """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
+    if not any(rings(each.u) for each in case.motions):
+        return None
+    found = case.with_columns(_bent(case))
+    tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
+    if squared == 0:
+        return None
+    frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
+    swings = squared > 0 and tau**2 < 4 * squared
+    how = f"swings at about {frequency:.2g} Hz" if swings else "has a second pole"
+    sentence = (
+        f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a shaft that gives, or a controller "
+        "that closes a loop around the motor takes part. First order is the wrong structure; take one of second order, or "
+        "record the motor alone."
+    )
+    code = "response-oscillates" if swings else "second-pole"
+    return Explained(
+        finding=warning(code, sentence, parameters=("gain", "time_constant")),
+        structural=True,
+        misfit=found.misfit,
+        chosen=3,
+        structure="rational_2_0_integrator_delay",
+    )
+
+
+def _bent(case: Case) -> list[Array]:
+    """Minus the speed's second derivative (R,) of each record, filtered as the equation is."""
+    orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
+    return [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
+
+
+EXPLANATIONS.member("second_order")(_second_order)

@@ -1,0 +1,321 @@
+"""Is something missing from the model's structure? A score test for each term that motors are known to have and a model may lack.
+
+How the test works is told in `uncertainty.score_test`. Here are the terms, each with the sentence that a person reads, and with
+what its amount means.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import TWO_SIDED, plain
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.budget import Contribution, beyond
+from servobench.identification.estimators.covariance import andrews_lag, long_run
+from servobench.identification.models.rational import Rational
+from servobench.identification.uncertainty.score_test import ScoreTest, Shown, Term
+
+_RIPPLES = range(1, 17)  # times a revolution
+
+
+def _of_input(shown: Shown, what: str, times: float = 1.0) -> str:
+    """So much of the input."""
+    size, half = shown.whole
+    unit = shown.fit.records[0].data.input_unit
+    return f"About {times * size:.2g} ± {times * half:.1g} {unit} {what}."
+
+
+def _stribeck_sized(shown: Shown) -> str:
+    return _of_input(shown, f"{'more' if shown.amount[0] > 0 else 'less'} at rest than at speed")
+
+
+def _drag_sized(shown: Shown) -> str:
+    return _of_input(
+        shown, f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than a line would say"
+    )
+
+
+def _directions_sized(shown: Shown) -> str:
+    """The two directions are the amount apart from their mean, each way."""
+    size, half = shown.whole
+    percent = 100 * 2 / shown.largest
+    way = "positive" if shown.amount[0] > 0 else "negative"
+    return f"Turning the {way} way it answers about {plain(percent * size, 2)} ± {plain(percent * half, 1)} % more."
+
+
+def _directions_within(shown: Shown) -> bool:
+    """Whether the interval of the gain K holds those of both directions, K (1 ± a/u) for an amount a of a largest input u."""
+    size, half = shown.whole
+    gain = shown.fit["gain"]
+    return (size + half) / shown.largest * abs(gain.value) <= TWO_SIDED * gain.sd
+
+
+def _ripple_sized(shown: Shown) -> str:
+    return _of_input(shown, "to and fro")
+
+
+def _backlash_sized(shown: Shown) -> str:
+    """The output is off by half the play either way."""
+    size, half = shown.whole
+    unit, times = shown.fit.records[0].data.position_unit, 2.0
+    if unit == "rad":
+        unit, times = "deg", float(np.rad2deg(2.0))
+    if shown.amount[0] > 0:
+        return f"It runs ahead by about {times * size:.2g} ± {times * half:.1g} {unit}, which no play does."
+    return f"About {times * size:.2g} ± {times * half:.1g} {unit} of backlash."
+
+
+def _ripple(cycles: int) -> Term:
+    return Term(
+        code="ripple",
+        name="ripple",
+        sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an eccentric encoder), which the "
+        "model doesn't know; where the motor lingers at one angle it moves gain and time constant.",
+        to_input=lambda m: m.wave(cycles),
+        rung="gravity" if cycles == 1 else None,
+        sized=_ripple_sized,
+    )
+
+
+# A fast pole 1/(1 + s d) is a delay d to first order; to second order it adds d²/2 times the second derivative by the delay.
+_FAST_POLE = Term(
+    code="fast-pole",
+    name="a second pole",
+    sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
+    "which a first-order model takes into its time constant.",
+    curved="delay",
+    limit=3.5,
+    rung="winding",
+)
+
+TERMS = (
+    Term(
+        code="friction-depends-on-speed",
+        name="friction that depends on the speed",
+        sentence="Friction is not the same at all speeds: near standstill it differs from what the model takes everywhere "
+        "(Stribeck), which moves gain and time constant.",
+        to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.1),),
+        rung="stribeck",
+        sized=_stribeck_sized,
+    ),
+    Term(
+        code="drag-not-linear",
+        name="drag that isn't linear",
+        sentence="The speed doesn't follow the input in proportion: drag grows faster or slower than the speed, so that the gain "
+        "belongs to this range of speeds only.",
+        to_input=lambda m: (-m.speed * np.abs(m.speed),),
+        sized=_drag_sized,
+    ),
+    Term(
+        code="directions-differ",
+        name="directions that differ",
+        sentence="The motor answers differently in its two directions; one gain for both is a mean of the two.",
+        to_input=lambda m: (m.input * np.sign(m.speed),),
+        rung="asymmetric",
+        sized=_directions_sized,
+        within=_directions_within,
+    ),
+    Term(
+        code="drag-differs",
+        name="drag that differs by direction",
+        sentence="Drag isn't the same in the two directions; one gain and one time constant for both are a mean of the two.",
+        to_input=lambda m: (-np.abs(m.speed),),
+        rung="asymmetric",
+        sized=lambda shown: _of_input(shown, "between the two directions at the largest speed", 2.0),
+    ),
+    Term(
+        code="friction-grows-with-load",
+        name="friction that grows with the load",
+        sentence="Friction is larger where gravity pulls harder, as in a gear that carries a load, which the model doesn't know.",
+        to_input=lambda m: (-m.load * np.sign(m.speed),),
+        rung="load",
+        sized=lambda shown: _of_input(shown, "under the largest load"),
+    ),
+    Term(
+        code="motor-changes",
+        name="a motor that changes",
+        sentence="The motor wasn't the same at the end of the record as at its beginning: it warmed up, or its friction or its "
+        "supply changed. What was found is a mean over the record.",
+        to_input=lambda m: (m.input * m.gone, m.speed * m.gone),
+    ),
+    Term(
+        code="friction-changes",
+        name="friction that changes",
+        sentence="Friction, or the input's offset, wasn't the same at the end of the record as at its beginning.",
+        to_input=lambda m: (np.sign(m.speed) * m.gone, m.gone),
+    ),
+    Term(
+        code="backlash",
+        name="backlash",
+        sentence="The output lags behind whenever the motion turns round, as behind a gear with backlash: near a reversal the "
+        "model is wrong, and gain and time constant suffer from it.",
+        to_output=lambda m: (np.sign(m.speed),),
+        sized=_backlash_sized,
+    ),
+    _FAST_POLE,
+    *(_ripple(cycles) for cycles in _RIPPLES),
+)
+
+
+def shown_terms(fit: Fit) -> tuple[Shown, ...]:
+    """Return how strongly the data ask for each of the `TERMS`, and for how much; none where nothing is left to explain."""
+    largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
+    if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
+        return ()
+    return tuple(ScoreTest(fit, largest).shown(TERMS))
+
+
+def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
+    """Return a finding for each term that the data ask for and the structure lacks; of several ripples, the strongest."""
+    return [_finding(code, one) for code, one in _strongest(shown).items()]
+
+
+def with_missing_terms(fit: Fit, shown: Sequence[Shown]) -> Fit:
+    """Return the fit with lines of its budget for what the parameters are off by without terms that the data ask for.
+
+    Only what the intervals don't hold already is added, that of the strongest term first: terms that show in the same residual
+    are mostly one thing under several names.
+    """
+    for one in sorted(_strongest(shown).values(), key=lambda each: -each.size):
+        if len(one.off) != len(fit.model.theta) or not np.isfinite(one.off).all():
+            continue
+        known = np.isfinite(np.diag(fit.covariance))
+        off = np.where(known, _within_reach(fit, one.off), 0.0)
+        already = np.where(np.outer(known, known), fit.covariance, 0.0)
+        added = beyond(np.outer(off, off), already)
+        if added.any():
+            reason = f"the data ask for {one.term.name}, which the model lacks"
+            fit = fit.widened(Contribution(source=one.term.name, covariance=added, reason=reason))
+    return fit
+
+
+def _within_reach(fit: Fit, off: Array) -> Array:
+    """A change of the parameters (P,), shortened to where neither gain nor time constant changes by more than its own value.
+
+    By then they aren't known, and the linear step that it comes from says nothing any more of what is known of them together.
+    """
+    at = [
+        n
+        for n, name in enumerate(fit.model.names)
+        if name in ("gain", "time_constant") and fit.model.theta[n]
+    ]
+    farthest = max((float(abs(off[n] / fit.model.theta[n])) for n in at), default=0.0)
+    return off / max(farthest, 1.0)
+
+
+def _strongest(shown: Sequence[Shown]) -> dict[str, Shown]:
+    """Of the terms that the data ask for, the strongest of each code."""
+    strongest: dict[str, Shown] = {}
+    for one in shown:
+        before = strongest.get(one.term.code)
+        if one.size > max(one.term.limit, before.size if before else 0.0):
+            strongest[one.term.code] = one
+    return strongest
+
+
+def _finding(code: str, shown: Shown) -> Finding:
+    """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up."""
+    concerned = ("gain", "time_constant")
+    data = [record.data for record in shown.fit.records]
+    if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
+        told = f"{_sentence(shown)} That may all come from a filter of which nobody told: say first how the speed was measured."
+        return info(code, told, parameters=concerned)
+    if not {"gain", "time_constant"} <= set(shown.fit.model.names):
+        return warning(code, _sentence(shown), parameters=concerned)
+    return info(code, f"{_sentence(shown)} The intervals hold that as well.", parameters=concerned)
+
+
+def superfluous_terms(fit: Fit) -> list[Finding]:
+    """Return what a rational structure has too much of: a coefficient that can't be told from zero, or no integrator of its own.
+
+    That is what an order more, or an integrator less, than the motor has would leave near zero.
+    """
+    structure = fit.model.structure
+    if not isinstance(structure, Rational):
+        return []
+    names = [name for name in fit.model.names if name != "delay"]
+    unsure = [name for name in names if not 2 * fit[name].sd < abs(fit[name].value)]
+    found = []
+    if unsure:
+        told = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
+        sentence = (
+            f"These coefficients can't be told from zero: {told}. The order is higher than the data can support, and the others "
+            f"are less well known for it: try {_lower(structure)}."
+        )
+        found.append(warning("term-not-told-from-zero", sentence, parameters=tuple(unsure)))
+    last = f"a{structure.order}"
+    data = fit.records[0].data
+    if data.kind == "position" and not structure.integrator and last in unsure:
+        sentence = (
+            f"The output is a position, and the structure's lowest coefficient {last} comes out near zero, as for a motor "
+            f"that turns for as long as it is driven: better told than estimated, as _integrator ({_lower(structure)})."
+        )
+        found.append(info("integrator-likely", sentence, parameters=(last,)))
+    return found
+
+
+def _lower(structure: Rational) -> str:
+    """The name of the structure with a pole less: one that an integrator replaces."""
+    order = max(structure.order - 1, 1)
+    zeros = min(structure.zeros, order - 1)
+    integrator = "_integrator" if structure.integrator or structure.order > 1 else ""
+    return f"rational_{order}_{zeros}{integrator}{'_delay' if structure.delayed else ''}"
+
+
+def _sentence(shown: Shown) -> str:
+    sized = f" {shown.term.sized(shown)}" if shown.term.sized and _possible(shown) else ""
+    return f"{shown.term.sentence}{sized} ({shown.size:.0f} standard deviations.)"
+
+
+def _possible(shown: Shown) -> bool:
+    """Whether a term has a size that can be: no larger than the input, or than the output's range, of which it is a part."""
+    if not shown.amount.size:
+        return False
+    outputs = [float(np.ptp(record.data.y)) for record in shown.fit.records]
+    return shown.whole[0] <= (shown.largest if shown.term.to_input else max(outputs))
+
+
+def with_fast_pole(fit: Fit) -> Fit:
+    """Return the fit with a line of its budget for what not knowing what the delay is made of adds; see `fast_pole_doubt`."""
+    added = fast_pole_doubt(fit)
+    if not added.any():
+        return fit
+    reason = "a part of the delay may be the lag of the winding, or of a shaft that gives"
+    return fit.widened(Contribution(source="second pole not modelled", covariance=added, reason=reason))
+
+
+def fast_pole_doubt(fit: Fit) -> Array:
+    """Return the covariance (P, P) that not knowing what the delay is made of adds to that of the parameters.
+
+    A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, c = d²/2 times
+    its second derivative by d, and the parameters are off by φ b, b = (J'J)⁻¹ J'c. What the innovations say of φ is a normal
+    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay
+    (docs/decisions/0006-intervals.md).
+    """
+    shared = len(fit.model.theta)
+    none = np.zeros((shared, shared))
+    delay = fit.model["delay"] if "delay" in fit.model.names else 0.0
+    if delay <= 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
+        return none
+    test = ScoreTest(fit, 1.0)
+    column = 0.5 * delay**2 * np.concatenate([run.columns(_FAST_POLE) for run in test.runs])[:, 0]
+    rest = column - test.basis @ (test.basis.T @ column)
+    power = float(rest @ rest)
+    if not power > 1e-20 * float(column @ column):
+        return none
+    score = (rest * test.innovations)[:, None]
+    spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
+    share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
+    off = test.moved(column)
+    return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
+
+
+def _squared_share(mean: float, sd: float) -> float:
+    """E[φ²] of a normal φ that is known to lie between 0 and 1."""
+    nodes = np.linspace(0.0, 1.0, 201)
+    weights = np.exp(-0.5 * ((nodes - mean) / sd) ** 2 + 0.5 * ((np.clip(mean, 0.0, 1.0) - mean) / sd) ** 2)
+    return float(np.sum(weights * nodes**2) / np.sum(weights))

@@ -1,0 +1,121 @@
+"""Is the model right? Tests on what it leaves over."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info, warning
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.disturbance import innovations_of_blocks
+from servobench.identification.estimators.prediction_error import rounding_explains
+from servobench.identification.estimators.response_left_over import TIED, tied_to_input
+
+_LAGS = 20
+# The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
+# is something else than rounding.
+_ROUNDING = 1.2
+# Of χ² with 20 degrees of freedom, for means over blocks. What is left there of an encoder's rounding reached 170 in 420 records
+# under a white torque; a torque with a memory of 0.5 s makes 260 to 2400.
+_SLOW = 200.0
+
+
+def validate(fit: Fit) -> tuple[Finding, ...]:
+    """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
+    rounding = is_rounding(fit)
+    found = [_size(fit, rounding)] if rounding is not None else []
+    # Of a first-order model the intervals hold what the residual says, and experience with such models.
+    first_order = {"gain", "time_constant"} <= set(fit.model.names)
+    say = info if first_order else warning
+    if not explains_the_colour(fit):
+        allowance = (
+            "The intervals allow for it, by the residual and by experience with other motors."
+            if first_order
+            else "The intervals allow for the colour, but not for a bias."
+        )
+        found.append(
+            say(
+                "residual-coloured",
+                "What the model leaves over isn't white noise: something acts on the motor, or lies in the measurement, that the "
+                f"model doesn't know. {allowance}",
+            )
+        )
+    tied = max(tied_to_input(record) for record in fit.records)
+    # Rounding that repeats with the input follows it, too; but where each count is where it belongs, no response is missing.
+    counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
+    if tied > TIED and not counted:
+        found.append(
+            say(
+                "residual-follows-input",
+                f"What the model leaves over follows the input ({tied:.0f} standard deviations at the worst lag): part of the "
+                "motor's response to the input is missing in this model.",
+            )
+        )
+    return tuple(found)
+
+
+def explains_the_colour(fit: Fit) -> bool:
+    """Return whether nothing but white noise or the encoder's rounding is left of the innovations.
+
+    The rounding of an ideal encoder is coloured by nature, but hardly at the low frequencies that carry the parameters. Beside a
+    disturbance these frequencies are looked at by themselves: a torque that isn't white may hide below the rounding.
+    """
+    if fit.disturbance is not None and max(_slow_colour(fit, record) for record in fit.records) > _SLOW:
+        return False
+    if is_rounding(fit):
+        return True
+    return max(_whiteness(record.innovations[record.valid]) for record in fit.records) <= _CHI2_99
+
+
+def _slow_colour(fit: Fit, record: FittedRecord) -> float:
+    """The statistic of the whiteness of the innovations of blocks, where a fit has a disturbance."""
+    if fit.disturbance is None:
+        return 0.0
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    moving = fit.model.structure.sliding(theta, record.data)
+    return _whiteness(innovations_of_blocks(record.residual, record.data, moving, fit.disturbance))
+
+
+def is_rounding(fit: Fit) -> bool | None:
+    """Return whether the residual is no larger than the encoder's rounding explains; None where no quantum is known."""
+    quanta = {record.data.quantum for record in fit.records}
+    quantum = quanta.pop() if len(quanta) == 1 else None
+    if not quantum or any(record.data.chain.linear for record in fit.records):
+        return None
+    return bool(fit.residual_sd <= _ROUNDING * quantum / np.sqrt(12))
+
+
+def _size(fit: Fit, rounding: bool) -> Finding:
+    quantum = fit.records[0].data.quantum or np.nan
+    ratio = fit.residual_sd / (quantum / np.sqrt(12))
+    if rounding and fit.estimator == "prediction_error":
+        return info(
+            "measurement-is-rounding",
+            f"Beside the disturbance, the measurement has the encoder's rounding and no other noise ({ratio:.2f} times a "
+            "count/√12).",
+        )
+    if rounding:
+        return info(
+            "residual-is-rounding",
+            f"What the model leaves over is the encoder's rounding and nothing else ({ratio:.2f} times a count/√12).",
+        )
+    return info(
+        "residual-above-rounding",
+        f"What the model leaves over is {ratio:.3g} times the encoder's rounding: the limit is the motor or the model, "
+        "not the encoder.",
+    )
+
+
+# The 99 % point of χ² with 20 degrees of freedom.
+_CHI2_99 = 37.566
+
+
+def _whiteness(residual: Array) -> float:
+    """The statistic of Ljung and Box (1978) over 20 lags, which is χ² with 20 degrees of freedom for white noise."""
+    n = len(residual)
+    e = residual - residual.mean()
+    power = float(e @ e)
+    if n <= 2 * _LAGS or power == 0:
+        return 0.0
+    rho = np.array([float(e[lag:] @ e[:-lag]) for lag in range(1, _LAGS + 1)]) / power
+    return float(n * (n + 2) * np.sum(rho**2 / (n - np.arange(1, _LAGS + 1))))

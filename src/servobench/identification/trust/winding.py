@@ -1,0 +1,45 @@
+"""Do the data tell the lag of the winding from a delay? Where they don't, a second-order structure is refused by name.
+
+At a constant sum of delay and lag the output changes with the square of the lag only (the second moment of its impulse
+response), so that near zero neither the lag nor its interval means anything: what is known is τ_e², and its standard deviation
+is 2 τ_e times that of τ_e. It has to be four of those away from zero, so τ_e eight of its own.
+"""
+
+from __future__ import annotations
+
+from servobench.core.finding import Finding, refusal, warning
+from servobench.identification.estimators.base import Fit
+
+_AWAY = 8.0  # standard deviations of τ_e that it has to lie above zero
+_NEARLY_HALF = 0.45  # of τ: from there on the two poles are as good as one, or complex
+
+
+def about_winding(fit: Fit) -> list[Finding]:
+    """Return what is to be known of a fitted `electrical_time_constant`; nothing for a structure without one.
+
+    `electrical-pole-not-told` refuses a lag that the data can't tell from a delay; `poles-not-apart` doubts one that is so near
+    the time constant that the motor may swing.
+    """
+    if "electrical_time_constant" not in fit.model.names:
+        return []
+    lag, tau = fit.model["electrical_time_constant"], fit.model["time_constant"]
+    if not lag > _AWAY * fit.sd("electrical_time_constant"):
+        step = max(record.data.sample_time for record in fit.records)
+        whole = lag + (fit.model["delay"] if "delay" in fit.model.names else 0.0)
+        sentence = (
+            f"These data don't tell the winding's lag from a delay: together they are {whole:.3g} s, at a sample time of "
+            f"{step:.3g} s and this resolution. Use the first-order structure, whose delay holds both, or sample faster, with a "
+            "finer encoder or for longer, an input that changes often."
+        )
+        return [
+            refusal("electrical-pole-not-told", sentence, parameters=("electrical_time_constant", "delay"))
+        ]
+    if lag > _NEARLY_HALF * tau:
+        sentence = (
+            f"The electrical time constant, {lag:.3g} s, is nearly half of the time constant, {tau:.3g} s, where a motor "
+            "begins to swing and these two no longer describe it: compare `structure=rational_2_0_integrator_delay`."
+        )
+        return [
+            warning("poles-not-apart", sentence, parameters=("electrical_time_constant", "time_constant"))
+        ]
+    return []

@@ -1,0 +1,74 @@
+"""What the width of each interval is made of: the lines of a fit's budget as shares of the variance of each parameter."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.uncertainty.answers import Answer, State
+
+MEASUREMENT = "measurement and disturbance"
+_COUNTS = 1e-4  # of a variance: what is less isn't told
+
+
+@dataclass(frozen=True, kw_only=True)
+class BudgetLine:
+    """One line of a budget of uncertainty, for those parameters in whose variance it has a part.
+
+    `shares` are parts of the variance, which add up to 1 over all lines; `half_widths` of 95 % intervals, in the unit of each
+    parameter, whose squares add up. `freedom` is infinite where the line isn't estimated.
+    """
+
+    source: str
+    """What it comes from, in a few words."""
+    shares: Mapping[str, float]
+    half_widths: Mapping[str, float]
+    freedom: float
+    reason: str
+    """Why, in a sentence's words."""
+
+
+def composition(fit: Fit) -> tuple[BudgetLine, ...]:
+    """Return the budget of a fit: the estimator's own line first, then what was added to it, without lines that say nothing."""
+    variance = np.diag(fit.covariance)
+    added = [np.diag(line.covariance) for line in fit.budget]
+    own = np.maximum(variance - sum(added, np.zeros_like(variance)), 0.0)
+    samples = sum(int(record.valid.sum()) for record in fit.records)
+    reason = f"what {fit.estimator} says by what the model leaves over"
+    lines = [_line(fit, MEASUREMENT, own, variance, float(samples - len(fit.vector)), reason)]
+    for line, part in zip(fit.budget, added, strict=True):
+        lines.append(_line(fit, line.source, part, variance, line.freedom, line.reason))
+    return tuple(line for line in lines if line.shares)
+
+
+def parts_of(budget: Sequence[BudgetLine], answer: Answer | None) -> list[tuple[float, BudgetLine]]:
+    """Return the lines that widen the interval of one parameter, each with its half-width in percent of the value, widest first.
+
+    None for a parameter that isn't known by itself, or is zero.
+    """
+    if answer is None or answer.state is not State.KNOWN or not answer.estimate.value:
+        return []
+    name, percent = answer.name, 100 / abs(answer.estimate.value)
+    parts = [(percent * line.half_widths[name], line) for line in budget if name in line.half_widths]
+    return sorted(parts, key=lambda part: -part[0])
+
+
+def _line(
+    fit: Fit, source: str, part: np.ndarray, whole: np.ndarray, freedom: float, reason: str
+) -> BudgetLine:
+    told = {
+        name: n
+        for n, name in enumerate(fit.model.names)
+        if np.isfinite(whole[n]) and part[n] > _COUNTS * whole[n]
+    }
+    return BudgetLine(
+        source=source,
+        shares={name: float(part[n] / whole[n]) for name, n in told.items()},
+        half_widths={name: TWO_SIDED * float(np.sqrt(part[n])) for name, n in told.items()},
+        freedom=freedom,
+        reason=reason,
+    )

@@ -1,0 +1,370 @@
+"""What the model's being no more than a model adds to the intervals: from the residual, and from experience.
+
+A residual that is coloured by model error says more or less of a parameter the slower it changes beside the information that the
+record gives of it. So the scores J'e are summed on a clock of information, bins of equal leverage, and their long-run variance
+is taken with lags that are a fixed part b of the record (Kiefer and Vogelsang 2005). Where that is well above what white noise
+would make, or where a record has one event only and can't show it, the recordings of other motors say by how much one record
+errs beyond what it shows (`experience`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators import delay_prior
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.budget import Contribution, beyond
+from servobench.identification.estimators.covariance import fixed_b, long_run
+from servobench.identification.estimators.prediction_error import rounding_explains
+from servobench.identification.estimators.response_left_over import TIED, tied_to_input
+from servobench.identification.estimators.sizes import sizes
+from servobench.identification.uncertainty.experience import (
+    FEW_EVENTS,
+    MOTORS,
+    ONE_LEVEL,
+    RECORDINGS,
+    SEVERAL_EVENTS,
+    Experience,
+)
+from servobench.identification.uncertainty.score_test import (
+    by_rounding,
+    in_innovations,
+    innovations_and_jacobian,
+)
+from servobench.identification.uncertainty.weak_priors import root_of_covariance
+
+_EXPERIENCE = f"{RECORDINGS} recordings of {MOTORS} motors"
+SOURCE: Final = "model error"
+_BINS = 400
+_LAGS = 120  # of the bins
+# Times what white noise makes: from there on model error counts, and counts whole. Ideal motors behind coarse encoders reach 2.1,
+# real ones that turn both ways are almost all above 2.5.
+_NOTICED, _PLAIN = 2.0, 3.0
+_SEVERAL = 4.0  # events: with fewer, the figures for few are used
+_ONE = 2.0  # events: with fewer a record can't show its own model error
+_JUMP = 0.05  # of the input's range
+_JUMP_SAMPLES = 2  # a measured voltage may take two samples for a jump
+_NOTHING = 1e-9  # of the whole information: what is less is rounding error
+_ALONG = 1e-6  # of a direction's length: what lies along another by less is rounding error
+_BARE = 0.2  # of p/N: what each sample adds to the clock
+_LEVEL = 0.03  # of the largest input: levels that lie nearer than that are one level
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class ModelError:
+    """What a fit shows of the error of its model.
+
+    `ratio` is how much wider than for white noise the residual makes the intervals, at the worst parameter; `events` how many
+    stretches of equal weight tell gain, lag and friction, as far as they are there; `shares` (0 to 1) how much of the experience
+    counts for each of them, `covariance` (P, P) what the parameters have by it.
+    """
+
+    ratio: float
+    events: Mapping[str, float]
+    shares: Mapping[str, float]
+    covariance: Array
+
+
+def model_error(fit: Fit, one_level: bool = False) -> ModelError | None:
+    """Return what the model's error adds to a fit, whose motor only moved under `one_level` or under several.
+
+    None where the model isn't first order, or nothing is left over.
+    """
+    names = fit.model.names
+    if (
+        not {"gain", "time_constant"} <= set(names)
+        or not np.isfinite(fit.residual_sd)
+        or fit.residual_sd == 0
+    ):
+        return None
+    jacobian, e = innovations_and_jacobian(fit)
+    scale = sizes(fit)[: jacobian.shape[1]]
+    j = jacobian * scale
+    freedom = max(len(e) - j.shape[1], 1)
+    variance = float(e @ e) / freedom
+    # In coordinates q = Rθ, in which white noise is round.
+    root = root_of_covariance(fit, jacobian, scale, variance)
+    told = j @ root
+    of_scores = _long_run_on_the_clock(told, e)
+    white, coloured = variance * root @ root.T, root @ of_scores @ root.T
+    shared = len(names)
+    directions, asked = _directions(fit, scale)
+    of_white, of_coloured = (
+        np.sqrt(np.maximum(np.einsum("gi,ij,gj->g", directions, each[:shared, :shared], directions), 0.0))
+        for each in (white, coloured)
+    )
+    influence = told @ root[:shared].T @ directions.T
+    rounded = (
+        by_rounding(fit, influence) if float(np.max(of_coloured / of_white, initial=0.0)) > _NOTICED else None
+    )
+    of_chance = of_white if rounded is None else np.maximum(of_white, np.sqrt(np.diag(rounded)))
+    positive = of_white > 0
+    ratio = float(np.max(of_coloured[positive] / of_chance[positive], initial=0.0))
+    starts = _stretches(fit)
+    events = dict(zip(asked, _events(starts, influence), strict=True))
+    known = {name: ONE_LEVEL if one_level else _experience(count) for name, count in events.items()}
+    shares = dict.fromkeys(asked, _evident(fit, ratio))
+    # Friction is told at a few places of most records; one event is what gain or lag have one of.
+    if one_level or min(events["lag"], events["gain"]) < _ONE:
+        for n in (n for n, name in enumerate(asked) if events[name] < _ONE):
+            along = root[:shared].T @ directions[n]
+            off = np.inf if one_level else _by_the_others(fit, told, e, starts, influence[:, n], along)
+            wider = _sd(fit, directions[n] / scale[:shared]) / of_white[n]
+            most = _floor(fit, asked[n], known[asked[n]])
+            shares[asked[n]] = max(shares[asked[n]], min(1.0, max(wider, 1.0) * off / most) if most else 1.0)
+    factors = {name: each.factor for name, each in known.items()}
+    units = np.outer(scale[:shared], scale[:shared])
+    more = beyond(fixed_b(_LAGS / _BINS) ** 2 * of_scores, variance * np.eye(len(of_scores)))
+    white = white[:shared, :shared] * units
+    wide, expected = white + (root @ more @ root.T)[:shared, :shared] * units, _by_prior(fit, white)
+    times = np.array([1.0 + _of(shares, name) * (_of(factors, name) - 1.0) for name in names])
+    return ModelError(
+        ratio=ratio,
+        events=events,
+        shares=shares,
+        covariance=np.outer(times, times) * (wide - expected) + expected + _floors(fit, known, shares),
+    )
+
+
+def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
+    """Return the fit with the line of its budget for model error; the same where there is nothing to add."""
+    found = model_error(fit, one_level)
+    if found is None or not any(found.shares.values()):
+        return fit
+    finite = np.isfinite(np.diag(fit.covariance))
+    added = beyond(found.covariance, np.where(np.outer(finite, finite), fit.covariance, 0.0))
+    added[~finite, :] = 0.0
+    added[:, ~finite] = 0.0
+    few = min(found.events.values())
+    return fit.widened(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
+
+
+def _evident(fit: Fit, ratio: float) -> float:
+    """How plainly a residual shows that the model is wrong (0 to 1): its long-run variance is large, or it follows the input."""
+    counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
+    if not counted and max(tied_to_input(record) for record in fit.records) > TIED:
+        return 1.0
+    return float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
+
+
+def _experience(events: float) -> Experience:
+    return SEVERAL_EVENTS if events >= _SEVERAL else FEW_EVENTS
+
+
+def _of(each: Mapping[str, float], name: str) -> float:
+    """What is so for a parameter: for both parts of the lag that of the lag, else the most of gain and friction."""
+    if name in ("time_constant", "delay"):
+        return each["lag"]
+    return max(value for of, value in each.items() if of != "lag")
+
+
+def _reason(found: ModelError, events: float) -> str:
+    if events < _ONE:
+        return (
+            "the record has one event, which can't show how wrong the model is: allowed for from experience with "
+            f"{_EXPERIENCE}; a second step would make this less"
+        )
+    return (
+        f"the residual moves the parameters {found.ratio:.1f} times as much as white noise would; beyond that, from experience "
+        f"with {_EXPERIENCE}"
+    )
+
+
+def _by_prior(fit: Fit, white: Array) -> Array:
+    """What of a covariance (P, P) is there as a delay is expected and not told: no residual says that loops differ by more."""
+    prior = delay_prior.prior_of(fit)
+    if prior is None:
+        return np.zeros_like(white)
+    column = white[:, prior.at] / prior.scale
+    return np.outer(column, column)
+
+
+def _directions(fit: Fit, scale: Array) -> tuple[Array, list[str]]:
+    """What is asked of the parameters as rows (G, P) in scaled parameters, and their names: gain, lag τ + d, friction."""
+    names = fit.model.names
+    lag = np.zeros(len(names))
+    for name in ("time_constant", "delay"):
+        if name in names:
+            lag[names.index(name)] = scale[names.index(name)]
+    each = np.diag(scale[: len(names)])
+    asked = [name for name in names if name == "gain" or name.startswith("coulomb_voltage")]
+    return np.array([lag, *(each[names.index(name)] for name in asked)]), ["lag", *asked]
+
+
+def _long_run_on_the_clock(j: Array, e: Array) -> Array:
+    """The long-run variance of the scores j'e (P, P) of orthonormal columns j, by bins of equal leverage."""
+    leverage = np.sum(j**2, axis=1) + _BARE * j.shape[1] / len(j)
+    clock = np.cumsum(leverage)
+    bins = np.minimum((clock / clock[-1] * _BINS).astype(int), _BINS - 1)
+    summed = np.zeros((_BINS, j.shape[1]))
+    np.add.at(summed, bins, j * e[:, None])
+    return long_run(summed, _LAGS - 1)
+
+
+def _stretches(fit: Fit) -> NDArray[np.int64]:
+    """Where stretches begin, among the valid samples of all records."""
+    starts, row = [], 0
+    for record in fit.records:
+        starts += [row + n for n in _cuts(record)]
+        row += int(record.valid.sum())
+    return np.unique(np.array(starts, dtype=np.int64))
+
+
+def _events(starts: NDArray[np.int64], influence: Array) -> list[float]:
+    """How many stretches of the record tell each of what is asked, influence (N, G): 1/Σ s², s the share of each stretch."""
+    power = np.add.reduceat(influence**2, starts, axis=0)
+    shares = power / np.maximum(power.sum(axis=0), 1e-300)
+    return [float(count) for count in 1.0 / np.maximum(np.sum(shares**2, axis=0), 1e-300)]
+
+
+def _by_the_others(
+    fit: Fit, told: Array, e: Array, starts: NDArray[np.int64], influence: Array, direction: Array
+) -> float:
+    """How far off a parameter may be by what the record says of it without the stretch that tells most, in e's deviations.
+
+    √(s² + d²): s is the standard deviation that the rest gives it, d by how much the rest's estimate differs. `told` (N, J) is
+    the Jacobian in coordinates in which the whole information is the unit matrix, `direction` (J,) the parameter in them. Speed
+    and position are free after the stretch, whose error they would else carry on.
+    """
+    first = int(np.argmax(np.add.reduceat(influence**2, starts)))
+    begin, end = int(starts[first]), int([*starts[1:], len(e)][first])
+    left = told[begin:end]
+    free = _free_from(fit, end)
+    shared = free.T @ told
+    inverse = np.linalg.pinv(free.T @ free, hermitian=True)
+    information = np.eye(told.shape[1]) - left.T @ left - shared.T @ inverse @ shared
+    score = -left.T @ e[begin:end] - shared.T @ inverse @ (free.T @ e)
+    values, vectors = np.linalg.eigh(information)
+    along = vectors.T @ direction
+    if np.any(np.abs(along[values < _NOTHING]) > _ALONG * np.linalg.norm(direction)):
+        return np.inf
+    known = values >= _NOTHING
+    sd = np.linalg.norm(along[known] / np.sqrt(values[known]))
+    off = along[known] @ ((vectors.T @ score)[known] / values[known])
+    return float(np.hypot(sd * np.std(e), off))
+
+
+def _free_from(fit: Fit, row: int) -> Array:
+    """What other speeds and positions from a valid sample on, to the end of its record, make of the innovations (N, 2)."""
+    tau, columns = abs(fit.model["time_constant"]) or 1.0, []
+    for record in fit.records:
+        t, count = record.data.t_output, int(record.valid.sum())
+        x = np.zeros((len(t), 2))
+        if 0 < row < count:
+            gone = t - t[record.valid][row]
+            x[:, 0] = (gone >= 0) * np.exp(-np.maximum(gone, 0.0) / tau)
+            x[:, 1] = (gone >= 0) * (record.data.kind == "position")
+        columns.append(in_innovations(fit, record, x))
+        row -= count
+    return np.concatenate(columns)
+
+
+def _cuts(record: FittedRecord) -> list[int]:
+    """Where stretches of a record begin, among its valid samples: at jumps of the input, and where it turns round without one."""
+    u = record.data.input_at_output[record.valid]
+    least = _JUMP * float(np.ptp(record.data.u))
+    jumps = _jumps(u, least)
+    turns = np.array([0, *_turns(u, least), len(u)])
+    smooth = np.searchsorted(jumps, turns[1:]) == np.searchsorted(jumps, turns[:-1])
+    return [0, *jumps.tolist(), *turns[:-1][smooth].tolist()]
+
+
+def _jumps(u: Array, least: float) -> NDArray[np.int64]:
+    """The samples with which an input (N,) jumps by more than `least`; a steep slope goes on for longer than a jump does."""
+    up = np.sign(np.diff(u)) * (np.abs(np.diff(u)) > least)
+    edges = np.flatnonzero(np.diff(up, prepend=0.0, append=0.0))
+    return np.array(
+        [first + 1 for first, after in pairwise(edges) if up[first] and after - first <= _JUMP_SAMPLES],
+        dtype=np.int64,
+    )
+
+
+def _turns(u: Array, least: float) -> list[int]:
+    """The samples from which an input (N,) goes up or down by more than `least` after it went the other way."""
+    found, way = [], 0
+    high = low = 0
+    values = u.tolist()
+    for n, value in enumerate(values):
+        high = n if value > values[high] else high
+        low = n if value < values[low] else low
+        if way >= 0 and value < values[high] - least:
+            found.append(high)
+            way, low = -1, n
+        elif way <= 0 and value > values[low] + least:
+            found.append(low)
+            way, high = 1, n
+    return found
+
+
+def _of_short_records(fit: Fit, lag: float) -> Array:
+    """What the floor of the lag [s] is more times (P, P), where all records end before the motor has its speed.
+
+    Over a time T the speed bends away from a straight line by T/2τ of itself, so that a model error that moves the lag by a part
+    of itself in a whole step moves it by (τ/T)² of that. The gain goes with it: what is known is the slope K/τ.
+    """
+    names, theta = fit.model.names, fit.model.theta
+    longest = max(record.data.duration for record in fit.records)
+    along = np.zeros(len(names))
+    along[names.index("time_constant")] = 1.0
+    along[names.index("gain")] = theta[names.index("gain")] / lag
+    return (max(lag / longest, 1.0) ** 4 - 1.0) * np.outer(along, along)
+
+
+def _lag(fit: Fit) -> float:
+    """Time constant and delay together [s]."""
+    return abs(
+        float(fit.model["time_constant"] + (fit.model["delay"] if "delay" in fit.model.names else 0.0))
+    )
+
+
+def _floor(fit: Fit, name: str, known: Experience) -> float:
+    """The standard deviation of gain, lag or friction between recordings of one motor, in its unit."""
+    if name == "lag":
+        return known.lag * _lag(fit) / TWO_SIDED
+    return (known.gain if name == "gain" else known.friction) * abs(float(fit.model[name])) / TWO_SIDED
+
+
+def _sd(fit: Fit, gradient: Array) -> float:
+    """The standard deviation of a combination (P,) of the parameters so far; 0 where one of them has none."""
+    at = np.flatnonzero(gradient)
+    variance = float(gradient[at] @ fit.covariance[np.ix_(at, at)] @ gradient[at])
+    return float(np.sqrt(variance)) if 0.0 < variance < np.inf else 0.0
+
+
+def _with_friction(fit: Fit) -> Array:
+    """By how much the parameters (P,) change with the gain: at the mean input the speed K (u - u_c) is what the data show."""
+    names, theta = fit.model.names, fit.model.theta
+    mean = float(np.mean(np.abs(np.concatenate([record.data.u for record in fit.records]))))
+    along = np.zeros(len(names))
+    along[names.index("gain")] = 1.0
+    for n, name in enumerate(names):
+        if name.startswith("coulomb_voltage"):
+            along[n] = (mean - float(theta[n])) / float(theta[names.index("gain")])
+    return along
+
+
+def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
+    """The covariance (P, P) by which recordings of one motor disagree at the least, as far as that counts."""
+    names = fit.model.names
+    out = np.zeros((len(names), len(names)))
+    at = {"lag": names.index("time_constant")} | {name: n for n, name in enumerate(names)}
+    for name, each in known.items():
+        along = _with_friction(fit) if name == "gain" else np.eye(len(names))[at[name]]
+        out += (shares[name] * _floor(fit, name, each)) ** 2 * np.outer(along, along)
+    out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
+    if "delay" in at:
+        split = np.zeros(len(names))
+        split[at["time_constant"]], split[at["delay"]] = 1.0, -1.0
+        lag, step = known["lag"], max(record.data.sample_time for record in fit.records)
+        apart = lag.split / lag.lag * _floor(fit, "lag", lag)
+        out += (shares["lag"] * apart) ** 2 * np.outer(split, split)
+        out[at["lag"], at["lag"]] += (shares["lag"] * 0.5 * step / TWO_SIDED) ** 2
+    return out

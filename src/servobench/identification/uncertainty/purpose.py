@@ -1,0 +1,71 @@
+"""What a result is good for: to simulate, to tune a loop, to compare motors, each as far as its intervals carry."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+
+from servobench.core.rounding import plain
+from servobench.identification.uncertainty.answers import Answer, Combination, State
+
+_TURNED = math.radians(5)  # by which the phase margin may change over the interval of the lag
+_OF_NYQUIST = 0.2  # of half the sample rate: beyond, the loop's own ticks matter more than the motor's lag
+_SIMULATES = 50.0  # percent: a model that predicts less is good for no simulation
+
+
+def good_for(
+    answers: Mapping[str, Answer],
+    combinations: Sequence[Combination],
+    predicts: float,
+    sample_time: float,
+) -> str:
+    """Return one sentence that says what the figures can be used for; empty where they are good for nothing.
+
+    `predicts` is what the model explains of data that it wasn't fitted to [%], NaN where that isn't known; a loop that runs at
+    the data's `sample_time` [s] is tuned up to a fifth of half its sample rate.
+    """
+    loop = _loop(answers, combinations, _OF_NYQUIST * math.pi / sample_time)
+    uses = [*_simulation(predicts), *loop, *_comparison(answers, combinations)]
+    if not uses:
+        return ""
+    listed = f"{', '.join(uses[:-1])}, and {uses[-1]}" if len(uses) > 1 else uses[0]
+    return f"Good enough {listed}."
+
+
+def _simulation(predicts: float) -> list[str]:
+    if not predicts > _SIMULATES:
+        return []
+    return [f"to simulate (it predicts {math.floor(predicts)} % of what it wasn't fitted to)"]
+
+
+def _loop(answers: Mapping[str, Answer], combinations: Sequence[Combination], limit: float) -> list[str]:
+    """Up to which frequency [rad/s] the interval of the lag turns the phase by little, at most a `limit`."""
+    lag = next((each.estimate for each in combinations if each.name == "lag"), None)
+    gain = answers.get("gain")
+    if lag is None and all(_is_known(answers, name) for name in ("time_constant", "delay")):
+        lag = answers["time_constant"].estimate
+    if lag is None or gain is None or gain.state is not State.KNOWN:
+        return []
+    fastest = min(_TURNED / lag.half_width, limit)
+    loudness = plain(100 * gain.estimate.half_width / abs(gain.estimate.value), 2)
+    return [
+        f"to tune a position loop up to {plain(fastest, 2)} rad/s (over the intervals its phase margin changes by 5° at most, "
+        f"its gain by {loudness} %)"
+    ]
+
+
+def _comparison(answers: Mapping[str, Answer], combinations: Sequence[Combination]) -> list[str]:
+    """By how much two motors have to differ to be told apart: √2 times the half-width of either."""
+    if _is_known(answers, "gain"):
+        what, estimate = "gains", answers["gain"].estimate
+    else:
+        speed = next((each for each in combinations if each.name == "speed_at_level"), None)
+        if speed is None:
+            return []
+        what, estimate = "speeds", speed.estimate
+    percent = 100 * math.sqrt(2) * estimate.half_width / abs(estimate.value)
+    return [f"to tell two motors apart whose {what} differ by more than {plain(percent, 2)} %"]
+
+
+def _is_known(answers: Mapping[str, Answer], name: str) -> bool:
+    return name in answers and answers[name].state is State.KNOWN

@@ -1,0 +1,351 @@
+"""The score test of one fit for a term that its structure lacks: how strongly the data ask for it, and for how much of it.
+
+The term is an extra input e(t) that depends on what the motor does, or something that the sensor adds: what it would add to the
+output is a column c beside the Jacobian J. If the structure is right, the innovations r (of unit variance) have no part of c
+that J can't have as well:
+
+    t² = (C⊥'r)' (C⊥'C⊥)⁻¹ C⊥'r,   C⊥ = C - J (J'J)⁻¹ J'C
+
+is χ² with as many degrees of freedom as the term has columns (Rao 1948). No parameter is fitted again. The rounding of an ideal
+encoder is not quite white, which is why the limit lies well above what chance gives. (C⊥'C⊥)⁻¹ C⊥'r is how much of the
+term the data ask for, and (J'J)⁻¹ J'C times that is how far its absence has moved the parameters: both to first order.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit, FittedRecord
+from servobench.identification.estimators.covariance import andrews_lag, long_run
+from servobench.identification.estimators.disturbance import whitened
+from servobench.identification.estimators.encoder_rounding import is_rounded, rounding_sines
+from servobench.identification.models.base import simulated
+from servobench.recordings.measurement.dataset import Dataset
+
+LIMIT = 5.0  # standard deviations of a normal number that is as improbable
+ASKED = 2.0  # below that nobody asks how much of a term there would be
+_SMALL = 1e-4  # of the largest input: the size of the extra input, small enough for the response to be linear in it
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Motion:
+    """What a motor did, at the same times: input and speed over their largest values, position, and how far the record is gone.
+
+    `gone` runs from -1 to 1; the position is in its own unit; `load` is what gravity takes by the model, over its largest value.
+    """
+
+    input: Array
+    speed: Array
+    position: Array
+    gone: Array
+    load: Array
+
+    @cached_property
+    def _waves(self) -> list[NDArray[np.complex128]]:
+        """e^(i n θ) of the position θ for n = 1, 2, ..., as far as somebody asked."""
+        return [np.exp(1j * self.position)]
+
+    def wave(self, cycles: int) -> tuple[Array, Array]:
+        """Return the sine and the cosine (N,) of so many times the position, the one from that of one time less."""
+        while len(self._waves) < cycles:
+            self._waves.append(self._waves[-1] * self._waves[0])
+        return self._waves[cycles - 1].imag, self._waves[cycles - 1].real
+
+
+@dataclass(frozen=True, kw_only=True)
+class Term:
+    """A term that a model may lack: its finding's code, its name for people, a sentence, and what it adds for a motion.
+
+    It is added `to_input` or `to_output`.
+    `curved` is a parameter whose second derivative the term is like; `limit` is in standard deviations. `rung` is what a
+    structure with the term has in its name, where there is one. `sized` says how much of the term there is, `within` whether
+    that is so little that the intervals of the fit hold it as well.
+    """
+
+    code: str
+    name: str
+    sentence: str
+    to_input: Callable[[Motion], tuple[Array, ...]] | None = None
+    to_output: Callable[[Motion], tuple[Array, ...]] | None = None
+    curved: str | None = None
+    limit: float = LIMIT
+    rung: str | None = None
+    sized: Callable[[Shown], str] | None = None
+    within: Callable[[Shown], bool] | None = None
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Shown:
+    """How strongly the data ask for a term (`size`, in standard deviations), and how much of it they ask for.
+
+    `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
+    how many of their own standard deviations gain or time constant, whichever is worse, are off without it, `off` (P,) is by how
+    much each parameter is. `fit` is the one tested, `largest` its largest input.
+    """
+
+    term: Term
+    size: float
+    fit: Fit
+    largest: float
+    amount: Array = field(default_factory=lambda: np.zeros(0))
+    covariance: Array = field(default_factory=lambda: np.zeros((0, 0)))
+    moved: float = 0.0
+    off: Array = field(default_factory=lambda: np.zeros(0))
+
+    @property
+    def whole(self) -> tuple[float, float]:
+        """The size of the amount, √(a'a), and the half of its 95 % interval."""
+        size = float(np.linalg.norm(self.amount))
+        along = self.amount / size if size > 0 else self.amount
+        variance = float(along @ self.covariance @ along)
+        return size, TWO_SIDED * float(np.sqrt(max(variance, 0.0)))
+
+
+class ScoreTest:
+    """The score test of one fit: the parts that all terms share."""
+
+    def __init__(self, fit: Fit, largest: float) -> None:
+        self.fit = fit
+        self.runs = [_Run(fit, record, largest) for record in fit.records]
+        jacobian, self.innovations = innovations_and_jacobian(fit)
+        self.scale = _lengths(jacobian)
+        self.matters = self.scale > 0
+        self.basis, self.triangle = np.linalg.qr(jacobian[:, self.matters] / self.scale[self.matters])
+        self.hidden = _hidden(fit)
+
+    def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
+        """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
+        in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
+        for term in terms:
+            if term.code == "ripple" and not in_radians:
+                continue
+            yield self._shown(term, np.concatenate([run.columns(term) for run in self.runs]))
+
+    def _shown(self, term: Term, columns: Array) -> Shown:
+        """The test for one term, for white innovations or for their own colour.
+
+        The colour is looked at only where white innovations would call for the term.
+        """
+        plain = Shown(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
+        norms = _lengths(columns)
+        rest = columns - self.basis @ (self.basis.T @ columns)
+        # What is left of a column that the Jacobian explains is rounding error.
+        told = np.isfinite(norms) & (_lengths(rest) > 1e-6 * norms)
+        if not told.any():
+            return plain
+        rest = rest[:, told] / norms[told]
+        total, power = self.innovations @ rest, rest.T @ rest
+        size = _normal_equivalent(total, power)
+        if size <= ASKED:
+            return replace(plain, size=size)
+        score = rest * self.innovations[:, None]
+        coloured = long_run(score, andrews_lag(score))
+        size = min(size, _normal_equivalent(total, coloured))
+        rounded = by_rounding(self.fit, rest) if size > ASKED else None
+        if rounded is not None:
+            size = min(size, _normal_equivalent(total, rounded))
+        bread = np.linalg.pinv(power) / norms[told]
+        amount = total @ bread
+        if term.code == "ripple" and np.abs(rest @ (norms[told] * amount)).max() < self.hidden:
+            return plain
+        unit = 1.0 if term.to_input is None else _SMALL * self.runs[0].largest
+        return replace(
+            plain,
+            size=size,
+            amount=unit * amount,
+            covariance=unit**2 * bread.T @ coloured @ bread,
+            moved=self._moved(columns[:, told] @ amount),
+            off=self.moved(columns[:, told] @ amount)[: len(self.fit.model.theta)],
+        )
+
+    def shift(self, lacking: Sequence[Array]) -> Array:
+        """By how much the parameters (P,) are off where each record's output has `lacking` (M,) that the prediction lacks."""
+        columns = [
+            in_innovations(self.fit, record, extra[:, None])
+            for record, extra in zip(self.fit.records, lacking, strict=True)
+        ]
+        return self.moved(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
+
+    def moved(self, lacking: Array) -> Array:
+        """By how much the joint vector (P + ΣQ,) is off where the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
+        off = np.zeros(len(self.scale))
+        matters, seen = self.matters, self.basis.T @ lacking
+        off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
+        return off
+
+    def _moved(self, lacking: Array) -> float:
+        """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
+        off = self.moved(lacking)
+        sd = np.sqrt(np.diag(self.fit.covariance))
+        names = self.fit.model.names
+        at = [names.index(name) for name in ("gain", "time_constant") if name in names]
+        return max((float(abs(off[n]) / sd[n]) for n in at if sd[n] > 0), default=0.0)
+
+
+def _hidden(fit: Fit) -> float:
+    """How large a ripple nobody can tell from the encoder's rounding, in the innovations: half a count where it repeats, else 0.
+
+    Both depend on the angle alone. Rounding that comes again with each period of the motion isn't noise, and no average over the
+    record makes it less.
+    """
+    if fit.disturbance is not None or all(finding.code != "rounding-repeats" for finding in fit.findings):
+        return 0.0
+    return max(0.5 * (record.data.quantum or 0.0) for record in fit.records) / fit.residual_sd
+
+
+def _normal_equivalent(total: Array, spread: Array) -> float:
+    """The normal number that is as improbable as χ² = x' S⁻¹ x, x (K,) with covariance S (K, K)."""
+    from scipy.special import chdtrc, ndtri
+
+    values, vectors = np.linalg.eigh(spread)
+    told = values > 1e-9 * values[-1]
+    chi2 = float(np.sum((total @ vectors[:, told]) ** 2 / values[told]))
+    return float(-ndtri(0.5 * max(float(chdtrc(len(total), max(chi2, 0.0))), 1e-300)))
+
+
+def _lengths(columns: Array) -> Array:
+    """The length of each column (K,)."""
+    return np.asarray(np.sqrt(np.einsum("mk,mk->k", columns, columns)), dtype=np.float64)
+
+
+class _Run:
+    """One record, simulated once without any term."""
+
+    def __init__(self, fit: Fit, record: FittedRecord, largest: float) -> None:
+        self.fit, self.record, self.largest = fit, record, largest
+        self.theta = np.concatenate([fit.model.theta, record.nuisance])
+
+    @cached_property
+    def plain(self) -> Dataset:
+        """The record with its input at all times of input and output, so that a term may act at each of them."""
+        data = self.record.data
+        times = np.union1d(data.t_input, data.t_output)
+        held = np.searchsorted(data.t_input, times, side="right") - 1
+        u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
+        return replace(data, t_input=times, u=u, reference=None)
+
+    @cached_property
+    def without(self) -> Array:
+        """The output without any term, (M,)."""
+        return simulated(self.fit.model.structure, self.theta, self.plain)
+
+    def columns(self, term: Term) -> Array:
+        """What the term adds to the innovations, as columns (valid, K)."""
+        added = []
+        if term.to_input is not None:
+            for extra in term.to_input(self.motion):
+                driving = self.plain.u + _SMALL * self.largest * extra
+                output = simulated(self.fit.model.structure, self.theta, self.plain, driving)
+                added.append(output - self.without)
+        if term.to_output is not None and self.record.data.kind == "position":
+            data = self.record.data
+            now = np.searchsorted(self.plain.t_input, data.t_output)
+            added += [data.chain.linear(extra[now], data.t_output) for extra in term.to_output(self.motion)]
+        if term.curved in self.fit.model.names:
+            added.append(self._curvature(self.fit.model.names.index(term.curved)))
+        columns = np.column_stack(added) if added else np.zeros((len(self.record.data.y), 1))
+        return in_innovations(self.fit, self.record, columns)
+
+    def _curvature(self, at: int) -> Array:
+        """The second derivative of the output by a parameter that is a time, over a tenth of a sample time either way.
+
+        In a closed loop a negative delay would have the input act before the sample that it answers to, so that noise looks like
+        a response: there the derivative is taken from the side of longer delays where it has to be.
+        """
+        data, step = self.record.data, np.zeros(len(self.theta))
+        step[at] = 0.1 * data.sample_time
+        middle = self.theta.copy()
+        if data.closed_loop:
+            middle[at] = max(middle[at], step[at] - data.delay)
+        after, now, before = (
+            simulated(self.fit.model.structure, middle + times * step, data) for times in (1, 0, -1)
+        )
+        return np.asarray((after - 2 * now + before) / step[at] ** 2)
+
+    @cached_property
+    def motion(self) -> Motion:
+        """The motion as the model simulates it, at the times of the input and the output."""
+        data, t = self.record.data, self.plain.t_input
+        if data.kind == "speed":
+            speed = np.interp(t, data.t_output, self.record.prediction)
+            steps = 0.5 * (speed[1:] + speed[:-1]) * np.diff(t)
+            position = np.concatenate([[0.0], np.cumsum(steps)])
+        else:
+            position = np.interp(t, data.t_output, self.record.prediction)
+            speed = np.interp(t, data.t_output, np.gradient(self.record.prediction, data.t_output))
+        top = float(np.abs(speed).max(initial=0.0)) or 1.0
+        value = dict(zip(self.fit.model.names, self.fit.model.theta, strict=True))
+        sine, cosine = value.get("gravity_voltage_sine", 0.0), value.get("gravity_voltage_cosine", 0.0)
+        load = np.abs(sine * np.sin(position) + cosine * np.cos(position))
+        return Motion(
+            input=self.plain.u / self.largest,
+            speed=speed / top,
+            position=position,
+            load=load / (float(load.max(initial=0.0)) or 1.0),
+            gone=2 * (t - t[0]) / max(float(t[-1] - t[0]), 1e-300) - 1,
+        )
+
+
+def by_rounding(fit: Fit, columns: Array) -> Array | None:
+    """Return the covariance (C, C) of columns (N, C) times the innovations by what the encoder rounds; the model says when.
+
+    None where not all of the records are an encoder's counts, or a random torque moves the shaft besides. The stretches of one
+    recording share their counts.
+    """
+    if fit.disturbance is not None or not all(is_rounded(r.data) and r.valid.all() for r in fit.records):
+        return None
+    power = np.zeros((columns.shape[1], columns.shape[1]))
+    sines: dict[int, Array] = {}
+    row = 0
+    for record in fit.records:
+        quantum = record.data.quantum or np.nan
+        own = columns[row : row + len(record.data.y)]
+        row += len(own)
+        noise = max((fit.residual_sd / quantum) ** 2 - 1 / 12, 0.0)
+        shared, white = rounding_sines(own, record.prediction, quantum, noise)
+        power += white * (own.T @ own)
+        at = id(record.data.source)
+        sines[at] = sines.get(at, 0.0) + shared
+    power += sum(s.T @ s for s in sines.values())
+    return np.asarray(power / fit.residual_sd**2, dtype=np.float64)
+
+
+def innovations_and_jacobian(fit: Fit) -> tuple[Array, Array]:
+    """Return the Jacobian (N, P + ΣQ) of all valid innovations by the joint vector, and these (N,), of unit variance."""
+    jacobian = _joint([_jacobian(fit, record) for record in fit.records], len(fit.model.theta))
+    return jacobian, np.concatenate([record.innovations[record.valid] for record in fit.records])
+
+
+def _jacobian(fit: Fit, record: FittedRecord) -> Array:
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    return in_innovations(fit, record, fit.model.structure.predict(theta, record.data).jacobian)
+
+
+def in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
+    """Return columns (M, K) of a record's output as columns of its innovations, the valid samples of them."""
+    if fit.disturbance is None:
+        counted = x if record.valid.all() else x[record.valid]
+        return np.asarray(counted / fit.residual_sd, dtype=np.float64)
+    theta = np.concatenate([fit.model.theta, record.nuisance])
+    sliding = fit.model.structure.sliding(theta, record.data)
+    return whitened(x, record.data, sliding, fit.disturbance)[record.valid]
+
+
+def _joint(jacobians: list[Array], shared: int) -> Array:
+    """The Jacobian of all records: shared parameters in the same columns, each record's own beside them."""
+    own = [jacobian.shape[1] - shared for jacobian in jacobians]
+    out = np.zeros((sum(len(jacobian) for jacobian in jacobians), shared + sum(own)))
+    row, place = 0, shared
+    for jacobian, count in zip(jacobians, own, strict=True):
+        rows = slice(row, row + len(jacobian))
+        out[rows, :shared] = jacobian[:, :shared]
+        out[rows, place : place + count] = jacobian[:, shared:]
+        row, place = row + len(jacobian), place + count
+    return out

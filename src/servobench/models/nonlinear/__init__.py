@@ -1,4 +1,0 @@
-"""The motor with what isn't linear in it: a friction ladder and gravity."""
-
-from servobench.models.nonlinear.grammar import ladder as ladder
-from servobench.models.nonlinear.structure import NonlinearMotor as NonlinearMotor

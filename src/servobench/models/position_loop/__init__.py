@@ -1,3 +1,0 @@
-"""A servo with its own position controller, driven by a goal: the structure, its exact response with friction, and guesses."""
-
-from servobench.models.position_loop.structure import PositionLoop as PositionLoop

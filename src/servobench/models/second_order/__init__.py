@@ -1,3 +1,0 @@
-"""The motor with the lag of its winding: structures, their exact response with friction on the shaft, and guesses."""
-
-from servobench.models.second_order.structure import SecondOrder as SecondOrder

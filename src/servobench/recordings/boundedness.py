@@ -1,0 +1,193 @@
+"""What a finite record says of stability, and what it can't.
+
+BIBO stability is a sentence about every bounded input and all time; a record has one input and an end. So no record proves it,
+and none disproves it. What a record can say is how its output went while the input was constant: with the slopes c₁ and c₂ of
+two equal parts, one after the other, their middles Δ apart, the mode that is left then goes as e^(λt) with
+
+    λ = ln(c₂/c₁)/Δ
+
+which follows from c₂ = c₁ e^(λΔ). An integrator has λ = 0. Every pole within the interval of λ fits the record as well. Where
+the logarithm of the slope changes by less than half of what it did a quarter of the stretch before, it isn't one mode: the
+answer to the last change of the input is still dying out, and may be all of that change. Then the interval holds zero, too.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.rounding import TWO_SIDED, plain, rounded, with_unit
+from servobench.recordings.measurement.dataset import Dataset
+
+_FEWEST = 20  # samples in a part whose slope is told
+_MOST = 6  # stretches of constant input, the longest
+_NEVER = (
+    "No finite record proves that a system is stable, nor that it isn't: that is about every bounded input and all of time, "
+    "and this is one input and {}."
+)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Slope:
+    """The slope of the output over a part of a stretch, and half of its 95 % interval, in the output's unit per second.
+
+    `value` is the slope, `half` what is to be added and taken off for the interval's ends.
+    """
+
+    value: float
+    half: float
+
+    @property
+    def is_zero(self) -> bool:
+        """Whether zero is within the interval."""
+        return abs(self.value) <= self.half
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stretch:
+    """Constant input from `start` to `end` [s], its `level`, and the output's `slopes` in the third and fourth quarter.
+
+    `exponent` is the 95 % interval of λ [1/s]; None where one of the slopes can't be told from zero, or the sign changes. A
+    `sentence` says what all of that means.
+    """
+
+    start: float
+    end: float
+    level: float
+    slopes: tuple[Slope, Slope]
+    exponent: tuple[float, float] | None
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class RecordReport:
+    """What a record says of stability.
+
+    `input_bound` is the largest input, either way, `output_range` the smallest and the largest output, each in its unit;
+    `stretches` are the longest times of constant input in their order, and `sentences` say all of it, with what it doesn't prove.
+    """
+
+    input_bound: float
+    output_range: tuple[float, float]
+    stretches: tuple[Stretch, ...]
+    sentences: tuple[str, ...]
+
+
+def bibo(data: Dataset) -> RecordReport:
+    """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it."""
+    bound = float(np.abs(np.append(data.u, data.input_before)).max())
+    low, high = float(data.y.min()), float(data.y.max())
+    stretches = _stretches(data)
+    return RecordReport(
+        input_bound=bound,
+        output_range=(low, high),
+        stretches=stretches,
+        sentences=(
+            f"Over {with_unit(data.duration, 's', 3)} the input stayed within ±{with_unit(bound, data.input_unit, 3)}, the "
+            f"{data.kind} between {with_unit(low, data.output_unit, 3)} and {with_unit(high, data.output_unit, 3)}.",
+            *(stretch.sentence for stretch in stretches),
+            *(() if stretches else (_without_stretch(data),)),
+            _NEVER.format(with_unit(data.duration, "s", 3)),
+        ),
+    )
+
+
+def _stretches(data: Dataset) -> tuple[Stretch, ...]:
+    """The longest times of constant input, in their order."""
+    changes = np.flatnonzero(np.diff(data.u)) + 1
+    starts = data.t_input[np.r_[0, changes]]
+    ends = np.append(data.t_input[changes], max(data.t_output[-1], data.t_input[-1]))
+    levels = data.u[np.r_[0, changes]]
+    found = []
+    for start, end, level in zip(starts, ends, levels, strict=True):
+        quarter = 0.25 * (end - start)
+        parts = [(start + n * quarter, start + (n + 1) * quarter) for n in (1, 2, 3)]
+        inside = [(data.t_output >= a) & (data.t_output <= b) for a, b in parts]
+        if min(int(keep.sum()) for keep in inside) >= _FEWEST:
+            slopes = [_slope(data.t_output[keep], data.y[keep], data.quantum) for keep in inside]
+            found.append(_judged(data, float(start), float(end), float(level), slopes))
+    longest = sorted(found, key=lambda stretch: stretch.start - stretch.end)[:_MOST]
+    return tuple(sorted(longest, key=lambda stretch: stretch.start))
+
+
+def _slope(t: Array, y: Array, quantum: float | None) -> Slope:
+    """A straight line through a part.
+
+    The interval is that of least squares with residuals that follow each other with a correlation ρ (variance times
+    (1 + ρ)/(1 - ρ)); and no less than what errors of rounding, half a quantum each, can make of a slope at the worst.
+    """
+    x = t - t.mean()
+    weights = x / float(x @ x)
+    slope = float(weights @ y)
+    left = y - y.mean() - slope * x
+    variance = float(left @ left) / (len(t) - 2)
+    rho = float(left[1:] @ left[:-1] / (left @ left)) if variance > 0 else 0.0
+    inflation = max((1 + rho) / (1 - min(rho, 0.99)), 1.0)
+    half = TWO_SIDED * math.sqrt(variance * inflation * float(weights @ weights))
+    # What has no quantum is rounded to a float, and its times are.
+    rounding = max(quantum or 0.0, 16 * float(np.finfo(np.float64).eps * np.abs(y).max()))
+    worst = 0.5 * rounding * float(np.abs(weights).sum())
+    return Slope(value=slope, half=max(half, worst))
+
+
+def _judged(data: Dataset, start: float, end: float, level: float, slopes: Sequence[Slope]) -> Stretch:
+    before, one, two = slopes
+    unit = f"{data.output_unit}/s".replace("/s/s", "/s²")
+    held = f"From {plain(start, 3)} to {with_unit(end, 's', 3)} the input was {with_unit(level, data.input_unit, 3)}"
+    exponent = None
+    if one.is_zero and two.is_zero:
+        most = with_unit(abs(two.value) + two.half, unit, 2)
+        sentence = f"{held}, and the {data.kind} stayed where it was, to less than {most} at the end. {_at_rest(data, level)}"
+    elif two.is_zero:
+        sentence = f"{held}, and the {data.kind} came to rest. {_at_rest(data, level)}"
+    elif one.is_zero or one.value * two.value < 0:
+        sentence = f"{held}, and the {data.kind} turned back or set out late: no single pole explains that."
+    else:
+        exponent = _exponent(before, one, two, 0.25 * (end - start))
+        grown = f"{held}, and the {data.kind} went on by {rounded(two.value, two.half, unit)} at the end"
+        sentence = f"{grown}. {_course(exponent)}"
+    return Stretch(start=start, end=end, level=level, slopes=(one, two), exponent=exponent, sentence=sentence)
+
+
+def _exponent(before: Slope, one: Slope, two: Slope, apart: float) -> tuple[float, float]:
+    """The 95 % interval of λ, to first order in the slopes' relative errors, which are independent."""
+    spread = math.hypot(one.half / one.value, two.half / two.value)
+    centre = math.log(two.value / one.value)
+    earlier = one.value / before.value if before.value else 0.0
+    if earlier <= 0 or abs(centre) <= 0.5 * abs(math.log(earlier)):
+        return (min(centre, 0.0) - spread) / apart, (max(centre, 0.0) + spread) / apart
+    return ((centre - spread) / apart, (centre + spread) / apart)
+
+
+def _course(exponent: tuple[float, float]) -> str:
+    low, high = exponent
+    within = f"between {plain(low, 2)} and {plain(high, 2)} 1/s"
+    if low > 0:
+        return (
+            f"It got faster, as with a pole {within}, to the right; or the response to the last change wasn't over. How it would "
+            "have gone on isn't in the record."
+        )
+    if high < 0:
+        return f"It got slower, as with a pole {within}: what levels off like that is consistent with a stable system."
+    return (
+        f"That is in proportion to time, as an integrator answers a constant. A pole anywhere {within} fits as well: a system "
+        f"that levels off with a time constant of {with_unit(-1 / low, 's', 2)} or more looks the same so far."
+    )
+
+
+def _at_rest(data: Dataset, level: float) -> str:
+    if level == 0 and data.kind == "position":
+        return "That is no sign of stability: an integrator keeps what it got, too, and so does friction."
+    return "For this input the output stayed bounded; of other inputs that says nothing."
+
+
+def _without_stretch(data: Dataset) -> str:
+    return (
+        "The input was never constant for long enough to read a slope. That the output stayed within its range for this input "
+        "says nothing of others: an integrator answers a sinusoid without a mean by a bounded output, and a constant by one "
+        "without bound."
+    )

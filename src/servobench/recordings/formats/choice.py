@@ -1,0 +1,168 @@
+"""Which series has a role, in which unit: what is said comes first, then what the recording knows, then what its names say."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, info
+from servobench.core.units import unit
+from servobench.recordings.formats.columns import Heading, heading, quoted, time_unit
+from servobench.recordings.formats.roles import (
+    VOLTS_BY_CONVENTION,
+    ColumnSpec,
+    Role,
+    found,
+    full_scale,
+    may_be_supply,
+    plain_name,
+    quantity_of,
+    recognised,
+    typed,
+)
+from servobench.recordings.recording import Recording, Series
+
+_MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
+_EXAMPLE = {"input": "V", "output": "deg/s", "reference": "deg", "supply": "V", "current": "A"}
+
+
+def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
+    """The column that is meant; a channel's whole name is that channel, whatever a colon in it looks like."""
+    if given is None or isinstance(given, ColumnSpec):
+        return given
+    return ColumnSpec(column=given) if given in recording else ColumnSpec.parse(given)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Chosen:
+    """The series of a role, in its unit, and findings about the choice."""
+
+    series: Series
+    findings: tuple[Finding, ...] = ()
+
+
+def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> Chosen | str:
+    """Return the series for a role; or the sentence that asks for it, or for its unit. `taken` are names that it can't be.
+
+    Raises `UsageError` for a column that holds the times.
+    """
+    known = getattr(recording, role, None)
+    findings: list[Finding] = []
+    symbol = None
+    if spec is not None:
+        series, findings = found(recording, spec, role)
+        symbol = spec.unit
+    elif known is not None:
+        series = recording[known]
+    else:
+        candidates = recognised(recording, role, without=taken)
+        if len(candidates) != 1:
+            return _which(recording, role, [each.name for each in candidates])
+        series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
+    name, said = series.channel.name, series.channel.unit
+    symbol = symbol or said
+    if role in _MEANING and _holds_the_times(series):
+        raise UsageError(
+            f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with another of "
+            f"{long_columns(recording)}"
+        )
+    if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
+        symbol = "V"
+        sentence = f"`{name}` is taken in V by convention; if it isn't say `input={typed(f'{name}:UNIT')}`."
+        findings.append(info("unit-by-convention", sentence))
+    if symbol is None:
+        example = typed(f"{name}:{_EXAMPLE[role]}")
+        return f"the unit of the {role} `{name}`: say `{role}={typed(f'{name}:UNIT')}`, such as {example}"
+    if (scale := full_scale(symbol)) is not None:
+        return _duty_of_counts(recording, role, series, scale, findings)
+    _check_unit(recording, role, series, symbol)
+    if said not in (None, symbol):
+        findings.append(info("unit-overridden", f"`{name}` is taken in {symbol} and not in {said}, as said."))
+    return Chosen(series=_in_unit(series, symbol), findings=tuple(findings))
+
+
+def _in_unit(series: Series, symbol: str) -> Series:
+    """The series with another unit of its values, which stay; what was known in the old unit is gone."""
+    channel = series.channel
+    if channel.unit == symbol:
+        return series
+    if channel.unit is not None:
+        channel = replace(channel, minimum=None, maximum=None, resolution=None)
+    return replace(series, channel=replace(channel, unit=symbol))
+
+
+def _duty_of_counts(
+    recording: Recording, role: Role, series: Series, scale: float, findings: list[Finding]
+) -> Chosen:
+    """The input as a duty in per cent, of the raw counts of a pulse-width modulator and its full scale."""
+    name = series.channel.name
+    if role != "input":
+        raise UsageError(
+            f"{recording.name}: the {role} `{name}` is in counts of a pulse width; only the input can be"
+        )
+    told = f"`{name}` is taken as a duty, in raw counts of which {scale:g} are 100 %."
+    channel = replace(series.channel, unit="%", minimum=None, maximum=None, resolution=None)
+    duty = Series(channel=channel, values=series.values * (100.0 / scale), t=series.t)
+    return Chosen(series=duty, findings=(*findings, info("duty-scaled", told)))
+
+
+def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -> None:
+    name, what = series.channel.name, unit(symbol).quantity
+    if role == "supply" and what != "voltage":
+        raise UsageError(f"{recording.name}: the supply `{name}` is in {symbol}; expected a voltage (V, mV)")
+    if role == "current" and what != "current":
+        raise UsageError(f"{recording.name}: the current `{name}` is in {symbol}; expected A or mA")
+    if role == "output" and what not in {"position", "speed"}:
+        raise UsageError(
+            f"{recording.name}: the output `{name}` is in {symbol}; expected a position (rad, deg, rev, counts, m) or a speed "
+            "(rad/s, deg/s, rpm, rev/s, counts/s, m/s)"
+        )
+    if role == "input" and what == "time":
+        raise UsageError(
+            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, no time"
+        )
+
+
+def _holds_the_times(series: Series) -> bool:
+    """Whether a channel is the column that its own times come from."""
+    said = heading(series.channel.name)
+    symbol = time_unit(Heading(name=said.name, unit=series.channel.unit or said.unit))
+    if series.t is None or symbol is None or len(series.t) < 2:
+        return False
+    return bool(np.allclose(series.values * unit(symbol).factor, series.t, rtol=1e-12, equal_nan=True))
+
+
+def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
+    """The sentence that asks which column has a role, of those with such a name or else those that measure the right thing."""
+    wanted = {"voltage", "duty"} if role == "input" else {"position", "speed"}
+    names = [each.channel.name for each in recording.series]
+    possible = [name for name in names if not may_be_supply(name)]
+    candidates = candidates or [
+        each for each in possible if quantity_of(recording[each].channel.unit) in wanted
+    ]
+    if candidates:
+        options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
+        return f"which column is the {role}, as {quoted(candidates)} may be: say {options}"
+    columns = (
+        f"the only column is {quoted(names)}"
+        if len(names) == 1
+        else f"the columns are {long_columns(recording)}"
+    )
+    sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
+    if role == "input":
+        sentence += ". Without an input nothing can be identified; one in another file is FILE#COL"
+    return sentence
+
+
+def _with_unit(recording: Recording, name: str) -> str:
+    """A column as it has to be said, with a place for its unit where that isn't known."""
+    return typed(name if recording[name].channel.unit else f"{name}:UNIT")
+
+
+def long_columns(recording: Recording) -> str:
+    """Return the columns that are as long as the longest, as a list for a sentence; what is shorter is a setting, no signal."""
+    most = max((len(each.values) for each in recording.series), default=0)
+    return quoted([each.channel.name for each in recording.series if len(each.values) == most], 30)

@@ -1,0 +1,304 @@
+"""The columns of a foreign table: what their names say of unit and time, and the recording that they become."""
+
+from __future__ import annotations
+
+import re
+from collections import Counter
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array, Channel
+from servobench.core.finding import Finding, info
+from servobench.core.units import is_unit, unit
+from servobench.recordings.formats.times import time_base, time_findings
+from servobench.recordings.recording import Recording, Series, Source
+
+Rows = NDArray[np.int64]
+
+LARGEST_TABLE = 1000
+"""The most columns that a table may have; what has more is an image or another matrix, not a set of channels."""
+
+TIME_NAMES = frozenset(
+    {"t", "time", "times", "timestamp", "timestamps", "time_stamp", "elapsed", "elapsed_time", "clock"}
+    | {"sec", "secs", "seconds", "ms", "millis", "milliseconds", "us", "micros", "microseconds"}
+    | {"zeit", "temps", "tempo", "tiempo"}
+)
+"""The names of a column of times, in lower case, once a unit is taken away."""
+
+SECONDS_BY_CONVENTION = frozenset({"t", "time"})
+"""The names that mean seconds where nobody says another unit."""
+
+# A unit at the end of a name, as in `theta_deg`. Only what can hardly mean anything else; `_m` may stand for "measured".
+_ENDINGS = {
+    "ms": "ms", "us": "us", "sec": "s", "secs": "s", "seconds": "s",
+    "millis": "ms", "milliseconds": "ms", "micros": "us", "microseconds": "us",
+    "deg": "deg", "degrees": "deg", "rad": "rad", "radians": "rad", "counts": "counts", "rpm": "rpm",
+    "dps": "deg/s", "rps": "rev/s", "volt": "V", "volts": "V", "V": "V", "mV": "mV", "percent": "%",
+    "rad_s": "rad/s", "radps": "rad/s", "rad_per_s": "rad/s", "deg_s": "deg/s", "degps": "deg/s", "deg_per_s": "deg/s",
+    "rev_s": "rev/s", "rev_per_s": "rev/s", "counts_s": "counts/s", "counts_per_s": "counts/s", "m_per_s": "m/s",
+}  # fmt: skip
+_ENDING = re.compile(rf"(?:^|.*_)({'|'.join(sorted(_ENDINGS, key=len, reverse=True))})", re.IGNORECASE)
+# `current_A` is a current; `encoder_A` is the first of two tracks.
+_CURRENT = re.compile(r"(?:.*_)?(?i:current|curr|i|ia|im|iq)_(A|mA)")
+_CLOSING = {"]": "[", ")": "(", "}": "{", ">": "<"}
+_JOINED = re.compile(r"(?P<name>.+?)(?:\s*/\s*|\s+in\s+|\s*,\s*)(?P<unit>.+)")
+
+
+@dataclass(frozen=True, kw_only=True)
+class Heading:
+    """What a column's header says: its name without the unit, and the unit's text, None where it has none.
+
+    `from_name` says that the unit is no more than an ending of the name (`theta_deg`), which then keeps it.
+    """
+
+    name: str
+    unit: str | None = None
+    from_name: bool = False
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Column:
+    """A column of a table: what its header says (`heading`), and its values (N,) in that unit.
+
+    `t` (N,) [s] are the column's own times, where the file has some for it alone. `is_time` says that the file's own type makes
+    the values times, in s, whatever their name is.
+    """
+
+    heading: Heading
+    values: Array
+    t: Array | None = None
+    is_time: bool = False
+
+
+def heading(text: str) -> Heading:
+    """Return what a header says: `omega [rad/s]`, `speed (deg/s)`, `u / V`, `y in rad`, `theta_deg` or a plain name.
+
+    What stands in brackets and is no unit stays a part of the name.
+    """
+    text = printable(" ".join(text.split()))
+    bracket = _bracket(text)
+    if bracket is not None:
+        name, inside = bracket
+        if inside in {"-", "–", "1"}:
+            return Heading(name=name, unit="1")
+        if is_unit(inside):
+            return Heading(name=name, unit=inside)
+        return Heading(name=text)
+    joined = _JOINED.fullmatch(text)
+    if joined and is_unit(joined["unit"]) and not is_unit(text):
+        return Heading(name=joined["name"], unit=joined["unit"])
+    return Heading(name=text, unit=(found := _unit_in_name(text)), from_name=found is not None)
+
+
+def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
+    """Return a heading with the unit that a file has for it beside its name; with a finding where that is no unit known here."""
+    text = printable(" ".join(text.split()))
+    if not text:
+        return name, ()
+    if text in {"-", "–"}:
+        return Heading(name=name.name, unit="1"), ()
+    if is_unit(text):
+        return Heading(name=name.name, unit=text), ()
+    sentence = f"`{name.name}` is in {text[:40]!r}, as the file says, which is no unit known here: say it as COL:UNIT."
+    return name, (info("unit-unknown", sentence),)
+
+
+def _bracket(text: str) -> tuple[str, str] | None:
+    """What stands before and in the last pair of brackets, where the text ends with one."""
+    opening = _CLOSING.get(text[-1:])
+    depth = 0
+    for k in range(len(text) - 1, -1, -1):
+        depth += (text[k] == text[-1]) - (text[k] == opening)
+        if opening and depth == 0:
+            return text[:k].strip(), text[k + 1 : -1].strip()
+    return None
+
+
+def _unit_in_name(name: str) -> str | None:
+    if "/" in name and is_unit(name) and unit(name).quantity == "speed":
+        return name
+    if current := _CURRENT.fullmatch(name):
+        return current[1]
+    ending = _ENDING.fullmatch(name)
+    if ending:
+        found = ending[1]
+        # `u_V` is a voltage; `u_v` may be anything.
+        return _ENDINGS.get(found) if len(found) <= 2 else _ENDINGS.get(found.lower())
+    # `t_s` is a time in seconds; `x_s` may be anything.
+    return "s" if name.endswith("_s") and name[:-2].lower() in TIME_NAMES else None
+
+
+def bare_name(name: str) -> str:
+    """Return a name without a unit that it ends in: `theta` of `theta_deg`; a name that is a unit stays."""
+    if _unit_in_name(name) is None:
+        return name
+    ending = _CURRENT.fullmatch(name) or _ENDING.fullmatch(name)
+    return (name[: ending.start(1)] if ending else name.removesuffix("_s")).rstrip("_") or name
+
+
+def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]]:
+    """Return names that differ: an empty one is called after its column, a second `y` becomes `y_2`; with findings."""
+    taken = set(names)
+    seen: Counter[str] = Counter()
+    result: list[str] = []
+    renamed: list[str] = []
+    empty: list[str] = []
+    for number, name in enumerate(names, 1):
+        seen[name] += 1
+        if name and seen[name] == 1:
+            result.append(name)
+            continue
+        new = f"column_{number}" if not name else f"{name}_{seen[name]}"
+        while new in taken:
+            new += "_"
+        taken.add(new)
+        result.append(new)
+        (renamed if name else empty).append(new)
+    findings = []
+    if renamed:
+        findings.append(
+            info("name-duplicate", f"Some names stand twice; the later ones are called {quoted(renamed)}.")
+        )
+    if empty:
+        findings.append(info("name-missing", f"Some columns have no name; they are called {quoted(empty)}."))
+    return tuple(result), tuple(findings)
+
+
+def quoted(names: Iterable[str], most: int = 12) -> str:
+    """Return names as a list for a sentence; what goes beyond `most` is only counted."""
+    names = [printable(name) for name in names]
+    more = f" and {len(names) - most} more" if len(names) > most else ""
+    return ", ".join(f"`{name}`" for name in names[:most]) + more
+
+
+def printable(text: str) -> str:
+    """Return a text of a file's without control characters and line ends: a name must not steer a terminal, or forge a line."""
+    return "".join(letter if letter.isprintable() else "?" for letter in text)
+
+
+def recording_of(
+    columns: Sequence[Column],
+    *,
+    name: str,
+    source: Source,
+    findings: Iterable[Finding] = (),
+    rows: Rows | None = None,
+) -> Recording:
+    """Return the recording that a foreign table is: a channel for each column, in their order.
+
+    A column without times of its own gets those of a time column of its length, where one is recognised beyond doubt; the time
+    column stays as a channel. In names with dots (`motor.u`) the time column next to it comes first (`motor.t`), then one further
+    up (`t`).
+    `rows` (N,) are the rows of the file that the samples stand in, where those are not 1 to N.
+    """
+    names, told = distinct([printable(column.heading.name) for column in columns])
+    columns = [
+        replace(each, heading=replace(each.heading, name=new))
+        for each, new in zip(columns, names, strict=True)
+    ]
+    times, about_times = _recognised_times(columns, rows)
+    series = tuple(
+        Series(
+            channel=Channel(name=column.heading.name, unit=column.heading.unit),
+            values=column.values,
+            t=_times_for(column, times) if column.t is None else column.t,
+        )
+        for column in columns
+    )
+    told = (*told, *_units_in_names(columns), *about_times, *_about_own_times(columns))
+    return Recording(name=name, series=series, source=source, findings=(*findings, *told))
+
+
+def _about_own_times(columns: Sequence[Column]) -> Iterable[Finding]:
+    """What is wrong with the times that columns have of their own, once where it is the same for several."""
+    own = {column.t.tobytes(): column.t for column in columns if column.t is not None}
+    return dict.fromkeys(finding for t in own.values() for finding in time_findings(t))
+
+
+def _units_in_names(columns: Sequence[Column]) -> list[Finding]:
+    told = [f"`{each.heading.name}` in {each.heading.unit}" for each in columns if each.heading.from_name]
+    if not told:
+        return []
+    return [info("unit-in-name", f"Units are taken from the endings of names: {', '.join(told[:12])}.")]
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Times:
+    """A recognised time column: the folder that it stands in (`a.b.`) and its values [s]."""
+
+    folder: str
+    t: Array
+
+
+def _folder(name: str) -> str:
+    return name[: name.rfind(".") + 1]
+
+
+def _is_named_time(heading: Heading) -> bool:
+    last = heading.name[len(_folder(heading.name)) :]
+    return last.lower() in TIME_NAMES or bare_name(last).lower() in TIME_NAMES
+
+
+def time_unit(heading: Heading) -> str | None:
+    """Return the unit of a column that is called a time; None where it has none, or isn't called a time."""
+    if not _is_named_time(heading):
+        return None
+    if heading.unit is not None:
+        return heading.unit if is_unit(heading.unit) and unit(heading.unit).quantity == "time" else None
+    last = heading.name[len(_folder(heading.name)) :].lower()
+    return "s" if last in SECONDS_BY_CONVENTION else None
+
+
+def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Times], list[Finding]]:
+    """The columns that are times beyond doubt, and what is to be known of them."""
+    candidates: dict[tuple[str, int], list[Column]] = {}
+    recognised: list[_Times] = []
+    findings: list[Finding] = []
+    for column in columns:
+        if column.t is not None or (not column.is_time and time_unit(column.heading) is None):
+            continue
+        if _mostly_increases(column.values):
+            key = (_folder(column.heading.name), len(column.values))
+            candidates.setdefault(key, []).append(column)
+        else:
+            sentence = f"`{column.heading.name}` isn't taken as the time, as its name would say: it doesn't increase."
+            findings.append(info("time-not-recognised", sentence))
+    for (folder, _), alike in candidates.items():
+        names = [column.heading.name for column in alike]
+        if len(alike) > 1:
+            sentence = f"Each of {quoted(names)} may be the time; say which with `time=COL:UNIT`."
+            findings.append(info("time-ambiguous", sentence))
+            continue
+        symbol = time_unit(alike[0].heading) or "s"
+        factor = unit(symbol).factor
+        with np.errstate(over="ignore"):
+            t = alike[0].values if factor == 1.0 else alike[0].values * factor
+        recognised.append(_Times(folder=folder, t=t))
+        findings.append(_told_time(alike[0].heading, symbol, t))
+        findings.extend(time_findings(t, rows))
+    return recognised, findings
+
+
+def _told_time(heading: Heading, symbol: str, t: Array) -> Finding:
+    step = time_base(t).median_step
+    sentence = f"`{heading.name}` is taken as the time, in {symbol}: its median step is {step:.4g} s."
+    if heading.unit is None:
+        sentence += f" That is by convention; if it is wrong say `time={heading.name}:ms`, or what it is."
+    return info("time-recognised", sentence)
+
+
+def _mostly_increases(values: Array) -> bool:
+    """Whether a column can be times at all, slips and several runs included: most steps go forward."""
+    with np.errstate(over="ignore"):
+        steps = np.diff(values[np.isfinite(values)])
+    return len(steps) > 0 and float(np.mean(steps > 0)) > 0.6
+
+
+def _times_for(column: Column, times: Sequence[_Times]) -> Array | None:
+    """The times of the time column of the same length that stands nearest to a column, going up from its folder."""
+    folder = _folder(column.heading.name)
+    near = [each for each in times if folder.startswith(each.folder) and len(each.t) == len(column.values)]
+    return max(near, key=lambda each: len(each.folder)).t if near else None

@@ -1,0 +1,239 @@
+"""MATLAB's MAT files: versions 4, 5 and 7.3 are read, version 5 is written."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, ClassVar, final
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import FormatError
+from servobench.core.finding import Finding, info
+from servobench.recordings.formats import matfile, metadata, objectstore
+from servobench.recordings.formats.base import FORMATS
+from servobench.recordings.formats.columns import (
+    LARGEST_TABLE,
+    Column,
+    heading,
+    printable,
+    quoted,
+    recording_of,
+)
+from servobench.recordings.formats.matfile import Matrix, Skipped, Variable
+from servobench.recordings.formats.matobjects import Objects, objects
+from servobench.recordings.recording import Recording, Series, Source
+
+_OURS = "servobench"  # the variable with all that a recording knows beside its samples
+_MOST_CHANNELS = 100  # of one matrix
+_LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
+_KEYWORDS = frozenset(
+    {
+        "break",
+        "case",
+        "catch",
+        "classdef",
+        "continue",
+        "else",
+        "elseif",
+        "end",
+        "for",
+        "function",
+        "global",
+        "if",
+    }
+    | {"otherwise", "parfor", "persistent", "return", "spmd", "switch", "try", "while"}
+)
+
+
+@final
+@FORMATS.member("mat")
+@dataclass(frozen=True, kw_only=True)
+class Mat:
+    """MAT files. Each numeric variable is a channel, each column of a matrix `m` one of `m_1`, `m_2` and so on.
+
+    Where a matrix has more columns than rows, its rows are the channels. A variable gets the times of a time vector of its
+    length that stands beside it or further up (`out.time` for `out.signals.values`, as Simulink writes them).
+    """
+
+    suffixes: ClassVar[tuple[str, ...]] = (".mat",)
+
+    def recognises(self, path: Path, head: bytes) -> bool:
+        """Return whether a file begins like a MAT file; version 4, which has no mark, must end in .mat too."""
+        if matfile.is_level_7(head) or matfile.is_level_5(head):
+            return True
+        return path.suffix.lower() == ".mat" and matfile.is_level_4(head)
+
+    def read(self, path: Path) -> tuple[Recording, ...]:
+        """Return the recordings in a file of ours, or the one that a foreign file is; raises `FormatError`."""
+        found = matfile.variables(path)
+        ours = next(
+            (each.value for each in found if each.name == _OURS and isinstance(each.value, str)), None
+        )
+        if ours is not None and ours.startswith("{") and metadata.SCHEMA in ours:
+            return _own(ours, found, path.name)
+        return (_foreign(found, path),)
+
+    def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
+        """Write recordings as variables in columns, several as one struct each, and all they know as a JSON text."""
+        from scipy.io import savemat
+
+        described: list[dict[str, Any]] = []
+        content: dict[str, Any] = {}
+        taken = {_OURS}
+        for recording in recordings:
+            struct = _identifier(recording.name, taken) if len(recordings) > 1 else ""
+            columns, names = _columns(recording, set() if struct else taken)
+            described.append(
+                {
+                    "recording": metadata.described(recording),
+                    "samples": [
+                        [f"{struct}.{name}".lstrip(".") if name else None for name in pair] for pair in names
+                    ],
+                }
+            )
+            content.update({struct: columns} if struct else columns)
+        text = metadata.as_text({"schema": metadata.SCHEMA, "recordings": described})
+        with path.open("wb") as file:
+            savemat(file, {**content, _OURS: text}, do_compression=True, oned_as="column")
+
+
+def _columns(recording: Recording, taken: set[str]) -> tuple[dict[str, Array], list[tuple[str, str | None]]]:
+    """The samples by the names of their variables, and for each channel the names of its values and its times."""
+    columns: dict[str, Array] = {}
+    values = [_identifier(series.channel.name, taken) for series in recording.series]
+    times: dict[bytes, str] = {}
+    names: list[tuple[str, str | None]] = []
+    for series, name in zip(recording.series, values, strict=True):
+        columns[name] = series.values
+        if series.t is None:
+            names.append((name, None))
+            continue
+        key = series.t.tobytes()
+        if key not in times:
+            times[key] = _identifier("t", taken)
+            columns[times[key]] = series.t
+        names.append((name, times[key]))
+    return columns, names
+
+
+def _identifier(name: str, taken: set[str]) -> str:
+    """A name that MATLAB takes for a variable and that isn't taken yet."""
+    plain = re.sub(r"[^A-Za-z0-9_]", "_", name)[:24]
+    if not plain[:1].isalpha() or plain in _KEYWORDS:
+        plain = f"x_{plain}"
+    new, number = plain, 1
+    while new in taken:
+        number += 1
+        new = f"{plain}_{number}"
+    taken.add(new)
+    return new
+
+
+def _own(text: str, found: Iterable[Variable], name: str) -> tuple[Recording, ...]:
+    described = metadata.from_text(text, name)
+    vectors = {each.name: each.value for each in found if isinstance(each.value, np.ndarray)}
+    recordings = []
+    try:
+        for one in described["recordings"]:
+            samples = [
+                (_vector(vectors[values]), None if times is None else _vector(vectors[times]))
+                for values, times in one["samples"]
+            ]
+            recordings.append((one["recording"], samples))
+    except (KeyError, TypeError, ValueError) as error:
+        why = f"what its variable `{_OURS}` says of the others isn't so ({error!r})"
+        raise FormatError(f"{name}: {why}") from None
+    return tuple(metadata.restored(description, samples, name) for description, samples in recordings)
+
+
+def _vector(matrix: Matrix) -> Array:
+    if matrix.size != max(matrix.shape, default=0):
+        raise ValueError(f"a matrix of shape {matrix.shape}")
+    return np.array(matrix, dtype=np.float64).ravel()
+
+
+def _foreign(found: Sequence[Variable], path: Path) -> Recording:
+    columns: list[Column] = []
+    findings: list[Finding] = []
+    skipped: list[tuple[str, Skipped]] = []
+    for variable in found:
+        value = variable.value
+        channels: list[Column] | Skipped = value if isinstance(value, Skipped) else Skipped(what="text")
+        if isinstance(value, np.ndarray):
+            channels, told = _channels(variable.name, value)
+            findings.extend(told)
+        if isinstance(channels, Skipped):
+            skipped.append((variable.name, channels))
+        else:
+            columns.extend(channels)
+    held = _objects(path, [name for name, what in skipped if what.is_object])
+    columns.extend(held.columns)
+    taken = {each.channel.name for each in held.series}
+    left_out = [f"{name} ({what.what})" for name, what in skipped if not _within(name, taken)]
+    count = len(columns) + len(held.series)
+    if not count:
+        why = "".join(f" {each.sentence}" for each in held.findings)
+        raise FormatError(
+            f"{path.name} has no variables that are vectors of numbers; it has {quoted(left_out) or 'none'}.{why}"
+        )
+    if count > LARGEST_TABLE:
+        raise FormatError(
+            f"{path.name} has {count} columns; more than {LARGEST_TABLE} are no set of channels"
+        )
+    if left_out:
+        sentence = f"Variables that aren't numbers in columns aren't read: {quoted(left_out)}."
+        findings.append(info("variable-skipped", sentence))
+    source = Source(name=path.name, format="mat")
+    findings.extend(held.findings)
+    recording = recording_of(columns, name=path.stem, source=source, findings=findings)
+    named = {each.channel.name for each in recording.series}
+    return replace(recording, series=(*recording.series, *_renamed(held.series, named)))
+
+
+def _objects(path: Path, names: Sequence[str]) -> Objects:
+    """What is in the objects of a file, which are read only where there are some."""
+    return objects(path, names) if names and objectstore.is_there(path) else Objects()
+
+
+def _within(name: str, taken: set[str]) -> bool:
+    """Whether a variable, or something in it, is among the channels."""
+    return any(each == name or each.startswith((f"{name}.", f"{name}_")) for each in taken)
+
+
+def _renamed(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
+    """The series, those whose names are taken with a number behind."""
+    for each in series:
+        name, number = (plain := printable(each.channel.name)), 1
+        while name in taken:
+            number += 1
+            name = f"{plain}_{number}"
+        taken.add(name)
+        yield replace(each, channel=replace(each.channel, name=name))
+
+
+def _channels(name: str, matrix: Matrix) -> tuple[list[Column] | Skipped, list[Finding]]:
+    """The columns that a matrix is, and what is to be known of that."""
+    shape = " x ".join(map(str, matrix.shape))
+    long = [size for size in matrix.shape if size != 1]
+    if not matrix.size:
+        return Skipped(what="empty"), []
+    if len(long) > 2 or (len(long) == 2 and min(long) > _MOST_CHANNELS):
+        return Skipped(what=shape), []
+    values = np.array(matrix, dtype=np.float64)
+    findings = []
+    if matrix.dtype.kind in "iu" and np.abs(values).max() >= _LARGEST_WHOLE:
+        findings.append(
+            info("integer-rounded", f"`{name}` has whole numbers too large to be kept to the last digit.")
+        )
+    if len(long) < 2:
+        return [Column(heading=heading(name), values=values.ravel())], findings
+    table = values.reshape(long, order="F")
+    by_rows = table.shape[0] < table.shape[1]
+    table = np.ascontiguousarray(table if by_rows else table.T)
+    sentence = f"`{name}` ({shape}) is taken as {len(table)} channels, `{name}_1` to `{name}_{len(table)}`, one for each "
+    findings.append(info("matrix-as-channels", f"{sentence}{'row' if by_rows else 'column'}."))
+    return [Column(heading=heading(f"{name}_{k}"), values=row) for k, row in enumerate(table, 1)], findings

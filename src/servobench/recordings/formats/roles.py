@@ -1,0 +1,265 @@
+"""Which channel of a recording somebody means by a name, and which is recognised by its own."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Literal, TypeAlias
+
+from servobench.core.errors import UnitError, UnknownName, UsageError
+from servobench.core.finding import Finding, info
+from servobench.core.units import is_unit, unit
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.columns import bare_name, heading
+from servobench.recordings.recording import Recording, Series
+
+Role: TypeAlias = Literal["input", "output", "reference", "supply", "current"]
+"""What a channel can be: what drives the motor, what was measured, what a loop followed, what feeds the amplifier, what flows."""
+
+ARMATURE_CURRENT = "armature_current"
+"""The name of the channel of the measured current where somebody said which it is; it comes before all others."""
+
+VOLTS_BY_CONVENTION = frozenset({"u", "v", "voltage"})
+"""The names of an input that mean volts where nobody says another unit."""
+
+INPUT_NAMES = VOLTS_BY_CONVENTION | {
+    "volt", "volts", "vm", "um", "input", "control", "command", "cmd", "pwm", "duty", "duty_cycle", "applied",
+    "motor_voltage", "input_voltage", "applied_voltage", "control_voltage", "voltage_command", "command_voltage",
+    "plant_input", "motor_input", "control_input", "control_output", "controller_output",
+}  # fmt: skip
+"""The names by which a motor's input is recognised, in lower case and without a unit."""
+
+OUTPUT_NAMES = frozenset({
+    "y", "theta", "θ", "phi", "omega", "ω", "position", "pos", "angle", "speed", "velocity", "vel", "rpm",
+    "counts", "encoder", "encoder_counts", "tachometer", "motor_speed", "motor_position", "motor_angle",
+    "shaft_speed", "shaft_angle", "angular_velocity", "angular_speed", "angular_position", "angular_rate",
+    "motor_velocity", "motor_vel", "motor_pos", "joint_position", "joint_velocity", "present_position", "present_velocity",
+    "omega_m", "ω_m", "theta_m", "θ_m", "theta_dot", "thetadot", "dtheta",
+})  # fmt: skip
+"""The names by which a motor's measured output is recognised, in lower case and without a unit."""
+
+OUTPUT_NAMES_WITH_UNIT = frozenset({"w", "wm", "w_m", "q", "qm", "q_m", "dq", "qd", "x", "v"})
+"""Names that stand for many things: recognised as the output only with the unit of a position or a speed, where no other is."""
+
+REFERENCE_NAMES = frozenset({
+    "r", "ref", "reference", "setpoint", "set_point", "goal", "goal_position", "goal_velocity", "target", "target_position",
+    "target_velocity", "desired", "demand", "position_reference", "velocity_reference", "speed_reference",
+})  # fmt: skip
+"""The names of what a loop may have been told to follow; such a column is asked about, never taken."""
+
+SUPPLY_NAMES = frozenset({
+    "supply", "supply_voltage", "bus_voltage", "battery", "battery_voltage", "vbat", "vbus", "vin", "v_in", "input_volts",
+    "input_voltage", "present_input_voltage", "busvoltage",
+})  # fmt: skip
+"""The names of what may feed the amplifier; such a column is asked about, never taken."""
+
+_BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
+
+_MEASURES: dict[Role, list[str]] = {
+    "input": ["voltage", "duty"],
+    "output": ["position", "speed"],
+    "reference": [],
+    "supply": ["voltage"],
+    "current": ["current"],
+}
+
+_COMMON_UNITS = (
+    "V", "mV", "%", "A", "mA", "rad", "deg", "rev", "counts", "m", "mm", "rad/s", "deg/s", "rpm", "rev/s", "counts/s", "m/s",
+    "s", "ms", "us", "PWM/255",
+)  # fmt: skip
+
+_PULSE_WIDTH = re.compile(r"PWM\s*/\s*([0-9]+(?:\.[0-9]*)?)", re.IGNORECASE)
+
+
+@dataclass(frozen=True, kw_only=True)
+class ColumnSpec:
+    """A column as a user names it, `COL[:UNIT]`: a header's name, a variable's, or a column's number counted from 1.
+
+    `FILE#COL` is a column of another file. The unit `PWM/885` is that of a duty in raw counts, of which 885 are 100 %.
+    """
+
+    column: str
+    unit: str | None = None
+
+    @classmethod
+    def parse(cls, text: str) -> ColumnSpec:
+        """Return the column in a text; what follows the last colon is a unit only if it is one that is known."""
+        column, _, tail = text.rpartition(":")
+        if column and (is_unit(tail) or full_scale(tail) is not None):
+            return cls(column=column, unit=tail.strip())
+        return cls(column=text)
+
+    def __str__(self) -> str:
+        return self.column if self.unit is None else f"{self.column}:{self.unit}"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recognised:
+    """A channel, by `name`, recognised as input or output, its unit, None where nobody knows it, and the `finding` on why."""
+
+    name: str
+    unit: str | None
+    finding: Finding
+
+
+def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) -> tuple[Recognised, ...]:
+    """Return the channels whose names, and units where they have some, are those of an input or of an output.
+
+    Only where there is exactly one is it sure. `without` names channels that are something else.
+    """
+    series = [
+        each
+        for each in recording.series
+        if each.channel.name not in without and not (role == "input" and may_be_supply(each.channel.name))
+    ]
+    fitting = [each for each in series if _fits(role, plain_name(each.channel.name), each.channel.unit)]
+    if role == "output":
+        fitting = fitting or [each for each in series if _fits_by_its_unit(each)]
+    found = []
+    for each in fitting:
+        name, symbol = each.channel.name, each.channel.unit
+        told = f"`{name}` is recognised as the {role} by its name"
+        if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
+            symbol = "V"
+            told += ", and taken in V by convention"
+        sentence = f"{told}; if that is wrong say `{role}=COL:UNIT`."
+        found.append(Recognised(name=name, unit=symbol, finding=info(f"{role}-recognised", sentence)))
+    return tuple(found)
+
+
+def _fits_by_its_unit(series: Series) -> bool:
+    """Whether a name that stands for many things is that of an output by its unit."""
+    name, symbol = series.channel.name, series.channel.unit
+    return plain_name(name) in OUTPUT_NAMES_WITH_UNIT and quantity_of(symbol) in {"position", "speed"}
+
+
+def full_scale(symbol: str | None) -> float | None:
+    """Return the counts that are a duty of 100 % in a unit such as `PWM/885`; None for any other unit."""
+    match = _PULSE_WIDTH.fullmatch((symbol or "").strip())
+    return float(match[1]) or None if match else None
+
+
+def may_be_supply(name: str) -> bool:
+    """Return whether a name is that of a supply, as `input_volts` is, which isn't the voltage of a motor."""
+    whole = "_".join(name.rpartition(".")[2].lower().replace("-", " ").replace("_", " ").split())
+    return {whole, plain_name(name)} & SUPPLY_NAMES != set() and plain_name(name) not in _BOTH
+
+
+def plain_name(name: str) -> str:
+    """Return a name without its folder (`log.`, `NT:/arm/`) and its unit, in lower case, with underscores between words."""
+    last = heading(name.rpartition(".")[2] or name).name
+    last = bare_name(last.rpartition("/")[2] or last)
+    return "_".join(last.lower().replace("-", " ").replace("_", " ").split())
+
+
+def _fits(role: Role, plain: str, symbol: str | None) -> bool:
+    what = None if symbol is None else quantity_of(symbol)
+    if role == "output":
+        return what in {None, "position", "speed"} and (
+            plain in OUTPUT_NAMES or (plain == "v" and what == "speed")
+        )
+    return what in {None, "voltage", "duty", "current", "other"} and plain in INPUT_NAMES
+
+
+def typed(text: str) -> str:
+    """Return a text as it has to be typed on a command line."""
+    return text if all(letter.isalnum() or letter in "_.:/%-" for letter in text) else f'"{text}"'
+
+
+def quantity_of(symbol: str | None) -> str:
+    """Return what a unit measures; `other` for a text that is no unit."""
+    return unit(symbol).quantity if symbol is not None and is_unit(symbol) else "other"
+
+
+def found(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Series, list[Finding]]:
+    """Return the series that a user names, and what is to be known of how it was found.
+
+    The name decides, then the number, then a name in other case. `left` is the one channel that begins so (`left_voltage`) and
+    is a voltage for an input, a position or else a speed for an output. Raises `UnknownName`, which lists the columns.
+    """
+    names = [each.channel.name for each in recording.series]
+    for text in (spec.column, heading(spec.column).name):
+        if text in names:
+            return recording[text], []
+    if spec.column.isdecimal() and len(spec.column) < 9 and 1 <= int(spec.column) <= len(names):
+        return recording.series[int(spec.column) - 1], []
+    alike = [name for name in names if name.lower() == spec.column.lower()]
+    if len(alike) == 1:
+        return recording[alike[0]], [info("name-case", f"`{spec.column}` is taken to be `{alike[0]}`.")]
+    by_side = _of_side(recording, spec, role)
+    if by_side is not None:
+        told = f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} with that beginning."
+        return by_side, [info("name-beginning", told)]
+    file, sharp, column = spec.column.rpartition("#")
+    if sharp and file:
+        return _in_other_file(recording, file, replace(spec, column=column), role)
+    _check_is_no_unknown_unit(spec, names)
+    raise UnknownName(f"column of {recording.source.name or recording.name}", spec.column, names)
+
+
+def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
+    """Raise `UnitError` where a name that nobody knows is a column's with something behind a colon that is no unit."""
+    column, colon, tail = spec.column.rpartition(":")
+    known = column.lower() in [name.lower() for name in names] or (
+        column.isdecimal() and len(column) < 9 and 1 <= int(column) <= len(names)
+    )
+    if not colon or not known:
+        return
+    near = get_close_matches(tail, _COMMON_UNITS, n=3, cutoff=0.4)
+    hint = f" (did you mean {' or '.join(near)}?)" if near else ""
+    # rev/2048, counts/1024 and the like: an encoder's resolution, which has a place of its own.
+    turn = (
+        f"; for an encoder: {column}:counts, with `counts_per_rev=N`"
+        if any(c.isdecimal() for c in tail)
+        else ""
+    )
+    raise UnitError(
+        f"`{spec.column}`: {tail!r} is no unit that is known{hint}; known are {', '.join(_COMMON_UNITS)}, and products of them"
+        f"{turn}"
+    )
+
+
+def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Series | None:
+    """The channel that begins with a name and measures what the role wants; a unit that was said narrows that down."""
+    beginning = spec.column.lower()
+    wanted = _MEASURES[role] if role is not None else []
+    if spec.unit is not None and full_scale(spec.unit) is None:
+        wanted = [unit(spec.unit).quantity]
+    for what in wanted:
+        fitting = [
+            each
+            for each in recording.series
+            if each.channel.name.lower().startswith(tuple(beginning + joint for joint in "_. -"))
+            and quantity_of(each.channel.unit) == what
+        ]
+        if len(fitting) == 1:
+            return fitting[0]
+    return None
+
+
+def _in_other_file(
+    recording: Recording, file: str, spec: ColumnSpec, role: Role | None
+) -> tuple[Series, list[Finding]]:
+    """A series of another file, under a name that this recording doesn't have."""
+    path = Path(file)
+    if not path.exists():
+        beside = Path(recording.source.name).parent / file
+        path = beside if beside.exists() else path  # what isn't there is told by the name that was given
+    others = load(path)
+    if len(others) != 1:
+        raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
+    series, findings = found(others[0], spec, role)
+    name = f"{path.stem}.{series.channel.name}"
+    while name in recording:
+        name += "_"
+    told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256})"
+    told += "." if series.t is None else ", with its times, which are taken to be of the same clock."
+    channel = replace(series.channel, name=name)
+    return replace(series, channel=channel), [
+        info("column-from-other-file", told),
+        *others[0].findings,
+        *findings,
+    ]

@@ -1,0 +1,65 @@
+"""Values that are older than their rows: a sensor that is asked less often than the log gets a row."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+
+_SHARE = 0.5  # of the rows without a change, from which on values are said to be stale
+_ALIKE = 0.7  # of the changes by the same step, from which on that step is taken for the sensor's own
+_FEWEST = 10  # changes that it takes to tell
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stale:
+    """How a channel is refreshed: it changes in `share` of the rows only, usually every `hold` rows."""
+
+    hold: float
+    share: float
+
+    def sentence(self, name: str, t: Array | None) -> str:
+        """Return this in words for the channel of that name, whose rows have the times t (N,) [s]."""
+        age = "" if t is None else f" ({1000 * self.hold * float(np.median(np.diff(t))):.0f} ms)"
+        return (
+            f"`{name}` changes in {100 * self.share:.0f} % of the rows only, every {self.hold:g} rows or so{age}: "
+            "in the others it is as much older than its row."
+        )
+
+
+def stale(values: Array) -> Stale | None:
+    """Return how values (N,) are refreshed; None where they change in most rows, or there are too few changes to tell.
+
+    None, too, where they mostly change by the same step: that is one count of an encoder, or one level of a converter, and there
+    was no more to see. The first tenth of the changes doesn't count, as it belongs to the slow beginning of a motion.
+    """
+    steps = np.abs(np.diff(values))
+    changes = np.flatnonzero(steps > 0)
+    changes = changes[len(changes) // 10 :]
+    if len(changes) < _FEWEST:
+        return None
+    share = (len(changes) - 1) / float(changes[-1] - changes[0])
+    alike = np.isclose(steps[changes], np.median(steps[changes]), rtol=0.01, atol=0.0).mean()
+    hold = float(np.median(np.diff(changes)))
+    # What changes in every row of a motion, and rests in between, is fresh.
+    return Stale(hold=hold, share=share) if share < _SHARE and hold >= 2.0 and alike <= _ALIKE else None
+
+
+def refreshed_rows(values: Array, hold: float) -> NDArray[np.int64]:
+    """Return the rows of values (N,) in which they were new, where that happens every `hold` rows or so.
+
+    These are the rows of each change, and in between, while nothing moves, those that come a whole number of holds after a
+    change; before the first change, that many before it.
+    """
+    changes = np.flatnonzero(np.diff(values) != 0) + 1
+    every = max(round(hold), 1)
+    if not len(changes):
+        return np.arange(0, len(values), every)
+    before = np.arange(changes[0] - every, -1, -every)[::-1]
+    # A refresh may come a little early: a row shortly before a change is still the old value.
+    ends = np.append(changes[1:] - every // 2, len(values))
+    after = [np.arange(start, max(end, start + 1), every) for start, end in zip(changes, ends, strict=True)]
+    return np.concatenate([before, *after])

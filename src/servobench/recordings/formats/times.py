@@ -1,0 +1,165 @@
+"""The times of samples: what their steps are like, what is wrong with them, and which samples can be used."""
+
+from __future__ import annotations
+
+from bisect import bisect_left
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info
+
+GAP = 2.5
+"""A step of more than this many median steps is a gap: at least two samples are missing."""
+
+UNEVEN = 0.05
+"""Steps are uneven where the 1st and the 99th percentile lie further apart than this share of the median."""
+
+
+_LONGEST = float(np.finfo(np.float64).max) / 4
+
+
+@dataclass(frozen=True, kw_only=True)
+class TimeBase:
+    """What the times of a channel of so many `samples` are like, of which some are `non_finite`.
+
+    `start`, `end` and the steps are in s; `shortest_step`, `median_step`, `p99_step` (99 % are no longer) and `longest_step`
+    are those that go forward, None where there are none. `backward` counts the steps that go back, `duplicates` those of zero,
+    `gaps` those longer than `GAP` median steps.
+    """
+
+    samples: int
+    non_finite: int
+    start: float | None
+    end: float | None
+    shortest_step: float | None
+    median_step: float | None
+    p99_step: float | None
+    longest_step: float | None
+    gaps: int
+    duplicates: int
+    backward: int
+
+
+def time_base(t: Array) -> TimeBase:
+    """Return what times t (N,) [s] are like."""
+    finite = t[np.isfinite(t)]
+    steps = _steps(finite)
+    forward = steps[steps > 0]
+    some = len(forward) > 0
+    median = float(np.median(forward)) if some else None
+    return TimeBase(
+        samples=len(t),
+        non_finite=len(t) - len(finite),
+        start=float(finite[0]) if len(finite) else None,
+        end=float(finite[-1]) if len(finite) else None,
+        shortest_step=float(forward.min()) if some else None,
+        median_step=median,
+        p99_step=float(np.percentile(forward, 99)) if some else None,
+        longest_step=float(forward.max()) if some else None,
+        gaps=int(np.count_nonzero(forward > GAP * median)) if median is not None else 0,
+        duplicates=int(np.count_nonzero(steps == 0)),
+        backward=int(np.count_nonzero(steps < 0)),
+    )
+
+
+def time_findings(t: Array, rows: NDArray[np.int64] | None = None) -> tuple[Finding, ...]:
+    """Return what is wrong with times t (N,) [s], one finding for each kind.
+
+    `rows` (N,) are the rows of the file that they stand in; without them they are counted from 1.
+    """
+    if rows is None:
+        rows = np.arange(1, len(t) + 1)
+    findings = []
+    broken = ~np.isfinite(t)
+    if broken.any():
+        findings.append(_finding("time-not-finite", "No time that is a finite number", rows[broken]))
+    t, rows = t[~broken], rows[~broken]
+    steps, later = _steps(t), rows[1:]
+    if (steps == 0).any():
+        findings.append(_finding("time-duplicate", "The same time as in the row before", later[steps == 0]))
+    if (steps < 0).any():
+        findings.append(
+            _finding("time-not-increasing", "An earlier time than in the row before", later[steps < 0])
+        )
+    return (*findings, *_about_steps(steps, later))
+
+
+def _steps(t: Array) -> Array:
+    """The steps between finite times; one too long for a float, as only a damaged file has it, is as long as can be averaged."""
+    with np.errstate(over="ignore"):
+        return np.clip(np.diff(t), -_LONGEST, _LONGEST)
+
+
+def _about_steps(steps: Array, later: NDArray[np.int64]) -> list[Finding]:
+    """Gaps and uneven steps; `later` are the rows at the end of each step."""
+    forward = steps[steps > 0]
+    if len(forward) < 2:
+        return []
+    findings = []
+    median = float(np.median(forward))
+    gaps = steps > GAP * median
+    if gaps.any():
+        what = f"A gap of up to {steps.max():.4g} s, where the median step is {median:.4g} s, before"
+        findings.append(_finding("time-gap", what, later[gaps], preposition=""))
+    low, high = np.percentile(forward, [1, 99])
+    if high - low > UNEVEN * median:
+        sentence = f"The sample time isn't even: its median is {median:.4g} s, 98 % of the steps lie between "
+        findings.append(info("time-uneven", sentence + f"{low:.4g} s and {high:.4g} s."))
+    return findings
+
+
+def _finding(code: str, what: str, rows: NDArray[np.int64], preposition: str = " in") -> Finding:
+    return info(code, f"{what}{preposition} {in_words(rows)}.", rows=(int(rows[0]), int(rows[-1])))
+
+
+def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
+    """Return rows (N,) in words: `row 7`, `rows 7 to 9` or `12 rows from 7 to 90`; or samples, or what the noun says."""
+    first, last = int(rows[0]), int(rows[-1])
+    if len(rows) == 1:
+        return f"{noun} {first}"
+    if last - first == len(rows) - 1:
+        return f"{noun}s {first} to {last}"
+    return f"{len(rows)} {noun}s from {first} to {last}"
+
+
+def increasing(t: Array) -> NDArray[np.bool_]:
+    """Return which samples (N,) to keep so that their times t [s] increase everywhere and as many as possible stay.
+
+    Of equal times one after the other the first stays. Beyond that the samples kept are a longest increasing subsequence
+    (Schensted 1961), so that a single wild time costs one sample and not all that come after it.
+    """
+    keep = np.isfinite(t)
+    kept = np.flatnonzero(keep)
+    keep[kept[1:][_steps(t[kept]) == 0]] = False
+    kept = np.flatnonzero(keep)
+    if (_steps(t[kept]) > 0).all():
+        return keep
+    chosen = _longest_increasing(t[kept].tolist())
+    keep[:] = False
+    keep[kept[chosen]] = True
+    return keep
+
+
+def _longest_increasing(values: list[float]) -> list[int]:
+    """The indices of a longest strictly increasing subsequence, by patience sorting."""
+    tails: list[float] = []
+    tail_at: list[int] = []
+    before = [-1] * len(values)
+    for k, value in enumerate(values):
+        place = bisect_left(tails, value)
+        if place:
+            before[k] = tail_at[place - 1]
+        if place == len(tails):
+            tails.append(value)
+            tail_at.append(k)
+        elif value < tails[place]:
+            tails[place], tail_at[place] = value, k
+    chosen = []
+    k = tail_at[-1] if tail_at else -1
+    while k >= 0:
+        chosen.append(k)
+        k = before[k]
+    return chosen[::-1]

@@ -1,0 +1,109 @@
+"""The times of the channels that have a role: their own, those of a column, or evenly spaced ones."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TypeAlias
+
+import numpy as np
+
+from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, info
+from servobench.core.units import quantity, unit
+from servobench.recordings.formats.choice import long_columns
+from servobench.recordings.formats.columns import heading, time_unit
+from servobench.recordings.formats.roles import ColumnSpec, Role, found, quantity_of, typed
+from servobench.recordings.formats.times import time_findings
+from servobench.recordings.recording import Recording, Series
+
+
+def seconds(given: object) -> float:
+    """Return a sample time in s; raises `UsageError` where it can't be one."""
+    if isinstance(given, bool) or not isinstance(given, int | float | str):
+        raise UsageError(
+            f'the sample time is {given!r}; expected seconds such as 0.02, or a text such as "20 ms"'
+        )
+    seconds = quantity(given, "s")
+    if not SHORTEST_STEP <= seconds <= LONGEST_STEP:
+        raise UsageError(
+            f"the sample time is {given!r}; expected a positive number of seconds such as 0.02, "
+            f"{SHORTEST_STEP:g} to {LONGEST_STEP:g}"
+        )
+    return seconds
+
+
+Timed: TypeAlias = tuple[dict[Role, Series], list[Finding]]
+
+
+def timed(
+    recording: Recording,
+    series: Mapping[Role, Series],
+    time: ColumnSpec | None,
+    sample_time: float | str | None,
+) -> Timed | str:
+    """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times."""
+    if sample_time is not None:
+        step = seconds(sample_time)
+        told = f"The times are {step:g} s apart, as said"
+        told += (
+            "; those of the file aren't used." if any(each.t is not None for each in series.values()) else "."
+        )
+        evenly = {
+            role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
+            for role, each in series.items()
+        }
+        return evenly, [info("sample-time-given", told)]
+    if time is not None:
+        return _with_time_column(recording, series, time)
+    has_times = [each.t is not None for each in series.values()]
+    if all(has_times or [any(each.t is not None for each in recording.series)]):
+        return dict(series), []
+    sentence = "the times: say `sample_time=0.02`, in s, or whatever it is; or `time=COL:UNIT`"
+    if len(recording.series) > 1:
+        sentence += f", one of {long_columns(recording)}"
+    why = [
+        each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}
+    ]
+    return " ".join([f"{sentence}.", *why]) if why else sentence
+
+
+def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:
+    column, findings = found(recording, spec, None)
+    name = column.channel.name
+    for role, each in series.items():
+        if each.channel.name == name:
+            raise UsageError(
+                f"{recording.name}: `{name}` is said to be the time; it can't be the {role}, too"
+            )
+    symbol = spec.unit or column.channel.unit
+    if symbol is None and (symbol := time_unit(heading(name))) is not None:
+        sentence = (
+            f"`{name}` is taken in {symbol} by convention; if it isn't say `time={typed(f'{name}:UNIT')}`."
+        )
+        findings.append(info("time-recognised", sentence))
+    if symbol is None:
+        return f"the unit of the time `{name}`: say `time={typed(f'{name}:s')}`, or :ms, or what it is"
+    if quantity_of(symbol) != "time":
+        raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
+    with np.errstate(over="ignore"):
+        t: Array = column.values * unit(symbol).factor
+    placed = {role: _at(recording, role, each, name, t) for role, each in series.items()}
+    if any(each.t is t for each in placed.values()):
+        findings += time_findings(t)
+    return placed, findings
+
+
+def _at(recording: Recording, role: Role, series: Series, name: str, t: Array) -> Series:
+    """A series at the times t (N,) [s] of the column of that name; one that has those times already stays as it is."""
+    if series.t is not None and np.array_equal(series.t, t, equal_nan=True):
+        return series
+    if len(series.values) == len(t):
+        return replace(series, t=t)
+    if series.t is not None and role in {"reference", "supply", "current"}:
+        return series  # which may well be recorded at times of their own
+    raise UsageError(
+        f"{recording.name}: the time `{name}` has {len(t)} samples and the {role} `{series.channel.name}` has "
+        f"{len(series.values)}; a time column has one for each"
+    )

@@ -1,0 +1,142 @@
+"""Which samples of an input and an output can be used: those with a time that increases and a finite value."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measurable
+from servobench.core.errors import FormatError
+from servobench.core.finding import Finding, info, warning
+from servobench.recordings.formats.roles import Role
+from servobench.recordings.formats.times import in_words, increasing
+from servobench.recordings.recording import Series
+
+_MOST_LEFT_OUT = (
+    0.1  # of the samples, for times that go back; more than that is another run, or another column
+)
+_MOST_ROUNDED = 0.5  # of the samples, with the time of the one before
+_MOST_REPEATED = 0.1  # of those, with another value; a logger that repeats rows has none
+_LONGEST_RECORDING = 1e12  # sample times; thirty years at a kilohertz
+_RUN = 10  # samples that follow a jump far back before it is another run
+
+
+def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series], list[Finding]]:
+    """Return the series without the samples that can't be used, and what is to be known of those.
+
+    `name` is the recording's. Raises `FormatError` where the times are those of several runs, or less than two samples are left.
+    """
+    findings: list[Finding] = []
+    checked: list[tuple[Array, NDArray[np.bool_]]] = []
+    kept: dict[Role, Series] = {}
+    for role, each in series.items():
+        t = measurable(np.asarray(each.t, dtype=np.float64))
+        values = measurable(each.values)
+        keep = next(
+            (keep for known, keep in checked if known is t or np.array_equal(known, t, equal_nan=True)), None
+        )
+        if keep is None:
+            keep = increasing(t)
+            checked.append((t, keep))
+            findings.extend(_about_times(name, t, keep))
+        _check_not_rounded(name, each, t, keep)
+        _check_step(name, t[keep])
+        _check_span(name, t[keep])
+        finite = np.isfinite(values)
+        if not finite[keep].all():
+            findings.append(_left_out(role, each.channel.name, keep & ~finite))
+        keep = keep & finite
+        if keep.sum() < 2:
+            raise FormatError(
+                f"{name}: the {role} `{each.channel.name}` has {int(keep.sum())} samples with a time and a possible value; "
+                "at least two are needed"
+            )
+        kept[role] = replace(each, values=values[keep], t=t[keep])
+    return kept, findings
+
+
+def _check_step(name: str, t: Array) -> None:
+    """Raise `FormatError` where the steps of times t (N,) [s] aren't those of any motor's samples."""
+    if len(t) < 2:
+        return
+    step = float(np.median(np.diff(t)))
+    if not SHORTEST_STEP <= step <= LONGEST_STEP:
+        raise FormatError(
+            f"{name}: the samples are {step:.3g} s apart; expected {SHORTEST_STEP:g} to {LONGEST_STEP:g} s. Name the right "
+            "column and unit with `time=COL:UNIT`, or give the sample time with `sample_time=...`"
+        )
+
+
+def _check_span(name: str, t: Array) -> None:
+    """Raise `FormatError` where increasing times t (N,) [s] lie further apart than any recording is long."""
+    if len(t) > 1 and t[-1] - t[0] > _LONGEST_RECORDING * np.median(np.diff(t)):
+        raise FormatError(
+            f"{name}: the times go from {t[0]:g} s to {t[-1]:g} s, more than {_LONGEST_RECORDING:g} sample times: one of them is "
+            "wrong. Correct it, or give the sample time with `sample_time=...`"
+        )
+
+
+def _left_out(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
+    samples = np.flatnonzero(which) + 1
+    sentence = f"The {role} `{name}` has no value, or an impossible one, and is left out: {in_words(samples, 'sample')}."
+    # Of an input that isn't known it isn't known either what it did; an output may well come now and then.
+    severity = warning if role == "input" else info
+    return severity("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))
+
+
+def _about_times(name: str, t: Array, keep: NDArray[np.bool_]) -> list[Finding]:
+    """The finding on samples without a usable time; raises `FormatError` where they are more than a slip."""
+    if keep.all():
+        return []
+    finite = np.flatnonzero(np.isfinite(t))
+    if len(finite) > 1 and (t[finite] == t[finite[0]]).all():
+        raise FormatError(
+            f"{name}: all times are {t[finite[0]]:g} s; name the right column with `time=COL:UNIT`"
+        )
+    _check_one_run(name, t[finite], keep[finite])
+    samples = np.flatnonzero(~keep) + 1
+    sentence = (
+        f"No time, or one that isn't later than those before it, left out: {in_words(samples, 'sample')}."
+    )
+    return [warning("rows-left-out", sentence, rows=(int(samples[0]), int(samples[-1])))]
+
+
+def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
+    """Raise `FormatError` where finite times t (N,), of which `keep` increase, are those of several runs, or none at all."""
+    jumps = np.flatnonzero(np.diff(t) < 0)
+    if not len(jumps):
+        return
+    back = ~keep
+    back[1:] &= np.diff(t) != 0
+    k = int(jumps[np.argmin(t[jumps + 1] - t[jumps])])
+    far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
+    if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
+        raise FormatError(
+            f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. "
+            "Several runs, or a counter that wrapped, have to be cut into one file for each; or name another column with "
+            "`time=...`"
+        )
+
+
+def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.bool_]) -> None:
+    """Raise `FormatError` where most samples have the time of the one before but not its value: times too coarse to be used."""
+    values = measurable(np.asarray(series.values, dtype=np.float64))
+    # A row that a logger repeats as it was loses nothing where it is left out.
+    same = np.diff(t) == 0
+    changed = same & np.isfinite(np.diff(values)) & (np.diff(values) != 0)
+    if same.sum() <= _MOST_ROUNDED * len(t) or changed.sum() <= _MOST_REPEATED * same.sum():
+        return
+    step = (t[keep][-1] - t[keep][0]) / (len(t) - 1)
+    raise FormatError(
+        f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one before: the "
+        f"times are rounded. Where the samples are evenly spaced say so: `sample_time={step:.4g}`, in s, would be near"
+    )
+
+
+def _longest_block(which: NDArray[np.bool_]) -> int:
+    """The length of the longest block of samples that stand one after the other."""
+    edges = np.flatnonzero(np.diff(np.concatenate(([False], which, [False])).astype(np.int8)))
+    return int((edges[1::2] - edges[::2]).max(initial=0))

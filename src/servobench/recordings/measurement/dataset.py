@@ -1,0 +1,227 @@
+"""A dataset: what identification works on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import LARGEST_VALUE, Array
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding
+from servobench.recordings.measurement.base import Chain, Kind, Mask, StartState
+from servobench.recordings.measurement.first_motion import FirstMotion, first_motion
+from servobench.recordings.recording import Source
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Dataset:
+    """Identification data: an input and an output, each at its own times, in SI units.
+
+    `u` (N,) in `input_unit` holds from `t_input[k]` to `t_input[k+1]` [s]; before the first time it was `input_before`.
+    `y` (M,) in `output_unit` is what stood at the end of the measurement `chain` at `t_output[k]` [s], a position or a speed
+    (`kind`). The chain is two: the `declared` stages ran before the record began, so nobody knows what state they were in at
+    its start; the `applied` ones started from zero with the first sample, as they do in a prediction.
+    `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
+    at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
+    `starts_at_rest` says that the shaft rests at the first sample, because somebody said so.
+    `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
+    `hidden_delay` is the longest time [s] by which a voltage may have acted before t_input, or a sample been latched after
+    t_output, on average; 0 where nothing says so.
+    `reference` (N,) is what a feedback loop was told to follow, at t_input and held like u; None where the loop was open;
+    `reference_unit` is its SI unit, None where nobody knows.
+    `current` (M,) is the measured current of the armature [A] at t_output, NaN where it isn't known; None without one.
+    Nothing is resampled; times increase but need not be regular.
+    Raises `UsageError` where the values don't make a dataset.
+    """
+
+    name: str
+    """What the record is called."""
+    t_input: Array
+    u: Array
+    input_unit: str
+    input_before: float
+    t_output: Array
+    y: Array
+    output_unit: str
+    kind: Kind
+    source: Source
+    """The file or the device that it comes from."""
+    quantum: float | None = None
+    declared: Chain = field(default_factory=Chain)
+    applied: Chain = field(default_factory=Chain)
+    delay: float = 0.0
+    hidden_delay: float = 0.0
+    reference: Array | None = None
+    reference_unit: str | None = None
+    current: Array | None = None
+    chain_known: bool = False
+    starts_at_rest: bool = False
+    findings: tuple[Finding, ...] = ()
+    """What there is to know about the data."""
+
+    def __post_init__(self) -> None:
+        if not len(self.t_input) or not len(self.t_output):
+            raise UsageError(
+                f"{self.name}: there are no samples; expected at least one of the input and of the output"
+            )
+        for t, x, what in ((self.t_input, self.u, "input"), (self.t_output, self.y, "output")):
+            if t.ndim != 1 or t.shape != x.shape:
+                raise UsageError(
+                    f"{self.name}: the {what} has values of shape {x.shape} and times of shape {t.shape}"
+                )
+            if not ((np.abs(t) <= LARGEST_VALUE).all() and (np.abs(x) <= LARGEST_VALUE).all()):
+                raise UsageError(
+                    f"{self.name}: the {what} has values that are not finite, or beyond {LARGEST_VALUE:g}; leave those rows out"
+                )
+            if (np.diff(t) <= 0).any():
+                raise UsageError(f"{self.name}: the times of the {what} don't increase everywhere")
+        r = self.reference
+        if r is not None and (r.shape != self.u.shape or not np.isfinite(r).all()):
+            raise UsageError(
+                f"{self.name}: the reference has shape {r.shape}, the input {self.u.shape}; expected a finite value of the "
+                "reference for each value of the input"
+            )
+        i = self.current
+        if i is not None and (i.shape != self.y.shape or np.isinf(i).any()):
+            raise UsageError(
+                f"{self.name}: the current has shape {i.shape}, the output {self.y.shape}; expected a value in A for each value "
+                "of the output, NaN where it isn't known"
+            )
+
+    @property
+    def chain(self) -> Chain:
+        """The whole measurement chain, the declared stages first: a prediction goes through its linear part."""
+        return self.declared + self.applied
+
+    @property
+    def closed_loop(self) -> bool:
+        """Whether a controller made the input, so that it knows of all that disturbed the output before."""
+        return self.reference is not None and not np.array_equal(self.reference, self.u)
+
+    @property
+    def shaft_kind(self) -> Kind:
+        """What of the shaft enters the chain: its position where the chain differentiates, otherwise the `kind` of y."""
+        return self.chain.linear.takes or self.kind
+
+    @property
+    def valid(self) -> Mask:
+        """Which samples of y (M,) don't look back before the first one; the others carry no weight."""
+        return self.chain.linear.valid(self.t_output)
+
+    @property
+    def start_states(self) -> tuple[StartState, ...]:
+        """The S start states that nobody knows."""
+        running, _ = self._running_and_fresh
+        return running.start_states(self.shaft_kind)
+
+    @property
+    def start_responses(self) -> Array:
+        """What each unknown start state adds to y, per unit of it, as columns (M, S)."""
+        running, fresh = self._running_and_fresh
+        return fresh(running.start_responses(self.t_output), self.t_output)
+
+    @property
+    def _running_and_fresh(self) -> tuple[Chain, Chain]:
+        """The linear stages in a state that nobody knows at the first sample, and those in the same state as in a prediction.
+
+        Where the declared chain looks back before the record, the first values that a prediction feeds to the applied stages
+        are not those that the data fed to them; what that leaves behind in a filter is one more unknown state.
+        """
+        declared, applied = self.declared.linear, self.applied.linear
+        return (declared, applied) if declared.valid(self.t_output).all() else (declared + applied, Chain())
+
+    @property
+    def position_unit(self) -> str:
+        """The unit of the shaft's position: rad, m or counts."""
+        return self.output_unit.removesuffix("/s")
+
+    @property
+    def gain_unit(self) -> str:
+        """The unit of a gain from the input to the speed, such as rad/(s·V)."""
+        return (
+            f"{self.position_unit}/s"
+            if self.input_unit == "1"
+            else f"{self.position_unit}/(s·{self.input_unit})"
+        )
+
+    @cached_property
+    def input_at_output(self) -> Array:
+        """The input that held just before each sample of the output (M,), in its unit."""
+        if self._at_the_same_times:
+            return np.append(self.input_before, self.u[:-1])
+        index = np.searchsorted(self.t_input, self.t_output, side="left") - 1
+        return np.where(index >= 0, self.u[np.maximum(index, 0)], self.input_before)
+
+    @cached_property
+    def _at_the_same_times(self) -> bool:
+        """Whether the input comes at the same times as the output."""
+        return self.t_input is self.t_output or np.array_equal(self.t_input, self.t_output)
+
+    @cached_property
+    def duration(self) -> float:
+        """The time from the first to the last sample of the output [s]; 0 for less than two samples."""
+        return float(self.t_output[-1] - self.t_output[0]) if len(self.t_output) > 1 else 0.0
+
+    @cached_property
+    def sample_time(self) -> float:
+        """The median time between samples of the output [s]; NaN for less than two samples."""
+        return float(np.median(np.diff(self.t_output))) if len(self.t_output) > 1 else float("nan")
+
+    @cached_property
+    def input_step(self) -> float:
+        """The median time between samples of the input [s]; infinite for less than two samples."""
+        if self._at_the_same_times:
+            return self.sample_time if len(self.t_output) > 1 else float("inf")
+        return float(np.median(np.diff(self.t_input))) if len(self.t_input) > 1 else float("inf")
+
+    @cached_property
+    def first_motion(self) -> FirstMotion | None:
+        """How the record begins; None where the input changes at once, or the output doesn't stand until it does."""
+        return first_motion(self)
+
+    def part(self, start: float, end: float) -> Dataset:
+        """Return the samples with start <= t < end [s]; the input before them is the input that held until then.
+
+        A part that leaves out the first sample begins with all stages in the middle of their work: they are all declared.
+        Raises `UsageError` where less than two samples of the output are left.
+        """
+        keep_out = (self.t_output >= start) & (self.t_output < end)
+        if keep_out.sum() < 2:
+            raise UsageError(
+                f"{self.name}: between {start:g} s and {end:g} s there are less than two samples"
+            )
+        keep_in = (self.t_input >= start) & (self.t_input < end)
+        earlier = np.flatnonzero(self.t_input < start)
+        before = float(self.u[earlier[-1]]) if len(earlier) else self.input_before
+        t_input, u = self.t_input[keep_in], self.u[keep_in]
+        if not len(u):
+            t_input, u = np.array([start]), np.array([before])
+        return Dataset(
+            name=f"{self.name} [{start:g} s to {end:g} s]",
+            t_input=t_input,
+            u=u,
+            input_unit=self.input_unit,
+            input_before=before,
+            t_output=self.t_output[keep_out],
+            y=self.y[keep_out],
+            output_unit=self.output_unit,
+            kind=self.kind,
+            source=self.source,
+            quantum=self.quantum,
+            declared=self.declared if keep_out[0] else self.chain,
+            applied=self.applied if keep_out[0] else Chain(),
+            delay=self.delay,
+            hidden_delay=self.hidden_delay,
+            reference_unit=self.reference_unit,
+            reference=None if self.reference is None else self.reference[self._held_at(t_input)],
+            current=None if self.current is None else self.current[keep_out],
+            chain_known=self.chain_known,
+            starts_at_rest=self.starts_at_rest and bool(keep_out[0]),
+        )
+
+    def _held_at(self, t: Array) -> NDArray[np.int64]:
+        """Which value of the input held at times t (K,)."""
+        return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)

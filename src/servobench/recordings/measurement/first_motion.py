@@ -1,0 +1,88 @@
+"""When the output of a record first answers to its input.
+
+The output can't answer before its cause. Where a record begins with an output that stands, or runs on as it did, the first
+sample that is elsewhere comes at least a delay after the first change of the input, whatever the model. So
+
+    delay <= t(first motion) - t(first change of the input) + one sample time
+
+in which the sample time allows for columns that were latched one after the other. A ramp from rest has its first change with the
+first sample and moves much later, when it has overcome friction: there the bound is wide, and says nothing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from servobench.core.channels import Array
+
+if TYPE_CHECKING:
+    from servobench.recordings.measurement.dataset import Dataset
+
+_NOISE = 6.0  # standard deviations: beyond that it is motion, and once in 10^9 samples chance
+SUSTAINED = 3  # samples beyond it in a row: a single one may be damaged
+_CLEAR = 10.0  # of the noise that the shaft must have gone by at its top speed while it is taken to rest
+_ROUGH = 1.4826 / np.sqrt(
+    6.0
+)  # from the median of |second differences| to the standard deviation of white noise
+
+
+@dataclass(frozen=True, kw_only=True)
+class FirstMotion:
+    """How a record begins: the input first changes at `cause` [s], the output first leaves its course by `effect` [s].
+
+    `samples` of the output come before the cause, and all stay within `within` (the output's unit) of each other.
+    """
+
+    cause: float
+    effect: float
+    samples: int
+    within: float
+
+
+def first_motion(data: Dataset) -> FirstMotion | None:
+    """Return how a record begins; None where its input changes at once, or its output doesn't stand until then."""
+    changes = np.flatnonzero(data.u != data.u[0])
+    if not len(changes):
+        return None
+    cause = float(data.t_input[changes[0]])
+    samples = int(np.count_nonzero(data.t_output <= cause))
+    if samples < 2:
+        return None
+    within = noise_of(data)
+    middle = float(np.median(data.y[:samples]))
+    if (
+        not within > 0
+        or np.abs(data.y[:samples] - middle).max() > within
+        or np.ptp(data.y) <= _CLEAR * within
+    ):
+        return None
+    # As it may run on so slowly that it goes unseen, what it would do then is no answer.
+    lasted = float(data.t_output[samples - 1] - data.t_output[0])
+    unseen = within * (2.0 + (data.t_output - data.t_output[samples - 1]) / lasted)
+    away = np.abs(data.y - middle) > unseen
+    away[:samples] = False
+    runs = np.convolve(away, np.ones(SUSTAINED), mode="valid") if len(away) >= SUSTAINED else np.zeros(0)
+    moved = np.flatnonzero(runs > SUSTAINED - 0.5)
+    if not len(moved):
+        return None
+    return FirstMotion(cause=cause, effect=float(data.t_output[moved[0]]), samples=samples, within=within)
+
+
+def noise_of(data: Dataset) -> float:
+    """Return how far apart two samples of an output that stands may lie, in its unit: six deviations of its noise, and a step.
+
+    The noise is that of second differences, in which motion has next to no part; the step that of the encoder, or the smallest
+    difference between neighbours.
+    """
+    step = data.quantum or _smallest(np.abs(np.diff(data.y)))
+    rough = _ROUGH * float(np.median(np.abs(np.diff(data.y, 2)))) if len(data.y) > 2 else 0.0
+    # Of a slow shaft most second differences are no or one step, which is rounding.
+    return 1.001 * step + (_NOISE * rough if rough > step else 0.0)
+
+
+def _smallest(differences: Array) -> float:
+    moved = differences[differences > 0]
+    return float(moved.min()) if len(moved) else 0.0

@@ -1,0 +1,37 @@
+"""The grid that quantised values lie on."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.channels import Array
+
+_LEAST_STEPS = 8  # between distinct values; by chance all of them fit a grid once in 10^8
+_MISFIT = 0.05  # of a step; what printing with a few digits leaves
+_FINEST = 1e-6  # of the range; what is finer is the floating-point grid, or doesn't matter
+_DIVISORS = range(
+    1, 13
+)  # the shortest distance may be several steps: no two neighbours on the grid need occur
+
+
+def grid_step(x: Array) -> float | None:
+    """Return the step of the grid that all values x (N,) lie on, or None where they lie on none.
+
+    The distances between distinct values, in order, have to be whole multiples of one step, up to what printing with
+    a few digits leaves. A ramp at constant speed looks like a grid as well: so either values have to repeat, or
+    at least three different multiples have to occur.
+    """
+    values = np.unique(x)
+    steps = np.diff(values)
+    span = float(values[-1] - values[0]) if len(values) else 0.0
+    steps = steps[steps > 1e-3 * _FINEST * span]  # the same value but for rounding
+    if len(steps) < _LEAST_STEPS:
+        return None
+    for divisor in _DIVISORS:
+        multiples = np.rint(steps * divisor / steps.min())
+        step = float(steps.sum() / multiples.sum())
+        fits = np.abs(steps / step - multiples).max() <= _MISFIT
+        evident = len(np.unique(multiples)) >= 3 or len(steps) < 0.5 * len(x)
+        if fits and evident and step > _FINEST * span:
+            return step
+    return None

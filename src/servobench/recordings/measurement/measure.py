@@ -1,0 +1,276 @@
+"""The verb `measure`: from what happened to what identification works on."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import takewhile
+from typing import get_args
+
+import numpy as np
+
+from servobench.core.channels import Array, Channel
+from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
+from servobench.core.finding import Finding, info
+from servobench.core.numbers import check_positive
+from servobench.core.units import unit as unit_named
+from servobench.recordings.measurement.armature import armature_current
+from servobench.recordings.measurement.base import Chain, Kind, Stage
+from servobench.recordings.measurement.column import (
+    Column,
+    counter_column,
+    finite_column,
+    input_and_output,
+    si_factor,
+)
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.refreshed import refreshed
+from servobench.recordings.measurement.scale import Scale
+from servobench.recordings.measurement.tachometer import Tachometer
+from servobench.recordings.measurement.tick_times import hidden_delay, latched, written
+from servobench.recordings.measurement.unknown_input import without_unknown_input
+from servobench.recordings.measurement.unwrap import Unwrap
+from servobench.recordings.measurement.wraps import suspected_wraps, without_wraps
+from servobench.recordings.recording import Recording
+
+
+def measure(recording: Recording, chain: Chain | str | None = None, starts_at_rest: bool = False) -> Dataset:
+    """Return a recording's input and output as identification data.
+
+    The output channel becomes a position or a speed in SI units: counts are unwrapped where the counter's width is known, moved
+    to the middle of their bins, and turned into rad where the counts in a revolution are known. Then come the stages of `chain`
+    (a text such as `derivative | lowpass 50 rad/s`, or none). What the recording says was done to the channel before it was
+    written, its own `chain`, isn't done again. A prediction goes through both.
+
+    Stages act on SI units or counts. `unwrap` with a modulus in counts at the front acts before counts become rad.
+    A `scale` with a unit (`scale 0.17578125 deg/count`) is a conversion: the dataset is in the new unit, and so are predictions.
+    Where the loop noted when the device had taken each voltage (the channel `written`), that is when the input begins to hold,
+    and the output's times are those at which the device says that it latched (`latched`).
+    A channel that is recognised as the armature's current comes along at the times of the output, as `current`.
+    Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
+    A record that begins in mid-motion, with nothing said of the input before it, begins for the output a few samples later than
+    for the input: what the first samples answer to is not in the file. `starts_at_rest` says that the shaft rests when the
+    record begins, and that the input was zero until then.
+    What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
+
+    Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
+    neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than two samples of the output.
+    """
+    applied = Chain.parse(chain) if isinstance(chain, str) else chain or Chain()
+    declared = Chain.parse(recording.chain)
+    input_series, output_series = input_and_output(recording)
+    driven, input_findings = finite_column(recording, input_series, "input")
+    read, read_findings = refreshed(*finite_column(recording, output_series, "output"))
+    kind = _shaft_kind(recording, read)
+    _check_chains(recording, read, kind, declared, applied)
+    asked_for, told_by_device = read.t, latched(recording, read.t)
+    if told_by_device is not None:
+        read = replace(read, t=told_by_device)
+    finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
+    current, told = armature_current(recording, np.interp(finished.t, read.t, asked_for))
+    taken = written(recording, driven.t)
+    data = Dataset(
+        name=recording.name,
+        t_input=driven.t if taken is None else taken,
+        u=driven.in_si().x,
+        input_unit=driven.in_si().unit,
+        input_before=0.0 if starts_at_rest else _input_before(recording, driven),
+        starts_at_rest=starts_at_rest,
+        t_output=finished.t,
+        y=finished.x,
+        output_unit=finished.unit,
+        kind=applied.yields(kind),
+        source=recording.source,
+        quantum=finished.quantum,
+        declared=_without_conversions(declared),
+        applied=_without_conversions(applied),
+        delay=recording.info.delay if recording.info else 0.0,
+        hidden_delay=hidden_delay(recording, driven.t),
+        current=current,
+        findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
+        reference=_reference(recording, driven.t),
+        reference_unit=_reference_unit(recording),
+        chain_known=bool(recording.chain.strip()) or bool(applied),
+    )
+    known = starts_at_rest or recording.input_before is not None
+    return data if known else without_unknown_input(data)
+
+
+def _reference(recording: Recording, t: Array) -> Array | None:
+    """What a loop was told to follow at the times t (N,) [s], in SI units: the value before, or the first one."""
+    if recording.reference is None:
+        return None
+    series = recording[recording.reference]
+    if series.t is None or series.channel.unit is None:
+        raise MissingInformation(
+            recording.name,
+            [f"the times and the unit of the reference {recording.reference!r}: say `reference=COL:UNIT`"],
+        )
+    usable = np.isfinite(series.t) & np.isfinite(series.values)
+    if not usable.any():
+        raise UsageError(f"{recording.name}: the reference {recording.reference!r} has no finite value")
+    order = np.argsort(series.t[usable], kind="stable")
+    known, values = series.t[usable][order], series.values[usable][order]
+    at = np.maximum(np.searchsorted(known, t, side="right") - 1, 0)
+    return np.asarray(values[at] * unit_named(series.channel.unit).factor, dtype=np.float64)
+
+
+def _reference_unit(recording: Recording) -> str | None:
+    """The SI unit of what a loop was told to follow."""
+    unit = recording[recording.reference].channel.unit if recording.reference is not None else None
+    return None if unit is None else unit_named(unit).si
+
+
+def _input_before(recording: Recording, column: Column) -> float:
+    """The input before the first sample in SI units: what the recording says, or else the first value."""
+    if recording.input_before is None:
+        return float(column.in_si().x[0])
+    return recording.input_before * si_factor(column.unit)[0]
+
+
+def _shaft_kind(recording: Recording, column: Column) -> Kind:
+    """Whether the output is a position or a speed; raises where it is neither, or a single sample."""
+    kinds: tuple[Kind, ...] = get_args(Kind)
+    for kind in kinds:
+        if column.quantity == kind:
+            if len(column.t) < 2:
+                raise NotIdentifiable(
+                    f"{recording.name}: the output {column.name!r} has a single sample; two are the least"
+                )
+            return kind
+    raise UsageError(
+        f"{recording.name}: the output {column.name!r} is in {column.unit}; expected the unit of a position (rad, deg, rev, "
+        "counts, m) or of a speed (rad/s, deg/s, rpm, rev/s, counts/s, m/s): name another channel, or its right unit"
+    )
+
+
+def _check_chains(recording: Recording, column: Column, kind: Kind, declared: Chain, applied: Chain) -> None:
+    """Raise where the output can't have come out of its declared chain, or can't go into the applied one."""
+    what = f"{recording.name}: the output {column.name!r} is a {kind} ({column.unit})"
+    if kind not in _all_yields(declared):
+        other = "speed" if kind == "position" else "position"
+        raise UsageError(
+            f"{what}, but `{declared}`, which it is said to have come through, makes a {other}: one of the two is wrong"
+        )
+    try:
+        applied.yields(kind)
+    except UsageError as error:
+        raise UsageError(
+            f"{what}, so `{applied}` can't be applied to it: {error}. If that's how it was made before it was recorded, "
+            "say so as the recording's own chain"
+        ) from None
+
+
+def _all_yields(chain: Chain) -> set[Kind]:
+    """What can come out of a chain."""
+    kinds: tuple[Kind, ...] = get_args(Kind) if chain.takes is None else (chain.takes,)
+    return {chain.yields(kind) for kind in kinds}
+
+
+def _output(
+    column: Column, channel: Channel, declared: Chain, applied: Chain
+) -> tuple[Column, list[Finding]]:
+    """Return the output, given in SI units or counts, as it stands in the dataset, and what was found on the way."""
+    if channel.counts_per_rev is not None:
+        check_positive(f"the encoder of {column.name!r}", channel.counts_per_rev, "counts/rev")
+    automatic, at_front = _counter_stages(column, channel, applied)
+    findings = _told(column, declared, applied)
+    if column.quantity == "position" and not any(
+        isinstance(s, Unwrap) for s in (*automatic, *applied.stages)
+    ):
+        findings += suspected_wraps(column, channel.counts_per_rev)
+    column, doubts = _through(column, (*automatic, *at_front))
+    if column.unit in {"counts", "counts/s"}:
+        column = counter_column(column, channel)
+    elif column.quantity == "position" and all(
+        isinstance(s, Unwrap | Scale) for s in (declared + applied).stages
+    ):
+        column, told = _with_quantum(column, channel)
+        findings += told
+    if declared.linear:
+        column = replace(column, quantum=None)
+    column, later_doubts = _through(column, applied.stages[len(at_front) :])
+    return column, [*findings, *doubts, *later_doubts]
+
+
+def _counter_stages(
+    column: Column, channel: Channel, applied: Chain
+) -> tuple[tuple[Unwrap, ...], tuple[Unwrap, ...]]:
+    """Return the stages that act on counts before they become rad: what the counter's width asks for, and those of the chain."""
+    if column.unit != "counts":
+        return (), ()
+    automatic: tuple[Unwrap, ...] = ()
+    if channel.counter_bits is not None:
+        automatic = (Unwrap.parse((str(channel.counter_bits), "bit")),)
+    front = takewhile(lambda s: isinstance(s, Unwrap) and unit_named(s.unit).si == "counts", applied.stages)
+    return automatic, tuple(stage for stage in front if isinstance(stage, Unwrap))
+
+
+def _with_quantum(column: Column, channel: Channel) -> tuple[Column, list[Finding]]:
+    """Return a position in SI units with its smallest step: what the channel says, or else the grid that its values lie on."""
+    if channel.resolution is not None and channel.unit is not None:
+        return replace(column, quantum=channel.resolution * si_factor(channel.unit)[0]), []
+    step = grid_step(column.x)
+    if step is None:
+        return column, []
+    turn = f" ({2.0 * np.pi / step:.6g} in a turn)" if column.unit == "rad" else ""
+    sentence = f"All values of {column.name!r} lie on a grid of {step:.6g} {column.unit}{turn}; that is taken for its resolution."
+    return replace(column, quantum=step), [info("quantum-found", sentence)]
+
+
+def _through(column: Column, stages: Sequence[Stage]) -> tuple[Column, list[Finding]]:
+    """Return a column after some stages, and what was found on the way."""
+    findings: list[Finding] = []
+    for stage in stages:
+        if isinstance(stage, Unwrap):
+            column, doubts = without_wraps(column, stage)
+            findings += doubts
+        elif isinstance(stage, Scale):
+            column = _scaled(column, stage)
+        else:
+            is_new_speed = column.quantity == "position" and stage.yields("position") == "speed"
+            unit = f"{column.unit}/s" if is_new_speed else column.unit
+            column = replace(column, x=stage(column.x, column.t), unit=unit, quantum=None)
+    return column, findings
+
+
+def _scaled(column: Column, stage: Scale) -> Column:
+    if stage.unit is None:
+        return column.times(stage.factor, column.unit)
+    product = unit_named(f"({column.unit})*({stage.unit})")
+    if product.quantity != column.quantity:
+        raise UsageError(
+            f"`{stage}` can't scale {column.name!r}, which is in {column.unit} there: expected a unit that leads from that to "
+            f"another {column.quantity}, such as {'m/rad' if column.unit.startswith('rad') else 'deg/count'}"
+        )
+    return column.times(stage.si_factor, product.si)
+
+
+def _without_conversions(chain: Chain) -> Chain:
+    """The chain without its conversions of units, which a prediction in the new unit doesn't go through."""
+    return Chain(tuple(s for s in chain.stages if not (isinstance(s, Scale) and s.unit is not None)))
+
+
+def _told(column: Column, declared: Chain, applied: Chain) -> list[Finding]:
+    """What the chains do that their writer may not have meant."""
+    bare = [s for s in applied.stages if isinstance(s, Scale) and s.unit is None and column.unit == "counts"]
+    sample_time = float(np.median(np.diff(column.t)))
+    short = [s for s in declared.stages if isinstance(s, Tachometer) and s.window < 0.5 * sample_time]
+    return [*map(_scale_without_unit, bare), *(_short_window(stage, sample_time) for stage in short)]
+
+
+def _scale_without_unit(stage: Scale) -> Finding:
+    return info(
+        "scale-without-unit",
+        f"`{stage}` has no unit, so it is taken for part of the measurement, and what is identified stays in counts. "
+        f"If it turns counts into an angle, write its unit: `{stage} rad/count`.",
+    )
+
+
+def _short_window(stage: Tachometer, sample_time: float) -> Finding:
+    return info(
+        "window-too-short",
+        f"`{stage}` looks back over less than the {sample_time:g} s between samples, where nothing can be predicted: "
+        f"the identified delay may be up to {0.5 * (sample_time - stage.window):.2g} s too small.",
+    )

@@ -1,0 +1,221 @@
+"""Counts that were differenced into a speed, summed back: the inverse of `derivative`, and of `lowpass` where that is exact."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.derivative import Derivative
+from servobench.recordings.measurement.grid import grid_step
+from servobench.recordings.measurement.lowpass import Lowpass
+
+_FEWEST = 20  # samples
+_REGULAR = 0.01  # of the sample time; a speed over two samples is summed at regular times only
+_LOST = 1.5  # sample times between rows: one is missing, and nobody knows what was counted in it
+_OFF = 0.05  # of a count; what printing with a few digits leaves
+_SHARP = 1e-6  # of a quantum, below the standard deviation of any gain of a real motor
+_CHANCE = (
+    0.1  # counts in a turn that are open: the chance that a whole number is among them although there is none
+)
+_SAME = 1e-9  # of the range: what differs less is the same value, computed in two ways
+_PRINTED = (
+    0.02  # of the usual distance: what differs less is the same value, printed with its last digit up or down
+)
+_FEW = 20  # different numbers of counts in an interval, of a slow encoder
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Summation:
+    """A position in counts, as a dataset, that a speed may have been made of, and `how` the speed was made of it, in words."""
+
+    data: Dataset
+    how: str
+
+
+def summations(data: Dataset) -> Iterator[Summation]:
+    """Yield the positions in counts whose difference a speed may be, the likeliest first; none where it lies on no lattice.
+
+    A difference of counts over m samples, v[k] = Q (n[k] - n[k-m])/(t[k] - t[k-m]), is a whole number of quanta Q for each
+    interval, so that n follows exactly from rounding, up to where it starts: no error accumulates. m is 1 or, at regular
+    times, 2 (as of a central difference). First, a declared low-pass is undone: its output follows its input by
+    y[k] = a y[k-1] + b x[k] + c x[k-1], and x lies on a lattice again only if a, b and c were those.
+    All of it follows from the definition of a difference, and of the stages `derivative` and `lowpass`.
+    A lattice doesn't prove an encoder: a converter's steps or printed digits make one, too. Whether a sum is a position shows
+    in how well a motor explains it.
+    """
+    steps = np.diff(data.t_output)
+    if data.kind != "speed" or data.applied or len(data.y) < _FEWEST:
+        return
+    if steps.max() > _LOST * data.sample_time:
+        return
+    regular = bool(np.ptp(steps) < _REGULAR * data.sample_time)
+    for speed, reach, how in _unfiltered(data):
+        if reach == 1:
+            yield from _once(data, speed[1:] * steps[: len(speed) - 1], how)
+            if regular:
+                yield from _central(data, 2.0 * data.sample_time * speed, how)
+        elif regular:
+            yield from _backward(data, data.sample_time * speed, how)
+
+
+def _unfiltered(data: Dataset) -> Iterator[tuple[Array, int, str]]:
+    """The speed before its declared low-pass, over how many samples it is a sum, and what was undone, in words."""
+    stages = data.declared.linear.stages
+    if stages and isinstance(stages[0], Derivative):
+        stages = stages[1:]
+    if not stages:
+        yield data.y, 1, ""
+    elif len(stages) == 1 and isinstance(stages[0], Lowpass):
+        yield from _without_lowpass(data, stages[0])
+
+
+def _without_lowpass(data: Dataset, stage: Lowpass) -> Iterator[tuple[Array, int, str]]:
+    """The input of a low-pass, by the recursion that it is declared to be and by a step of backward Euler."""
+    how = f", after `{stage}` was undone"
+    h = stage.cutoff * np.diff(data.t_output)
+    y, before = data.y[1:], data.y[:-1]
+    first = np.zeros(
+        1
+    )  # nobody knows what came before the first sample; the first value of a speed isn't summed
+    if stage.discretisation == "tustin":
+        both = ((1.0 + 0.5 * h) * y - (1.0 - 0.5 * h) * before) / (0.5 * h)
+        yield np.concatenate([first, both]), 2, how  # x[k] + x[k-1]
+    else:
+        decay = np.exp(-h) if stage.discretisation == "zoh" else 1.0 - h
+        # This is x[k-1]: the last value has left no trace in y.
+        yield (y - decay * before) / (1.0 - decay), 1, how
+    for decay in (1.0 / (1.0 + h), np.exp(-h), 1.0 - h):
+        # y[k] = y[k-1] + (1 - a)(x[k] - y[k-1]), the usual line of a firmware, which acts on the new sample at once.
+        yield np.concatenate([first, (y - decay * before) / (1.0 - decay)]), 1, how
+
+
+def _once(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
+    """The sum of differences between neighbouring samples."""
+    found = whole_counts(increments, data.position_unit)
+    if found is not None:
+        counts, quantum = found
+        summed = np.concatenate([np.zeros(1), np.cumsum(counts)])
+        yield Summation(data=_position(data, summed, quantum), how=f"from sample to sample{how}")
+
+
+def _central(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
+    """The sum of differences between the next sample and the one before."""
+    found = whole_counts(increments[1:-1], data.position_unit)
+    if found is not None:
+        counts, quantum = found
+        yield Summation(
+            data=_position(data, _interleaved(counts), quantum),
+            how="from the sample before to the next one (if it was taken over the last two instead, the delay is "
+            f"{data.sample_time:.3g} s smaller){how}",
+        )
+
+
+def _backward(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
+    """The sum of differences over the last two samples."""
+    found = whole_counts(increments[2:], data.position_unit)
+    if found is not None:
+        counts, quantum = found
+        yield Summation(
+            data=_position(data, _interleaved(counts), quantum), how=f"from sample to sample{how}"
+        )
+
+
+def whole_counts(increments: Array, unit: str) -> tuple[Array, float] | None:
+    """Return whole numbers n (N,) and the quantum Q with increments (N,) = n Q to a twentieth of Q; None where there is none.
+
+    Digits that were left out of the print leave Q open by a part of it. An encoder has a whole number of counts in a turn (`unit`
+    rad), and a count is 1 (`unit` counts); where neither decides, and Q is open by more than a millionth, there is None, too:
+    the gain would be wrong by as much, whatever its interval says.
+    """
+    quantum = _step(increments)
+    if quantum is None:
+        return None
+    for _ in range(2):
+        counts = np.rint(increments / quantum)
+        quantum = float(np.abs(increments).sum() / np.abs(counts).sum())
+    off = float(np.abs(increments - counts * quantum).max())
+    if off > _OFF * quantum:
+        return None
+    low, high = _open(np.abs(increments), np.abs(counts), off)
+    exact = _exact(low, high, unit)
+    if exact is None and high - low > _SHARP * quantum:
+        return None
+    return counts, exact or quantum
+
+
+def _open(sizes: Array, counts: Array, off: float) -> tuple[float, float]:
+    """The least and the largest quantum with which no increment is off by more than a tenth above what the worst one is."""
+    moved = counts > 0
+    bound = 1.1 * off
+    return float(np.max((sizes[moved] - bound) / counts[moved])), float(
+        np.min((sizes[moved] + bound) / counts[moved])
+    )
+
+
+def _exact(low: float, high: float, unit: str) -> float | None:
+    """The quantum of a whole number of counts in a turn, or of one count, that is the only one between low and high."""
+    if unit == "counts":
+        return 1.0 if low <= 1.0 <= high else None
+    if unit != "rad" or not low > 0:
+        return None
+    fewest, most = 2.0 * np.pi / high, 2.0 * np.pi / low
+    whole = np.ceil(fewest)
+    return float(2.0 * np.pi / whole) if whole <= most < fewest + _CHANCE else None
+
+
+def _step(increments: Array) -> float | None:
+    """The step of the grid that the increments and 0 lie on, as found; a few values are all that a slow encoder has."""
+    alike = _merged(np.append(increments, 0.0))
+    step = grid_step(alike)
+    if step is not None:
+        return step
+    values = np.unique(alike)
+    return float(np.diff(values).min()) if 1 < len(values) <= _FEW else None
+
+
+def _merged(x: Array) -> Array:
+    """Values x (N,), those that differ in the last printed digit alone made alike: the one that is nearest to 0 for each."""
+    for share in (_SAME, _PRINTED):
+        values, place = np.unique(x, return_inverse=True)
+        steps = np.diff(values)
+        if len(steps):
+            apart = steps > share * (values[-1] - values[0] if share == _SAME else np.median(steps))
+            group = np.concatenate([[0], np.cumsum(apart)])
+            nearest = np.full(group[-1] + 1, np.inf)
+            for value, number in zip(values, group, strict=True):
+                if abs(value) < abs(nearest[number]):
+                    nearest[number] = value
+            x = nearest[group[place]]
+    return x
+
+
+def _interleaved(differences: Array) -> Array:
+    """The counts n (N + 2,) with n[k+2] - n[k] = differences (N,), n[0] = 0 and n[1] such that odd and even samples fit best."""
+    counts = np.zeros(len(differences) + 2)
+    counts[2::2] = np.cumsum(differences[::2])
+    counts[3::2] = np.cumsum(differences[1::2])
+    between = counts[1:-1] - 0.5 * (counts[:-2] + counts[2:])
+    # Where the odd samples stand too high by a, they are that much above the line between their neighbours, and even ones below.
+    signs = np.where(np.arange(1, len(counts) - 1) % 2 == 1, 1.0, -1.0)
+    counts[1::2] -= np.rint(np.mean(signs * between))
+    return counts
+
+
+def _position(data: Dataset, counts: Array, quantum: float) -> Dataset:
+    """The dataset with its output in the middle of counts (K,), which may end before the speed does."""
+    return replace(
+        data,
+        t_output=data.t_output[: len(counts)],
+        current=None if data.current is None else data.current[: len(counts)],
+        y=(counts + 0.5) * quantum,
+        kind="position",
+        output_unit=data.position_unit,
+        quantum=quantum,
+        declared=Chain(),
+        chain_known=True,
+    )

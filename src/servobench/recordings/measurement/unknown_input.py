@@ -1,0 +1,58 @@
+"""Outputs that an input before the record may have driven: they are left out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.first_motion import SUSTAINED, noise_of
+
+_UNKNOWN = (
+    4  # samples that an input before the record may have driven: a delay of three, and one of the latch
+)
+
+
+_LATE = 0.01  # s; the same for loops that sample fast
+
+
+_LEAST = 50  # samples that a record needs to spare some
+
+
+def without_unknown_input(data: Dataset) -> Dataset:
+    """Return a record without the first outputs, which an input before the first row may have driven through a delay.
+
+    So it is where the shaft moves when the record begins, or sets off from rest under the input that the first row has already;
+    how long a delay may be nobody knows, and four samples or 10 ms, but at most a fiftieth of the samples beyond the four, are
+    left out. Where the input never changes there is nothing to be mistaken in, and a shaft that rests until it does was driven by
+    nothing.
+    """
+    most = max(_UNKNOWN, len(data.y) // 50)
+    late = int(np.count_nonzero(data.t_output < data.t_output[0] + _LATE))
+    left_out = min(max(_UNKNOWN, late), most)
+    if not np.ptp(data.u) > 0 or len(data.y) < _LEAST:
+        return data
+    if not (_moves_at_first(data, left_out) or _sets_off_unasked(data)):
+        return data
+    return replace(
+        data,
+        t_output=data.t_output[left_out:],
+        y=data.y[left_out:],
+        current=None if data.current is None else data.current[left_out:],
+    )
+
+
+def _moves_at_first(data: Dataset, samples: int) -> bool:
+    """Whether the shaft moves within so many samples by more than noise, or its speed isn't zero."""
+    first = data.y[: max(samples, 3)]
+    if data.kind == "speed":
+        return abs(float(np.median(first))) > noise_of(data)
+    return float(np.ptp(first)) > 2 * noise_of(data)
+
+
+def _sets_off_unasked(data: Dataset) -> bool:
+    """Whether a shaft that stood sets off before the input changes: what it answers to came with the first row, or before it."""
+    away = np.flatnonzero(np.abs(data.y - np.median(data.y[:SUSTAINED])) > noise_of(data))
+    change = data.t_input[np.flatnonzero(data.u != data.u[0])[0]]
+    return bool(len(away) > 0 and data.t_output[away[0]] <= change)

@@ -1,0 +1,105 @@
+"""Wraps in a column: taking them out, and telling where they may have been missed."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, refusal, warning
+from servobench.core.units import unit as unit_named
+from servobench.recordings.measurement.column import Column
+from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrapped
+
+# Widths at which absolute encoders (12, 14) and counters wrap.
+_USUAL_BITS = (12, 14, 16, 24, 32)
+
+
+def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]:
+    """Return a column without its wraps, and findings where a wrap may be none or one may be missed.
+
+    Raises `UsageError` where the modulus is in another unit than the column can be.
+    """
+    if unit_named(stage.unit).dimension != unit_named(column.unit).dimension:
+        raise UsageError(
+            f"`{stage}` can't unwrap {column.name!r}, which is in {column.unit} there: give the modulus in {column.unit}"
+        )
+    found = unwrapped(column.x, stage.si_modulus)
+    doubts = [*_ambiguous_steps(column, stage, found), *_wraps_in_a_longer_range(column, stage, found)]
+    return replace(column, x=found.count), doubts
+
+
+def _ambiguous_steps(column: Column, stage: Unwrap, found: Unwrapped) -> list[Finding]:
+    # From one step to the next the speed can't change by half the modulus and come out right: a wrap was misjudged.
+    erratic = np.abs(np.diff(found.delta, prepend=found.delta[:1])) >= 0.5 * stage.si_modulus
+    erratic[:2] = False  # the first step is no step, and from it to the second nothing changes
+    doubtful = column.rows[np.flatnonzero(found.ambiguous | erratic)]
+    if not len(doubtful):
+        return []
+    sentence = (
+        f"In {len(doubtful)} places, the first of them row {doubtful[0]}, {column.name!r} goes so far from one sample to "
+        f"the next that `{stage}` can't tell which way it went; sample more often, or check the modulus."
+    )
+    return [warning("unwrap-ambiguous", sentence, rows=(int(doubtful[0]), int(doubtful[-1])))]
+
+
+def _wraps_in_a_longer_range(column: Column, stage: Unwrap, found: Unwrapped) -> list[Finding]:
+    span, jumps = float(np.ptp(column.x)), column.rows[np.flatnonzero(found.wrap)]
+    if not len(jumps) or span <= stage.si_modulus * (1.0 + 1e-6):
+        return []
+    sentence = (
+        f"{column.name!r} spans {span:.9g} {column.unit}, more than it could with `{stage}`, and yet it has {len(jumps)} jumps "
+        f"that were taken for wraps, the first in row {jumps[0]}; check the modulus."
+    )
+    return [warning("unwrap-out-of-range", sentence, rows=(int(jumps[0]), int(jumps[-1])))]
+
+
+def suspected_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]:
+    """Return a finding where a position, in SI units or in counts, seems to wrap: told, not repaired.
+
+    It has to stay within one modulus (a turn, or a usual width of a counter), jump by more than half of it, and go on
+    after each jump as it went before.
+    """
+    span, largest = float(np.ptp(column.x)), float(np.max(np.abs(np.diff(column.x)), initial=0.0))
+    for stage in _usual_moduli(column.unit, counts_per_rev):
+        modulus = stage.si_modulus
+        if span <= modulus * (1.0 + 1e-6) and largest > 0.5 * modulus:
+            found = unwrapped(column.x, modulus)
+            jumps = np.flatnonzero(found.wrap)
+            return [_wraps(column, stage, column.rows[jumps])] if _goes_on(found.delta, jumps) else []
+    return []
+
+
+def _usual_moduli(unit: str, counts_per_rev: float | None) -> list[Unwrap]:
+    """The moduli that positions in a unit wrap at, smallest first."""
+    if unit == "rad":
+        return [Unwrap(modulus=360.0, unit="deg")]
+    if unit != "counts":
+        return []
+    counts = [2.0**bits for bits in _USUAL_BITS]
+    return [
+        Unwrap(modulus=n, unit="counts")
+        for n in sorted([*counts, *([counts_per_rev] if counts_per_rev else [])])
+    ]
+
+
+def _goes_on(delta: Array, jumps: NDArray[np.intp]) -> bool:
+    """Whether the steps at the jumps, wraps taken out, go the way of the steps beside them, in nine of ten at least."""
+    sides = np.concatenate([delta, [0.0]])
+    beside = sides[jumps - 1] + sides[jumps + 1]
+    small = np.abs(delta[jumps]) <= 2.0 * np.max(np.abs(np.delete(delta, jumps)), initial=0.0)
+    return bool(np.mean((beside * delta[jumps] >= 0.0) & small) >= 0.9)
+
+
+def _wraps(column: Column, stage: Unwrap, rows: NDArray[np.int64]) -> Finding:
+    jump = "a turn" if column.unit == "rad" else f"{stage.modulus:.9g} counts"
+    times = "once, " if len(rows) == 1 else f"{len(rows)} times, the first time "
+    return refusal(
+        "angle-wraps",
+        f"The position {column.name!r} jumps by about {jump} {times}in row {rows[0]}, and goes on as before: it wraps, and no "
+        f"motor's model fits an angle that does. Put `{stage}` at the front of the chain (`chain='{stage}'`).",
+        rows=(int(rows[0]), int(rows[-1])),
+    )

@@ -1,0 +1,250 @@
+"""Reads the native file: a whole one, and as much of a torn one as is right."""
+
+from __future__ import annotations
+
+import os
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import FormatError, UsageError
+from servobench.core.finding import warning
+from servobench.recordings.native import mcap
+from servobench.recordings.native.description import (
+    ENDING,
+    HAPPENING,
+    OPENING,
+    Ending,
+    Group,
+    Happening,
+    Opening,
+    described,
+)
+from servobench.recordings.native.mcap import Damaged, Op
+from servobench.recordings.recording import Event, Recording, Series, Stopped
+
+CUT_SHORT = Stopped(reason="unknown", sentence="the file ends before it says why the recording ended")
+
+
+def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
+    """Return the recordings in a native file.
+
+    Of a file that was torn, or is damaged, this is all that comes before the first thing that isn't right, as each chunk and each
+    description has its checksum; the last recording then has the finding `recording-cut-short`.
+    Raises `FormatError` where the file can't be read, isn't a native one, or has nothing that is right.
+    """
+    path = Path(path)
+    if "\0" in str(path):
+        raise FormatError(f"{str(path)!r} can't be read: it has a zero byte in it")
+    try:
+        with open(path, "rb") as file:
+            size = os.fstat(file.fileno()).st_size
+            _check_kind(path, file, size)
+            found = _collect(file, size)
+    except OSError as error:
+        raise FormatError(f"{path} can't be read: {error.strerror or error}") from error
+    if not found.recordings:
+        raise FormatError(
+            f"{path} is an unfinished or damaged recording, and nothing in it can be read: "
+            f"{found.damage or 'it holds no recording'}"
+        )
+    recordings = [each.recording() for each in found.recordings]
+    if found.damage:
+        recordings[-1] = _cut_short(recordings[-1], found.damage, size - found.right)
+    elif found.recordings[-1].ending is None:
+        recordings[-1] = _cut_short(recordings[-1], "the recording was never ended", 0)
+    return tuple(recordings)
+
+
+@dataclass
+class _Unfinished:
+    """A recording while it is read: what it says of itself, and the rows of each group and the events so far."""
+
+    opening: Opening
+    ending: Ending | None = None
+    events: list[Event] = field(default_factory=list)
+    groups: dict[int, Group] = field(init=False)
+    blocks: dict[int, list[Array]] = field(init=False)
+    rows: dict[int, int] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.groups = {group.number: group for group in self.opening.groups}
+        self.blocks = {number: [] for number in self.groups}
+        self.rows = dict.fromkeys(self.groups, 0)
+        names = [channel.name for channel in self.opening.channels]
+        grouped = [name for group in self.opening.groups for name in group.channels]
+        if len(self.groups) != len(self.opening.groups) or sorted(names) != sorted(grouped):
+            raise Damaged("a description doesn't say where each channel is stored")
+
+    def add(self, data: bytes) -> None:
+        """Take the messages of a chunk."""
+        number = mcap.channel_of(data)
+        if number not in self.groups or self.ending is not None:
+            raise Damaged("a chunk belongs to no recording")
+        rows = mcap.read_messages(data, number, self.rows[number], self.groups[number].columns)
+        self.blocks[number].append(rows)
+        self.rows[number] += len(rows)
+
+    def happen(self, happening: Happening) -> None:
+        """Take an event, if it is the next one."""
+        if self.ending is not None or happening.number != len(self.events):
+            raise Damaged("an event is missing")
+        self.events.append(happening.event)
+
+    def end(self, ending: Ending) -> None:
+        """Take what is said at the end, if it fits what came before."""
+        if self.ending is not None or ending.rows != tuple(self.rows.values()):
+            raise Damaged("samples are missing at the end")
+        if ending.events != len(self.events):
+            raise Damaged("events are missing at the end")
+        self.ending = ending
+
+    def recording(self) -> Recording:
+        """Return the recording as far as it came."""
+        opening, ending = self.opening, self.ending
+        series = {name: each for group in opening.groups for name, each in self._series(group).items()}
+        return Recording(
+            name=opening.name,
+            series=tuple(series[channel.name] for channel in opening.channels),
+            source=opening.source,
+            input=opening.roles.input,
+            output=opening.roles.output,
+            input_before=opening.roles.input_before,
+            chain=opening.roles.chain,
+            reference=opening.roles.reference,
+            info=opening.info,
+            experiment=opening.experiment,
+            findings=ending.findings if ending else opening.findings,
+            stopped=ending.stopped if ending else CUT_SHORT,
+            versions=dict(opening.versions),
+            events=tuple(self.events),
+        )
+
+    def _series(self, group: Group) -> dict[str, Series]:
+        """The series of a group; they share one array of times."""
+        blocks = self.blocks[group.number] or [np.empty((0, group.columns))]
+        columns = [np.concatenate([block[:, k] for block in blocks]) for k in range(group.columns)]
+        times = columns.pop(0) if group.timed else None
+        channels = {channel.name: channel for channel in self.opening.channels}
+        return {
+            name: Series(channel=channels[name], values=values, t=times)
+            for name, values in zip(group.channels, columns, strict=True)
+        }
+
+
+@dataclass
+class _Found:
+    """The recordings so far, the bytes up to which everything is right, and what isn't right there, if anything."""
+
+    recordings: list[_Unfinished] = field(default_factory=list)
+    right: int = 0
+    damage: str = ""
+
+
+def _collect(file: BinaryIO, size: int) -> _Found:
+    """Take what is right, up to the end of the data or the first thing that isn't."""
+    found = _Found()
+    try:
+        for op, body, end in _records(file, size):
+            if op == Op.METADATA:
+                _take(found.recordings, *mcap.read_metadata(body))
+            elif op == Op.CHUNK:
+                if not found.recordings:
+                    raise Damaged("a chunk comes before any recording")
+                found.recordings[-1].add(mcap.read_chunk(body))
+            found.right = end
+            if op == Op.DATA_END:
+                return found
+        found.damage = "it has no end"
+    except Damaged as error:
+        found.damage = str(error)
+    return found
+
+
+def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -> None:
+    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's, and no matter."""
+    if name == OPENING:
+        if recordings and recordings[-1].ending is None:
+            raise Damaged("a recording begins before the one before has ended")
+        unfinished = _Unfinished(described(Opening, entries))
+        try:
+            unfinished.recording()
+        except UsageError as error:
+            raise Damaged("a description contradicts itself") from error
+        recordings.append(unfinished)
+    elif name in (HAPPENING, ENDING):
+        if not recordings:
+            raise Damaged("a recording goes on that never began")
+        if name == HAPPENING:
+            recordings[-1].happen(described(Happening, entries))
+        else:
+            recordings[-1].end(described(Ending, entries))
+
+
+def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, int]]:
+    """Yield opcode, body and end of each record; the body is empty for those whose content isn't needed.
+
+    Ends where the file does; raises `Damaged` at a record that would run past it.
+    """
+    end = file.tell()
+    while end < size:
+        head = file.read(mcap.RECORD_HEAD)
+        if len(head) < mcap.RECORD_HEAD:
+            raise Damaged("it ends in the middle of a record")
+        op, length = struct.unpack("<BQ", head)
+        if length > size - end - mcap.RECORD_HEAD:
+            raise Damaged("it ends in the middle of a record")
+        end += mcap.RECORD_HEAD + length
+        if op in (Op.METADATA, Op.CHUNK):
+            if length > mcap.LARGEST_RECORD:
+                raise Damaged("a record is larger than any that is written")
+            body = file.read(length)
+        else:
+            body = b""
+            file.seek(end)
+        yield op, body, end
+
+
+def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
+    """Read up to the first record after the header; raises `FormatError` where it says that the file isn't ours."""
+    if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
+        raise FormatError(f"{path} is no MCAP file: its first bytes are others")
+    head = file.read(mcap.RECORD_HEAD)
+    op, length = struct.unpack("<BQ", head) if len(head) == mcap.RECORD_HEAD else (0, 0)
+    if op != Op.HEADER or length > min(size - file.tell(), mcap.LARGEST_RECORD):
+        raise FormatError(
+            f"{path} is an MCAP file that is torn at its very beginning: nothing in it can be read"
+        )
+    try:
+        library = mcap.read_header(file.read(length))
+    except Damaged as error:
+        raise FormatError(f"{path} is an MCAP file with a damaged header: {error}") from error
+    if not library.startswith("servobench ") and not opens_as_ours(file):
+        raise FormatError(
+            f"{path} is an MCAP file, but was written by {library or 'an unknown program'!r} and not by servobench; "
+            f"it can be read by servobench inspect and identify, but only servobench's own can be recovered"
+        )
+
+
+def opens_as_ours(file: BinaryIO) -> bool:
+    """Return whether the next record begins a recording of ours, whatever the damaged header before it says; nothing is moved."""
+    start = file.tell()
+    opening = mcap.prefixed(OPENING)
+    head = file.read(mcap.RECORD_HEAD + len(opening))
+    file.seek(start)
+    return head[:1] == bytes([Op.METADATA]) and head[mcap.RECORD_HEAD :] == opening
+
+
+def _cut_short(recording: Recording, damage: str, dropped: int) -> Recording:
+    """The recording with a finding that says what is missing."""
+    left_out = f"; the last {dropped} bytes of the file were left out" if dropped else ""
+    sentence = (
+        f"the recording was cut short, as its file doesn't end as it should ({damage}); "
+        f"what came before is right{left_out}"
+    )
+    return recording.with_findings(warning("recording-cut-short", sentence))

@@ -1,0 +1,149 @@
+"""A recording: what happened, with nothing thrown away."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Literal, TypeAlias
+
+import numpy as np
+
+from servobench.core.channels import Array, Channel, DeviceInfo
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding
+
+StopReason: TypeAlias = Literal["finished", "interrupted", "fault", "device_lost", "error", "unknown"]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Stopped:
+    """Why a run ended: `finished` as asked, or cut short; the sentence says it in words."""
+
+    reason: StopReason
+    """Which kind of end it was."""
+    sentence: str
+
+
+@dataclass(frozen=True, kw_only=True)
+class Event:
+    """One thing that happened in a run beside its samples, such as a command that was taken or a fault.
+
+    `tick` is the first tick that it concerns, `time` [s] when it happened, in the run's own count. `kind` is one word, such as
+    `command` or `fault`; `text` says the rest as JSON.
+    """
+
+    tick: int
+    time: float
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Series:
+    """The samples of one channel.
+
+    `values` has shape (N,) and is in the channel's unit, as recorded. `t` [s] has the same shape, or is None where the
+    file that it comes from has no times. Raises `UsageError` where the shapes differ.
+    """
+
+    channel: Channel
+    values: Array
+    t: Array | None
+
+    def __post_init__(self) -> None:
+        if self.values.ndim != 1 or (self.t is not None and self.t.shape != self.values.shape):
+            times = "no times" if self.t is None else f"times of shape {self.t.shape}"
+            raise UsageError(
+                f"channel {self.channel.name!r} has values of shape {self.values.shape} and {times}; expected (N,) both"
+            )
+
+    def __eq__(self, other: object) -> bool:
+        """Same channel, same values and same times, NaN equal to NaN."""
+        if not isinstance(other, Series) or self.channel != other.channel:
+            return False
+        if self.t is None or other.t is None:
+            times = self.t is other.t
+        else:
+            times = np.array_equal(self.t, other.t, equal_nan=True)
+        return times and np.array_equal(self.values, other.values, equal_nan=True)
+
+    __hash__ = None  # type: ignore[assignment]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Source:
+    """Where a recording comes from: a path or a device's name, the SHA-256 of the file (empty for a run), its format."""
+
+    name: str
+    sha256: str = ""
+    """Checksum of the file, empty where there is none."""
+    format: str = "run"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Recording:
+    """What happened: raw channels, each with its own times.
+
+    `input` and `output` name the channels that are the motor's input and measured output, or are None where nobody has said so
+    yet. Sample k of the output is latched at t_k before input k acts; input k holds from its time to the next.
+    `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
+    `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder, or where nobody knows,
+    `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
+    A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
+    has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
+    text, empty where there was none. `events` are in the order in which they happened.
+    Raises `UsageError` for a name that stands twice, and for a role that no channel has.
+    """
+
+    name: str
+    series: tuple[Series, ...]
+    """The channels with their samples."""
+    source: Source
+    """The file or the device that it comes from."""
+    input: str | None = None
+    output: str | None = None
+    input_before: float | None = None
+    chain: str = ""
+    reference: str | None = None
+    info: DeviceInfo | None = None
+    """What the device said of itself, None where no device is known."""
+    experiment: str = ""
+    findings: tuple[Finding, ...] = ()
+    """What there is to know about it."""
+    stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
+    """Why it ended, None where nobody knows."""
+    versions: Mapping[str, str] = field(default_factory=dict)
+    """Programs and their versions that made it."""
+    events: tuple[Event, ...] = ()
+
+    def __post_init__(self) -> None:
+        names = [series.channel.name for series in self.series]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise UsageError(
+                f"recording {self.name!r} has two channels called {', '.join(twice)}: rename one"
+            )
+        for role, name in (
+            ("input", self.input),
+            ("output", self.output),
+            ("reference", self.reference),
+        ):
+            if name is not None and name not in names:
+                raise UsageError(
+                    f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}"
+                )
+
+    def __getitem__(self, name: str) -> Series:
+        """Return the series of that channel; raises `UsageError`, which lists the channels, where there is none."""
+        for series in self.series:
+            if series.channel.name == name:
+                return series
+        known = ", ".join(series.channel.name for series in self.series)
+        raise UsageError(f"recording {self.name!r} has no channel {name!r}; it has {known}")
+
+    def __contains__(self, name: str) -> bool:
+        return any(series.channel.name == name for series in self.series)
+
+    def with_findings(self, *findings: Finding) -> Recording:
+        """Return the same recording with further findings."""
+        return replace(self, findings=(*self.findings, *findings))

@@ -1,0 +1,208 @@
+"""A device with faults that somebody asked for: what an experiment, a guard or a lesson is tried against."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from types import TracebackType
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from servobench.core.channels import DeviceInfo, Sample
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, warning
+from servobench.rig.devices.base import Device
+from servobench.rig.devices.faults.base import (
+    FAULTS,
+    Fault,
+    Injection,
+    Latch,
+    Put,
+    Simulated,
+    fault_from,
+    text_of,
+)
+
+SETTING = "faults"  # of a device's info, where the faults are told
+
+
+class Faulty:
+    """A device around a device that injects faults into what is read and written; otherwise it is the device itself.
+
+    `faults` act in their order, the first nearest to the motor. They are asked for by name, never there by themselves, and told
+    in the info's settings, in the recording's findings and in the report. `seed` is that of their chance; without one they take
+    the run's. `sleep` waits for some time [s]; a test may count instead. `stop` always reaches the device.
+    Raises `UsageError`, before anything moves, where the device can't have one of the faults.
+    """
+
+    Settings: ClassVar[type[Any]] = Fault
+
+    def __init__(
+        self,
+        device: Device,
+        faults: Sequence[Fault],
+        seed: int | None = None,
+        *,
+        sleep: Callable[[float], object] = time.sleep,
+    ) -> None:
+        self.device = device
+        self._faults = tuple(faults)
+        self._seed = seed
+        self._sleep = sleep
+        self._read: Latch = device.read
+        self._write: Put = device.write
+        for fault in self._faults:
+            _check(fault, device)
+
+    @property
+    def info(self) -> DeviceInfo:
+        """What the device says of itself, its faults among its settings."""
+        info = self.device.info
+        for fault in self._faults:
+            info = fault.shown(info)
+        if not self._faults:
+            return info
+        told = "; ".join(map(text_of, self._faults))
+        return replace(info, settings=(*info.settings, (SETTING, told)))
+
+    def __getattr__(self, name: str) -> Any:
+        """What a device can do beside being one, such as to light its lamp, it does as before."""
+        if name == "device":  # a copy that has none yet would ask itself for ever
+            raise AttributeError(name)
+        return getattr(self.device, name)
+
+    def __enter__(self) -> Self:
+        """Connect."""
+        self.device.__enter__()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop and close."""
+        self.device.__exit__(kind, error, trace)
+
+    def start(self, sample_time: float, seed: int | None) -> None:
+        """Prepare a run with that sample time [s]; each fault begins anew."""
+        if not (math.isfinite(sample_time) and sample_time > 0):
+            self.device.start(sample_time, seed)  # which says what is wrong with it
+        chance = seed if self._seed is None else self._seed
+        source = _Source(self.device, sample_time, self._sleep)
+        read: Latch = source.read
+        write: Put = self.device.write
+        for place, fault in enumerate(self._faults):
+            # Each has its own chance, so that none changes what another does.
+            random = np.random.default_rng(None if chance is None else (chance, place))
+            injection = fault.begin(_Run(source, random))
+            read, write = partial(injection.read, read), partial(_written, injection, write)
+        self.device.start(sample_time, seed)
+        self._read, self._write = read, write
+
+    def read(self) -> Sample:
+        """Return what is left of the device's next sample."""
+        return self._read()
+
+    def write(self, voltage: float) -> float:
+        """Hand the voltage [V] on, and return what is left of the device's answer."""
+        return self._write(voltage)
+
+    def stop(self) -> None:
+        """Stop the device, whatever is wrong with it."""
+        self.device.stop()
+
+
+def with_faults(device: Device, tables: Sequence[Mapping[str, Any]]) -> Device:
+    """Return a device with the faults that an experiment asks for, or the device itself where it asks for none.
+
+    Raises `UnknownName`, pydantic's `ValidationError` and `UsageError` where one of them can't be had.
+    """
+    return Faulty(device, [fault_from(table) for table in tables]) if tables else device
+
+
+def injected(info: DeviceInfo | None) -> tuple[Finding, ...]:
+    """Return the finding that faults were injected, by what a device says of itself; empty where there were none."""
+    told = dict(info.settings).get(SETTING) if info else None
+    if not told:
+        return ()
+    sentence = (
+        f"Faults were injected on purpose: {told}. What is odd in this recording comes from them; "
+        f"run the experiment without them before you trust a figure."
+    )
+    return (warning("faults-injected", sentence),)
+
+
+class _Source:
+    """The device's own samples, and the time at which a run with faults is."""
+
+    def __init__(self, device: Device, sample_time: float, sleep: Callable[[float], object]) -> None:
+        self.device = device
+        self.sample_time = sample_time
+        self._sleep = sleep
+        self._by_host = device.info.timing == "host"
+        self._first: Sample | None = None
+        self._delay = 0.0
+        self.now = -sample_time
+
+    def hold_up(self, delay: float) -> None:
+        self._delay += delay
+
+    def read(self) -> Sample:
+        delay, self._delay = self._delay, 0.0
+        sample = self._latched(delay) if delay > 0 else self.device.read()
+        if self._first is None:
+            self._first = sample
+        # By the samples' numbers, as their times may scatter; a host counts reads, so that there it is the time.
+        number = sample.index - self._first.index
+        self.now = sample.time - self._first.time if self._by_host else number * self.sample_time
+        return sample
+
+    def _latched(self, delay: float) -> Sample:
+        """The sample that a read gets which takes that long; where time is computed, the ticks in between go by."""
+        if self._by_host or not isinstance(self.device, Simulated):
+            self._sleep(delay)
+            return self.device.read()
+        # 3 ms are a tick and a half of 2 ms; what is a whole number of ticks but for rounding is that number.
+        missed = math.floor(delay / self.sample_time * (1 + 1e-12))
+        for _ in range(missed):
+            self.device.read()
+        return self.device.read_after(max(0.0, delay - missed * self.sample_time))
+
+
+class _Run:
+    """A run with faults, as one of them sees it."""
+
+    def __init__(self, source: _Source, random: np.random.Generator) -> None:
+        self._source = source
+        self.device = source.device
+        self.sample_time = source.sample_time
+        self.random = random
+        self.hold_up = source.hold_up
+
+    @property
+    def now(self) -> float:
+        return self._source.now
+
+    @property
+    def due(self) -> float:
+        return self._source.now + self.sample_time
+
+
+def _written(injection: Injection, put: Put, voltage: float) -> float:
+    return injection.write(voltage, put)
+
+
+def _check(fault: Fault, device: Device) -> None:
+    """Raise `UsageError` where a device can't have a fault; the message lists those that it can have."""
+    reason = fault.unsupported(device)
+    if reason is None:
+        return
+    # Of a fault with settings that have to be given, what is asked for stands for it: only its kind matters here.
+    able = [name for name in FAULTS.names() if FAULTS[name].model_construct().unsupported(device) is None]
+    raise UsageError(
+        f"the device {device.info.name!r} can't have the fault {FAULTS.name_of(fault)!r}: {reason}; "
+        f"faults that it can have: {', '.join(able)}"
+    )

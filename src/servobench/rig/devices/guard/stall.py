@@ -1,0 +1,81 @@
+"""A shaft that stands still under a large voltage."""
+
+from __future__ import annotations
+
+from typing import ClassVar, Self
+
+from servobench.core.finding import Finding, warning
+from servobench.rig.devices.guard.base import MONITORS, Alarm, Motion, Rig
+from servobench.rig.experiment.limits import StallLimits
+
+
+@MONITORS.member("stall")
+class StallMonitor:
+    """A warning, then a fault, where the shaft stands under a large voltage without a break, as Quanser's amplifiers have it.
+
+    Stalled is a shaft while |u| is above the control threshold and |ω| below the motion threshold. Where the counts of a turn
+    aren't known, motion is any count in the last 50 ms. `time_stalled` [s] is how long it has been so; 0 where it isn't.
+    """
+
+    heading: ClassVar[str] = "Stall"
+    codes: ClassVar[tuple[str, ...]] = ("stalled",)
+
+    def __init__(self, limits: StallLimits, motion_threshold: float, *, by_speed: bool = True) -> None:
+        self._limits = limits
+        self._control, self._motion = limits.voltage, motion_threshold
+        self._slow = f"was slower than {limits.motion:g} rad/s" if by_speed else "stood still"
+        self.time_stalled = 0.0
+        self.longest = 0.0
+        """The longest time stalled in this run [s]."""
+        self._warnings = 0
+
+    @classmethod
+    def of(cls, rig: Rig) -> Self | None:
+        """Return a monitor where it isn't switched off, and what is put out is a voltage."""
+        limits = rig.limits.stall
+        if limits is None or not rig.in_volts:
+            return None
+        return cls(limits, limits.motion if rig.angle else 1.0, by_speed=rig.angle is not None)
+
+    @property
+    def limit(self) -> str:
+        """Both thresholds and both times."""
+        return (
+            f"slower than {self._limits.motion:g} rad/s above {self._control:g} V: a warning after "
+            f"{1000 * self._limits.warning:g} ms, cut off after {self._limits.duration:g} s"
+        )
+
+    def check(self, motion: Motion) -> Alarm | None:
+        """Add to the time stalled, and return an alarm where that is too long."""
+        if (
+            -self._control <= motion.applied <= self._control
+            or not -self._motion < motion.speed < self._motion
+        ):
+            self.time_stalled = 0.0
+            return None
+        return self._stalled(motion)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return a warning where the shaft was stalled for longer than `limits.stall.warning`."""
+        if not self._warnings:
+            return ()
+        return (
+            warning(
+                "stalled",
+                f"The shaft {self._slow} under more than {self._control:g} V, for up to {self.longest:.3g} s: look for what "
+                "held it.",
+            ),
+        )
+
+    def _stalled(self, motion: Motion) -> Alarm | None:
+        warned = self.time_stalled >= self._limits.warning
+        self.time_stalled += motion.dt
+        self.longest = max(self.longest, self.time_stalled)
+        self._warnings += not warned and self.time_stalled >= self._limits.warning
+        if self.time_stalled < self._limits.duration:
+            return None
+        return Alarm(
+            "stalled",
+            f"the shaft {self._slow} under {motion.applied:.3g} V for {self.time_stalled:.3g} s (limits: more than "
+            f"{self._control:g} V, {self._limits.duration:g} s); look for what holds it",
+        )

@@ -1,0 +1,317 @@
+"""The simulated twin of a servo motor: amplifier, motor, encoder and sensors, in virtual time or beside the wall clock."""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from types import TracebackType
+from typing import Any, ClassVar, Literal, Self
+
+import numpy as np
+
+from servobench.core.channels import Channel, DeviceInfo, Sample
+from servobench.core.errors import DeviceError, UsageError
+from servobench.core.settings import (
+    Angle,
+    CountsPerRev,
+    Current,
+    Damping,
+    Inductance,
+    Inertia,
+    MotorConstant,
+    Resistance,
+    Settings,
+    Speed,
+    Time,
+    Torque,
+    TorqueNoise,
+    Voltage,
+)
+from servobench.rig.devices.base import DEVICES, finite_voltage
+from servobench.rig.motor.amplifier import Amplifier
+from servobench.rig.motor.encoder import CurrentSensor, Encoder, Tachometer
+from servobench.rig.motor.parameters import DataSheet, MotorParameters, data_sheet
+from servobench.rig.motor.physics import MotorState, Physics
+from servobench.rig.motor.plant import Plant
+from servobench.rig.motor.solvers.base import SOLVERS
+
+
+class TwinSettings(Settings):
+    """The hidden truths of a simulated motor; what is left out comes from the data sheet `motor`."""
+
+    motor: str = "qube_servo_2"
+    """Name of the data sheet."""
+    resistance: Resistance | None = None
+    """Winding resistance [Ω]."""
+    inductance: Inductance | None = None
+    """Winding inductance; 0 leaves the electrical pole out [H]."""
+    motor_constant: MotorConstant | None = None
+    """Torque and back-emf constant [V·s/rad]."""
+    rotor_inertia: Inertia | None = None
+    """Inertia of the rotor [kg·m²]."""
+    hub_inertia: Inertia | None = None
+    """Inertia of the hub [kg·m²]."""
+    disc_inertia: Inertia | None = None
+    """Inertia of the disc [kg·m²]."""
+    viscous_friction: Damping = 1e-6
+    """Viscous friction; a data sheet has none, so this is assumed [N·m·s/rad]."""
+    coulomb_torque: Torque = 8e-4
+    """Coulomb friction; a data sheet has none, so this is assumed [N·m]."""
+    torque_noise: TorqueNoise = 0.0
+    """Intensity of a white disturbance torque, two-sided [N·m/√Hz]."""
+    amplifier_limit: Voltage | None = None
+    """Largest voltage of the amplifier [V]."""
+    amplifier_resistance: Resistance = 0.0
+    """Resistance of the amplifier, in series with the winding [Ω]."""
+    dead_band: Voltage | None = None
+    """Dead band of the amplifier [V]."""
+    counts_per_rev: CountsPerRev | None = None
+    """Counts of the encoder in a revolution."""
+    counter_bits: Literal[16, 24, 32] | None = None
+    """Width of the encoder's counter."""
+    start_angle: Angle = 0.0
+    """Angle of the shaft at the start; the counter isn't reset there [rad]."""
+    delay: Time = 0.0
+    """Time from a write until its voltage acts, unknown to the device itself [s]."""
+    current_sensor: bool = True
+    """Whether there is a current channel."""
+    current_noise: Current = 0.0
+    """Standard deviation of the noise of the current channel [A]."""
+    tachometer: bool = False
+    """Whether there is a speed channel."""
+    tachometer_noise: Speed = 0.0
+    """Standard deviation of the noise of the speed channel [rad/s]."""
+    solver: str = "exact"
+    """How the equations are solved: exact, euler, rk4 or adaptive."""
+    solver_step: Time | None = None
+    """Longest step of the solver; without it a tick is one step [s]."""
+    timing: Literal["virtual", "host"] = "virtual"
+    """Whether time is computed, as fast as can be, or waited for."""
+
+    @property
+    def data_sheet(self) -> DataSheet:
+        """The data sheet that values come from where they aren't set; raises `UnknownName`."""
+        return data_sheet(self.motor)
+
+    @property
+    def parameters(self) -> MotorParameters:
+        """The motor's true parameters."""
+        names = ("resistance", "inductance", "motor_constant", "rotor_inertia", "hub_inertia", "disc_inertia")
+        given = {name: getattr(self, name) for name in names if getattr(self, name) is not None}
+        return replace(
+            self.data_sheet.motor,
+            **given,
+            viscous_friction=self.viscous_friction,
+            coulomb_torque=self.coulomb_torque,
+        )
+
+
+@DEVICES.member("twin")
+class Twin:
+    """A simulated motor that behaves as a device: what is written acts from the tick of the sample before it.
+
+    In virtual time the same settings and seed give the same samples, bit for bit. Beside the wall clock the motor moves on with
+    it, whether or not somebody reads in time. Raises `UsageError` for settings that no motor has.
+    """
+
+    Settings: ClassVar[type[TwinSettings]] = TwinSettings
+
+    def __init__(self, settings: TwinSettings | None = None) -> None:
+        self.settings = settings or TwinSettings()
+        sheet = self.settings.data_sheet
+        chosen: dict[str, Any] = {
+            "limit": self.settings.amplifier_limit,
+            "dead_band": self.settings.dead_band,
+        }
+        nominal = {"limit": sheet.voltage_limit, "dead_band": sheet.dead_band}
+        self._amplifier = Amplifier(
+            **{name: nominal[name] if value is None else value for name, value in chosen.items()},
+            resistance=self.settings.amplifier_resistance,
+        )
+        self._encoder = Encoder(
+            counts_per_rev=self.settings.counts_per_rev or sheet.counts_per_rev,
+            counter_bits=self.settings.counter_bits or sheet.counter_bits,  # type: ignore[arg-type]
+        )
+        self._current = (
+            CurrentSensor(noise=self.settings.current_noise) if self.settings.current_sensor else None
+        )
+        self._tachometer = (
+            Tachometer(noise=self.settings.tachometer_noise) if self.settings.tachometer else None
+        )
+        self._physics = Physics.of(self.settings.parameters, self.settings.amplifier_resistance)
+        if self.settings.solver_step is not None and self.settings.solver_step <= 0:
+            raise UsageError(f"twin: solver_step is {self.settings.solver_step:g} s; expected more than 0")
+        if self.settings.counts_per_rev is not None and self.settings.counts_per_rev <= 0:
+            raise UsageError(
+                f"twin: counts_per_rev is {self.settings.counts_per_rev:g}; expected more than 0"
+            )
+        if self.settings.delay < 0:
+            raise UsageError(f"twin: delay is {self.settings.delay:g} s; expected 0 or more")
+        self._open = False
+        self.lit = (0.0, 0.0, 0.0)  # red, green and blue of its lamp; for tests and pictures
+        self._plant: Plant | None = None
+        self._clock = time.perf_counter
+        self._index, self._sample_time, self._started, self._coasted = -1, math.nan, 0.0, 0.0
+        if self.settings.timing == "host":
+            self._load_kernels()
+
+    def _load_kernels(self) -> None:
+        """Compile or load what a run computes with: within a call it would look like a device that doesn't answer."""
+        step = 1e-3
+        solver = SOLVERS[self.settings.solver].prepare(self._physics, step, self.settings.solver_step)
+        plant = Plant(self._physics, solver, step, self.settings.torque_noise, 0.0, np.random.default_rng(0))
+        for voltage, now in ((1.0, 0.5 * step), (0.0, 1.2 * step), (-1.0, 3.0 * step)):
+            plant.act(voltage, now)
+            plant.advance_to(now)
+
+    @property
+    def info(self) -> DeviceInfo:
+        """What the twin says of itself: as a real device, it doesn't tell its hidden truths."""
+        counts = Channel(
+            name="counts",
+            unit="counts",
+            resolution=1.0,
+            counter_bits=self._encoder.counter_bits,
+            counts_per_rev=self._encoder.counts_per_rev,
+        )
+        voltage = Channel(
+            name="voltage", unit="V", minimum=-self._amplifier.limit, maximum=self._amplifier.limit
+        )
+        channels = [voltage, counts]
+        if self._current:
+            limit = self._current.range
+            channels.append(
+                Channel(
+                    name="current",
+                    unit="A",
+                    minimum=-limit,
+                    maximum=limit,
+                    resolution=self._current.resolution,
+                )
+            )
+        if self._tachometer:
+            channels.append(Channel(name="tachometer", unit="rad/s", resolution=self._tachometer.resolution))
+        given = self.settings.model_dump(exclude_defaults=True)
+        return DeviceInfo(
+            name="twin",
+            serial="simulated",
+            channels=tuple(channels),
+            timing=self.settings.timing,
+            settings=(
+                ("motor", self.settings.motor),
+                *((n, str(v)) for n, v in given.items() if n != "motor"),
+            ),
+        )
+
+    def __enter__(self) -> Self:
+        """Connect; the shaft is at rest."""
+        self._open = True
+        self._plant = None
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Stop and close."""
+        self.stop()
+        self._open = False
+
+    def start(self, sample_time: float, seed: int | None) -> None:
+        """Prepare a run with that sample time [s]; the shaft is at rest at its start angle. Raises `UsageError` for none."""
+        self._needs_open()
+        if not (math.isfinite(sample_time) and sample_time > 0):
+            raise UsageError(f"twin: the sample time is {sample_time!r}; expected a finite time above 0 s")
+        solver = SOLVERS[self.settings.solver].prepare(self._physics, sample_time, self.settings.solver_step)
+        # The first call compiles or loads the kernels, which takes longer than many a tick; it is thrown away.
+        solver.advance(MotorState(0.0, 0.0, 0.0), 1.0, sample_time)
+        self._random = np.random.default_rng(seed)
+        self._plant = Plant(
+            self._physics,
+            solver,
+            sample_time,
+            self.settings.torque_noise,
+            self.settings.start_angle,
+            self._random,
+        )
+        self._sample_time, self._index, self._coasted = sample_time, -1, 0.0
+        self._started = self._clock()
+        if self.settings.timing == "host":
+            self._plant.advance_to(self._now())  # the first one loads what the next ones need
+
+    def read(self) -> Sample:
+        """Let the time since the last sample pass, then latch counts, current and speed."""
+        return self.read_after(0.0)
+
+    def read_after(self, delay: float) -> Sample:
+        """Latch the next sample a time [s] after its tick; what is written then acts from that time on.
+
+        Raises `UsageError` beside the wall clock, where each sample is latched when it is asked for.
+        """
+        plant = self._running()
+        if delay and self.settings.timing == "host":
+            raise UsageError(
+                "twin: beside the wall clock a sample can't be latched later than it is asked for"
+            )
+        self._index += 1
+        now = self._now() + delay
+        i, w, theta = plant.advance_to(now)
+        return Sample(
+            index=self._index,
+            time=now,
+            counts=self._encoder.counts(theta),
+            tachometer=self._tachometer.read(w, self._random) if self._tachometer else None,
+            current=self._current.read(i, self._random) if self._current else None,
+        )
+
+    def write(self, voltage: float) -> float:
+        """Hold a voltage [V] from now on, and return it within the amplifier's limits."""
+        plant = self._running()
+        asked = finite_voltage("twin", voltage)
+        plant.act(self._amplifier.output(asked), self._now() + self.settings.delay)
+        return self._amplifier.saturated(asked)
+
+    def stop(self) -> None:
+        """Put zero volts on the motor, at once."""
+        if self._plant is not None:
+            self._plant.cut(self._now())
+
+    def light(self, red: float, green: float, blue: float) -> None:
+        """Light the lamp, each colour from 0 to 1."""
+        self._needs_open()
+        self.lit = (red, green, blue)
+
+    def block(self, blocked: bool) -> None:
+        """Hold the shaft where it is, from the last sample on, or let it go."""
+        self._running().blocked = blocked
+
+    @property
+    def state(self) -> MotorState:
+        """The hidden truth: current [A], speed [rad/s] and angle [rad] at the last sample; for tests and pictures."""
+        return self._running().state
+
+    def coast(self, duration: float) -> MotorState:
+        """Let time pass with the voltages that were written, without sampling; proves a stop by the shaft's own motion.
+
+        Returns the hidden state after the duration [s], counted from the last sample.
+        """
+        plant = self._running()
+        self._coasted += duration
+        return plant.advance_to(self._now() + self._coasted)
+
+    def _needs_open(self) -> None:
+        if not self._open:
+            raise DeviceError("the twin isn't connected: use it inside a with statement")
+
+    def _running(self) -> Plant:
+        """The motor of the run that was started; raises `DeviceError` or `UsageError` where there is none."""
+        self._needs_open()
+        if self._plant is None:
+            raise UsageError("twin: no run was started; call start() first")
+        return self._plant
+
+    def _now(self) -> float:
+        """The time since the start of the run [s]: computed from the tick, or the host's own."""
+        if self.settings.timing == "host":
+            return self._clock() - self._started
+        return max(self._index, 0) * self._sample_time

@@ -1,0 +1,193 @@
+"""The limits of an experiment: what the device must not be asked for, and what ends a run that goes wrong."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal, Self, TypeAlias
+
+from pydantic import Field, model_validator
+
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, info, warning
+from servobench.core.settings import (
+    Angle,
+    Current,
+    In,
+    PositiveTime,
+    PositiveVoltage,
+    Resistance,
+    Settings,
+    Speed,
+    Time,
+    Voltage,
+    none_for,
+)
+
+Light: TypeAlias = Literal["off", "red", "green", "blue"]
+LIGHTS: dict[Light, tuple[float, float, float]] = {
+    "off": (0.0, 0.0, 0.0),
+    "red": (1.0, 0.0, 0.0),
+    "green": (0.0, 1.0, 0.0),
+    "blue": (0.0, 0.0, 1.0),
+}
+"""Red, green and blue of each light, 0 to 1."""
+
+Slew: TypeAlias = Annotated[float, In("V/s"), Field(gt=0)]
+Gain: TypeAlias = Annotated[float, In("rad/(s·V)"), Field(gt=0)]
+
+
+LONGEST_TIMEOUT = 0.5  # s; a motor that nobody drives runs on for as long
+
+
+class Outputs(Settings):
+    """A value for each output of a device."""
+
+    voltage: Voltage = 0.0
+    """Voltage [V]."""
+    light: Light = "blue"
+    """Light, where the device has one: off, red, green or blue."""
+
+
+class Watchdog(Outputs):
+    """When a device that nobody drives any more is cut off, and what it is put to then."""
+
+    timeout: Annotated[Time, Field(ge=0.02, le=LONGEST_TIMEOUT)] = 0.1
+    """Longest time from one fresh actuation to the next: a voltage written after a new sample; 20 ms to 500 ms [s]."""
+    light: Light = "red"
+    """Light once it was cut off."""
+
+    def check_sample_time(self, sample_time: float) -> None:
+        """Raise `UsageError` for a sample time [s] of which it can't wait for two, as a loop in real time needs."""
+        if not 2 * sample_time > self.timeout:
+            return
+        asked = f"limits.watchdog.timeout is {self.timeout:g} s, and has to be two samples of {sample_time:g} s at least"
+        if 2 * sample_time <= LONGEST_TIMEOUT:
+            raise UsageError(
+                f"{asked}: raise it to {2 * sample_time:g} s, or take a sample time of at most {self.timeout / 2:g} s"
+            )
+        raise UsageError(
+            f"{asked}; it can be {LONGEST_TIMEOUT:g} s at most, so take a sample time of at most {LONGEST_TIMEOUT / 2:g} s "
+            f"in real time (at most {self.timeout / 2:g} s with this timeout)"
+        )
+
+
+class StallLimits(Settings):
+    """When a shaft counts as stalled, with the semantics and numbers of Quanser's amplifiers: 5 V and 3 s."""
+
+    voltage: PositiveVoltage = 5.0
+    """Control threshold: it can be stalled where the voltage is larger than this, in either direction [V]."""
+    motion: Annotated[Speed, Field(gt=0)] = 1.0
+    """Motion threshold: it is stalled where it turns slower than this, in either direction [rad/s]."""
+    warning: PositiveTime = 0.04
+    """How long it is stalled until that is a warning [s]."""
+    duration: PositiveTime = 3.0
+    """How long it is stalled, without a break, until that is a fault [s]."""
+
+
+class Plausibility(Settings):
+    """The motor that the encoder is held against: a data sheet, or gain and time constant.
+
+    Without either the device's own data sheet is taken, if it names one; where there is none, nothing is held against anything.
+    """
+
+    motor: str = ""
+    """Name of a data sheet."""
+    gain: Gain | None = None
+    """Gain, in place of the data sheet's [rad/(s·V)]."""
+    time_constant: PositiveTime | None = None
+    """Time constant, in place of the data sheet's [s]."""
+    coulomb_voltage: Annotated[Voltage, Field(ge=0)] = 0.2
+    """Voltage that friction takes; no data sheet has it [V]."""
+    resistance: Annotated[Resistance, Field(gt=0)] | None = None
+    """Winding resistance, in place of the data sheet's; it lets the current tell a blocked shaft from a dead encoder [Ω]."""
+    voltage: PositiveVoltage = 2.0
+    """Smallest voltage at which an encoder that stands still is suspect; with less, friction may hold the shaft [V]."""
+
+    @model_validator(mode="after")
+    def _leaves_something(self) -> Self:
+        if (self.gain is None) != (self.time_constant is None):
+            raise ValueError("has one of gain and time_constant; give both, or the name of a data sheet")
+        if self.coulomb_voltage >= self.voltage:
+            raise ValueError(
+                f"friction that takes {self.coulomb_voltage:g} V holds the shaft at {self.voltage:g} V; "
+                "expected a voltage above the coulomb_voltage"
+            )
+        return self
+
+
+class Limits(Settings):
+    """What the device must not be asked for, what ends a run, and what each output is put to.
+
+    Voltage and slew are kept by clipping. Current, speed, travel, a stall, a step or a standstill of the encoder that no motor
+    makes, and a loop that falls silent are faults: zero volts are put out, and the fault stays until it is acknowledged.
+    """
+
+    voltage: PositiveVoltage = 10.0
+    """Largest voltage, in either direction; what is beyond is clipped [V]."""
+    slew: Slew | None = None
+    """Largest change of the voltage in a second; what is faster is clipped [V/s]."""
+    current: Annotated[Current, Field(gt=0)] | None = None
+    """Largest current, in either direction; more is a fault [A]."""
+    speed: Annotated[Speed, Field(gt=0)] | None = None
+    """Largest speed, in either direction; more is a fault [rad/s]."""
+    travel: Annotated[Angle, Field(gt=0)] | None = None
+    """Largest angle from where the shaft was at the start; more is a fault [rad]."""
+    possible_speed: Annotated[Speed, Field(gt=0)] | None = None
+    """Speed that the motor can't have: a larger step of the encoder is a fault of the encoder [rad/s]."""
+    stall: Annotated[StallLimits | None, none_for("off")] = StallLimits()
+    """When a shaft counts as stalled; None (in a file "off") never."""
+    plausibility: Annotated[Plausibility | None, none_for("off")] = Plausibility()
+    """The motor that the encoder is held against; None (in a file "off") for nothing."""
+    start: Outputs = Outputs()
+    """What is put out once the first sample is due, until the run's first voltage; before that 0 V."""
+    terminate: Outputs = Outputs()
+    """What is put out in place of any voltage while a fault is latched, and as the last before the device is stopped."""
+    watchdog: Watchdog = Watchdog()
+    """When a device is cut off that nobody drives any more, and what it is put to."""
+    driven_light: Light = "green"
+    """Light while voltages are written."""
+    fault_light: Light = "red"
+    """Light while a fault is latched."""
+
+    def start_voltage(self, sample_time: float) -> float:
+        """Return the start value as far as the slew limit lets it go from 0 V in one sample [V]."""
+        most = self.voltage if self.slew is None else self.slew * sample_time
+        return min(max(self.start.voltage, -most), most)
+
+    def findings(self) -> tuple[Finding, ...]:
+        """Return what is worth knowing of limits that let a motor be driven while nobody drives it, or nobody watch a stall."""
+        found = []
+        if self.start.voltage:
+            found.append(
+                warning(
+                    "voltage-at-start",
+                    f"{self.start.voltage:g} V are put on the motor before anything drives it (limits.start.voltage): it may "
+                    "turn at once. Take 0 V, unless it has to hold a load.",
+                )
+            )
+        for name in ("terminate", "watchdog"):
+            value = getattr(self, name).voltage
+            if value:
+                found.append(
+                    warning(
+                        "voltage-after-fault",
+                        f"After a fault {value:g} V stay on the motor (limits.{name}.voltage): it may turn on by itself. Take "
+                        "0 V, unless it has to hold a load.",
+                    )
+                )
+        if self.stall is None:
+            found.append(
+                info(
+                    "stall-not-watched", "Nobody watches for a shaft that is held: the winding may overheat."
+                )
+            )
+        return tuple(found)
+
+    @model_validator(mode="after")
+    def _outputs_within(self) -> Self:
+        for name in ("start", "terminate", "watchdog"):
+            value = getattr(self, name).voltage
+            if abs(value) > self.voltage:
+                raise ValueError(
+                    f"{name}.voltage is {value:g} V, beyond the limit of {self.voltage:g} V; expected one within it"
+                )
+        return self

@@ -1,0 +1,131 @@
+"""Completes the file of a recorder that died: what it had written, and what was still in the rings."""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from servobench.core.errors import FormatError, StorageError
+from servobench.core.finding import Finding, info
+from servobench.recordings.native.mcap_file import kept_elsewhere, place_beside
+from servobench.recordings.native.reader import read
+from servobench.recordings.recording import Recording
+from servobench.rig.experiment import read_experiment
+from servobench.rig.loop.drain import (
+    EVENTS_MISSED,
+    MOST_ROWS,
+    ROWS_MISSED,
+    SILENT,
+    Drain,
+    loop_died,
+    part_of,
+)
+from servobench.rig.loop.messages import ending_from_json
+from servobench.rig.loop.recording_process import Recorded, RecorderSpec
+from servobench.rig.loop.ring import RECORDER_STATE, MessageRing, RowRing
+
+CUT_SHORT = "recording-cut-short"
+
+
+def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded:
+    """Write the whole file where the recorder is dead and the loop has ended: what its part holds, and the rest from the rings.
+
+    Rows are told apart by their numbers, so none stands twice and what the rings have lost is counted: `rows-not-recorded`.
+    The recording has the finding `recorder-died`. The part is removed once the file is whole, unless it can't be read and the
+    rings don't hold the whole run any more.
+    Raises `StorageError` where it can't be written; the part is kept then. So it does where the folder was removed meanwhile:
+    what the rings held is then in another one, which the error names.
+    """
+    part = part_of(spec.path)
+    found = _readable(part)
+    asked = Path(spec.path)
+    target = asked if asked.parent.is_dir() else place_beside(asked.absolute())
+    if rows.get(RECORDER_STATE) and target.exists() and not part.exists():
+        # It died after it had finished: what it had begun has its name already.
+        return Recorded(path=spec.path, rows=_rows_in(read(target)[0]))
+    new = target.with_name(f"{target.stem}-completed{target.suffix}")
+    drain = Drain(
+        new,
+        read_experiment(spec.experiment, spec.path),
+        rows,
+        events,
+        begun=None if found is None else _opening(found),
+        row=0 if found is None else _rows_in(found) + _missed(found, ROWS_MISSED),
+        event=0 if found is None else _next_event(found),
+    )
+    try:
+        if found is not None:
+            _copy(found, drain)
+        had = drain.rows
+        drain.take()
+        stopped, findings = drain.ended or (SILENT, (loop_died(rows),))
+        if not drain.end(stopped, (*findings, _died(had, drain.rows))):
+            return Recorded(path=None, rows=0)
+    finally:
+        drain.abandon()
+    if _rows_in(read(new)[0]) != drain.rows:
+        raise StorageError(
+            f"{new} doesn't hold what was written to it; {part} is kept: copy it to another disk"
+        )
+    os.replace(new, target)
+    if found is not None or drain.rows == rows.written:  # or else it may hold what nobody could read yet
+        part.unlink(missing_ok=True)
+    if target != asked:
+        raise StorageError(kept_elsewhere(asked, target))
+    return Recorded(path=spec.path, rows=drain.rows)
+
+
+def _readable(part: Path) -> Recording | None:
+    """What is right in a part; None where there is nothing."""
+    try:
+        return read(part)[0]
+    except FormatError:  # it died before it had written what device it is, if it made the part at all
+        return None
+
+
+def _opening(found: Recording) -> Recording:
+    """What a part says of its recording, without samples; that it was cut short is no longer true."""
+    nothing = np.empty(0)
+    series = tuple(replace(each, values=nothing, t=nothing) for each in found.series)
+    findings = tuple(each for each in found.findings if each.code != CUT_SHORT)
+    return replace(found, series=series, events=(), findings=findings)
+
+
+def _copy(found: Recording, drain: Drain) -> None:
+    """Write what a part holds."""
+    for event in found.events:
+        drain.add(event)
+        if event.kind == "ended":
+            drain.ended = ending_from_json(json.loads(event.text))
+    t = found.series[0].t
+    rows = np.column_stack([*([] if t is None else [t]), *(each.values for each in found.series)])
+    for start in range(0, len(rows), MOST_ROWS):
+        drain.append(rows[start : start + MOST_ROWS])
+
+
+def _rows_in(found: Recording) -> int:
+    return len(found.series[0].values)
+
+
+def _missed(found: Recording, kind: str) -> int:
+    """How many rows or events the recorder had missed itself."""
+    return sum(int(json.loads(each.text)["count"]) for each in found.events if each.kind == kind)
+
+
+def _next_event(found: Recording) -> int:
+    """The number of the first event that isn't in a part; what the recorder says itself is none of the loop's events."""
+    told = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in found.events)
+    return told + _missed(found, EVENTS_MISSED)
+
+
+def _died(had: int, rows: int) -> Finding:
+    """Nothing is lost by it; what is, is a finding of its own."""
+    return info(
+        "recorder-died",
+        f"the recorder died after {had} of {rows} samples; the other {rows - had} were still in memory, and are here as well. "
+        "Look for what ended it, such as too little memory, before the next run.",
+    )

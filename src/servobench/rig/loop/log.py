@@ -1,0 +1,71 @@
+"""The log of a run in the program's own process: rows in blocks to a recorder, with an account of their timing."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding
+from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.loop.account import Account
+from servobench.rig.loop.opening import RowMaker
+from servobench.rig.loop.place import Place
+from servobench.rig.loop.recorder import InMemory, Recorder
+
+BLOCK_TIME = 0.5  # s; what a crash of the process may cost
+BLOCK_ROWS = 4096  # the most rows in a block, for short sample times
+
+
+def block_of(sample_time: float) -> int:
+    """Return how many rows go to a recorder at once, by the sample time [s]."""
+    return max(1, min(BLOCK_ROWS, int(BLOCK_TIME / sample_time)))
+
+
+class Log:
+    """Gathers the ticks of a run in blocks of `block` for the recorder, and has them counted by the account.
+
+    `kept` keeps them for somebody who looks meanwhile.
+    """
+
+    def __init__(
+        self, recorder: Recorder, row: RowMaker, account: Account, block: int, kept: InMemory | None = None
+    ) -> None:
+        self._recorder = recorder
+        self._row = row
+        self._kept = kept
+        self._block = block
+        self._rows: list[tuple[float, ...]] = []
+        self._account = account
+
+    def add(self, place: Place) -> None:
+        """Take one tick that is done."""
+        self._rows.append(self._row(place))
+        self._account.add(place.tick)
+        if len(self._rows) >= self._block:
+            self._flush()
+
+    def complete(self, ticks: int | None) -> None:
+        """Take note that all ticks of the run have gone by: those after the last one that was done were missed."""
+        self._account.complete(ticks)
+
+    def so_far(self) -> Recording:
+        """Hand on what is left, and return the recording so far; raises `UsageError` where the log doesn't keep it."""
+        if self._kept is None:
+            raise UsageError("this run keeps no recording to look at: give `look`")
+        if self._rows:
+            self._flush()
+        return self._kept.end(Stopped(reason="unknown", sentence="the run goes on"), self._account.findings())
+
+    def end(self, stopped: Stopped, findings: tuple[Finding, ...] = ()) -> Recording:
+        """Hand on what is left, and return the recording with what was found."""
+        if self._rows:
+            self._flush()
+        return self._recorder.end(stopped, (*self._account.findings(), *findings))
+
+    def _flush(self) -> None:
+        # Away with the rows first: an interruption in the middle may lose a block at the end, but never doubles one.
+        rows, self._rows = self._rows, []
+        block = np.array(rows, dtype=np.float64)
+        self._recorder.append(block)
+        if self._kept is not None:
+            self._kept.append(block)

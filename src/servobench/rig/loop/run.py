@@ -1,0 +1,225 @@
+"""The verb `run`: an experiment carried out on a device in this process. Time passes here and in the loop's own process only."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TypeAlias
+
+from servobench.core.channels import DeviceInfo
+from servobench.core.errors import DeviceError, StorageError, UsageError
+from servobench.recordings.recording import Recording, Stopped
+from servobench.rig.clock import Clock, clock_for
+from servobench.rig.devices.base import Device
+from servobench.rig.devices.guarded import Guarded
+from servobench.rig.experiment import Experiment
+from servobench.rig.loop.account import Account
+from servobench.rig.loop.clock_steps import ClockSteps
+from servobench.rig.loop.log import Log, block_of
+from servobench.rig.loop.missed import MissedRule
+from servobench.rig.loop.opening import opening, row_maker
+from servobench.rig.loop.place import Place
+from servobench.rig.loop.recorder import InMemory, Recorder, ToFile
+from servobench.rig.loop.references import References
+from servobench.rig.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stop
+from servobench.rig.lost_device import DeviceLost
+
+WATCH_INTERVAL = 0.1  # s of the run
+LOOK_INTERVAL = 0.5  # s of the run
+PATIENCE = 60.0  # s; how long a run in virtual time waits for a disk that's behind
+
+
+@dataclass(frozen=True, kw_only=True)
+class Progress:
+    """How far a run is: ticks done of all (None for an endless one), the time of the last one [s], and its values.
+
+    `commanded` and `applied` are its voltages [V], `counts` the encoder's.
+    """
+
+    tick: int
+    ticks: int | None
+    time: float
+    commanded: float
+    applied: float
+    counts: int
+
+
+Watch: TypeAlias = Callable[[Progress], str | None]
+"""Is shown the progress of a run; returns None, or the sentence with which the run is to stop. It holds the loop up."""
+
+Look: TypeAlias = Callable[[Recording], str | None]
+"""Is shown the recording so far; returns None, or the sentence with which the run is to end, as asked."""
+
+
+def run(
+    experiment: Experiment,
+    device: Device,
+    *,
+    to: str | os.PathLike[str] | None = None,
+    clock: Clock | None = None,
+    watch: Watch | None = None,
+    look: Look | None = None,
+) -> Recording:
+    """Carry out an experiment on a connected device, and return what happened.
+
+    Each tick latches sample k at t_k, asks the controller, and writes u[k], which holds to t_k+1. The reference is the signal at
+    the scheduled time. The recording has `commanded` (the controller's word), `applied` (what the device says it put out),
+    `counts`, `tachometer` and `current` where the device has them, `scheduled`, `late`, `saturated` (a limit stood between), in
+    real time `handed` and `written` (when the device was given the voltage, and had taken it, by the host's clock), `latched`
+    (the device's own time of the sample, where the host keeps the time) or `received` (the host's, where the device does), and
+    with a controller its `reference`, all at the samples' actual times.
+
+    With `to`, the recording is streamed to that native file as it happens, and read back at the end; an endless experiment needs
+    it. `clock` is the one that the device asks for; a virtual device runs by any. `watch` is called ten times in a second, `look`
+    twice; to look at the data holds the loop up, so that only a device in virtual time allows it.
+
+    However it ends, the device is stopped first. The end of the experiment, Ctrl-C, a word from `watch`, the device's own
+    (`RunEnded`) and a voltage that isn't finite are results: `stopped` says which. Raises `DeviceLost`, which carries the
+    recording so far, where the device fails on the way; `StorageError` where nothing more can be written, what was written being
+    kept; `UsageError` before anything moves. Any other error passes through, after the file is closed.
+    """
+    _check(experiment, device)
+    if experiment.duration is None and to is None:
+        raise UsageError(
+            "an endless experiment is recorded to a file, as no memory is large enough: give `to`"
+        )
+    if look is not None and device.info.timing != "virtual":
+        raise UsageError(
+            f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
+            "its loop up: run without `look` (`until=...`), and longer"
+        )
+    device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
+    keeper = _keeper(clock, device.info, experiment)
+    references = References(experiment.signal, experiment.sample_time)
+    opened = opening(experiment, device.info, timing=keeper.timing)
+    steps = ClockSteps(experiment.sample_time)
+    try:
+        drive = Drive(experiment, device, references)
+        recorder = _recorder(opened, to, keeper)
+    except BaseException:
+        stop(device)
+        raise
+    log = Log(
+        recorder,
+        row_maker(opened),
+        Account(experiment.sample_time, keeper.timing),
+        block_of(experiment.sample_time),
+        None if look is None else InMemory(opened),
+    )
+    attendants = (
+        *((steps,) if keeper.timing != "host" else ()),
+        MissedRule(experiment.sample_time),
+        *_attendants(experiment, log, watch, look),
+    )
+    try:
+        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        device.start(experiment.sample_time, experiment.seed)
+    except BaseException:
+        stop(device)
+        recorder.discard()
+        raise
+    try:
+        stopped, error = outcome(
+            lambda: _carry_out(experiment, device, keeper, drive, log, attendants), device
+        )
+        if isinstance(error, StorageError):
+            raise error
+        recording = log.end(stopped, (*opened.findings, *device.findings(), *steps.findings()))
+    finally:
+        recorder.abandon()
+    if isinstance(error, DeviceError):
+        raise DeviceLost(str(error), recording) from error
+    if error is not None:
+        raise error
+    return recording
+
+
+def _check(experiment: object, device: object) -> None:
+    """Raise `UsageError` where a run is asked for with something else than an experiment and a device."""
+    if getattr(experiment, "signal", None) is None:  # what is like an experiment will do
+        raise UsageError(
+            f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
+        )
+    if getattr(device, "info", None) is None:
+        raise UsageError(
+            f"{device!r} is no device; expected one, such as connect('twin') in a with statement"
+        )
+
+
+def _carry_out(
+    experiment: Experiment,
+    device: Guarded,
+    clock: Clock,
+    drive: Drive,
+    log: Log,
+    attendants: tuple[Attendant, ...],
+) -> Stopped:
+    """Let the ticks pass to the end of the experiment or to a fault; the device is started."""
+    clock.start(experiment.sample_time)
+    ended = let_pass(experiment.samples, device, clock, drive, log, attendants)
+    if ended is None:
+        log.complete(experiment.samples)
+    return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
+
+
+def _attendants(
+    experiment: Experiment, log: Log, watch: Watch | None, look: Look | None
+) -> tuple[Attendant, ...]:
+    """Those who are shown the ticks, each at its own pace."""
+    ticks = experiment.samples
+    attendants: list[Attendant] = []
+    if watch is not None:
+        attendants.append(
+            now_and_then(WATCH_INTERVAL, experiment.sample_time, lambda place: _watched(watch, place, ticks))
+        )
+    if look is not None:
+        every = max(1, round(LOOK_INTERVAL / experiment.sample_time))
+        attendants.append(
+            now_and_then(
+                LOOK_INTERVAL, experiment.sample_time, lambda place: _looked(look, log.so_far()), every
+            )
+        )
+    return tuple(attendants)
+
+
+def _watched(watch: Watch, place: Place, ticks: int | None) -> Stopped | None:
+    word = watch(
+        Progress(
+            tick=place.tick.index,
+            ticks=ticks,
+            time=place.tick.actual,
+            commanded=place.commanded,
+            applied=place.applied,
+            counts=place.tick.sample.counts,
+        )
+    )
+    if word is None:
+        return None
+    if isinstance(word, str):
+        return Stopped(reason="interrupted", sentence=word)
+    raise UsageError(f"watch returned {word!r}; expected None, or the sentence with which the run is to stop")
+
+
+def _looked(look: Look, so_far: Recording) -> Stopped | None:
+    sentence = look(so_far)
+    return None if sentence is None else Stopped(reason="finished", sentence=sentence)
+
+
+def _recorder(opened: Recording, to: str | os.PathLike[str] | None, clock: Clock) -> Recorder:
+    """Where the rows go. A loop that keeps up with a turning motor doesn't wait for a disk, one in virtual time may."""
+    if to is None:
+        return InMemory(opened)
+    return ToFile(opened, to, patience=PATIENCE if clock.timing == "virtual" else 0.0)
+
+
+def _keeper(clock: Clock | None, device: DeviceInfo, experiment: Experiment) -> Clock:
+    """The clock of a run; raises where it isn't the one that the device runs by."""
+    if clock is None:
+        return clock_for(device.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
+    if device.timing not in ("virtual", clock.timing):
+        raise UsageError(
+            f"the device {device.name!r} runs by {device.timing} time, the clock that was given keeps {clock.timing} time; "
+            f"leave the clock out"
+        )
+    return clock

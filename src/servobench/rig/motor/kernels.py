@@ -1,0 +1,180 @@
+"""Compiled kernels of the motor: one tick, exact, with the tick split where the shaft stops or turns back.
+
+While the shaft slides one way and the voltage is constant, the motor is linear and its state at any time is known in closed form.
+Coulomb friction makes it switch between three such phases: sliding forwards, sliding backwards, stuck. A tick that
+can't contain a switch is one matrix product with the implicit friction step; any other is cut at its switching times.
+
+The coefficients c (19,) are laid out below. The current i is in A, the speed w in rad/s, the angle theta in rad, the voltage v
+in V, times are in s.
+"""
+
+from __future__ import annotations
+
+import math
+
+from servobench.core.channels import Array
+from servobench.core.compiled import compiled
+
+# Layout of the coefficient array `c`, filled by `servobench.rig.motor.solvers.exact`.
+R, L, K, J, B, TC, H = 0, 1, 2, 3, 4, 5, 6
+A00, A01, B0, A10, A11, B1, T0, T1, TB, C1, G, Q = 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18
+SIZE = 19
+
+
+@compiled
+def transition(m: float, d2: float, t: float) -> tuple[float, float]:
+    """Return (c, s) with e^(A t) = c I + s (A - m I), for a 2 x 2 matrix A with half trace m and d2 = m² - det A.
+
+    It follows from (A - m I)² = d2 I, which is Cayley and Hamilton's theorem.
+    """
+    if d2 > 0.0:
+        d = math.sqrt(d2)
+        fast, slow = math.exp((m - d) * t), math.exp((m + d) * t)
+        if d * t > 1e-4:
+            return 0.5 * (slow + fast), 0.5 * (slow - fast) / d
+        return 0.5 * (slow + fast), math.exp(m * t) * t * (1.0 + (d * t) ** 2 / 6.0)
+    d = math.sqrt(-d2)
+    e = math.exp(m * t)
+    if d * t > 1e-4:
+        return e * math.cos(d * t), e * math.sin(d * t) / d
+    return e * math.cos(d * t), e * t * (1.0 - (d * t) ** 2 / 6.0)
+
+
+@compiled
+def slide(
+    c: Array, i: float, w: float, theta: float, v: float, s: float, t: float
+) -> tuple[float, float, float]:
+    """Return the state after sliding for a time t with friction opposing the direction s (±1) and a constant voltage v."""
+    r, l, k, j, b = c[R], c[L], c[K], c[J], c[B]
+    torque = s * c[TC]
+    # Steady state: v = R i + k w and k i = b w + torque.
+    w_end = (k * v - r * torque) / (r * b + k * k)
+    i_end = (b * v + k * torque) / (r * b + k * k)
+    if l == 0.0:
+        rate = (b + k * k / r) / j
+        dw = w - w_end
+        w_new = w_end + dw * math.exp(-rate * t)
+        theta += w_end * t - dw * math.expm1(-rate * t) / rate
+        return (v - k * w_new) / r, w_new, theta
+    a00, a01, a10, a11 = -r / l, -k / l, k / j, -b / j
+    m = 0.5 * (a00 + a11)
+    cc, ss = transition(m, m * m - (a00 * a11 - a01 * a10), t)
+    di, dw = i - i_end, w - w_end
+    di_new = cc * di + ss * ((a00 - m) * di + a01 * dw)
+    dw_new = cc * dw + ss * (a10 * di + (a11 - m) * dw)
+    # ∫ dw = row 2 of A^-1 (d(t) - d(0)).
+    det = a00 * a11 - a01 * a10
+    area = (a00 * (dw_new - dw) - a10 * (di_new - di)) / det
+    return i_end + di_new, w_end + dw_new, theta + w_end * t + area
+
+
+@compiled
+def extremum(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
+    """Return the time in (0, t_end) at which the sliding speed has its one extremum, or -1 where it has none there."""
+    if c[L] == 0.0:
+        return -1.0
+    slope_0 = (c[K] * i - c[B] * w - s * c[TC]) / c[J]
+    i1, w1, _ = slide(c, i, w, 0.0, v, s, t_end)
+    slope_1 = (c[K] * i1 - c[B] * w1 - s * c[TC]) / c[J]
+    if slope_0 * slope_1 >= 0.0:
+        return -1.0
+    low, high = 0.0, t_end
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        im, wm, _ = slide(c, i, w, 0.0, v, s, middle)
+        if (c[K] * im - c[B] * wm - s * c[TC]) * slope_0 > 0.0:
+            low = middle
+        else:
+            high = middle
+    return 0.5 * (low + high)
+
+
+@compiled
+def stop_time(c: Array, i: float, w: float, v: float, s: float, t_end: float) -> float:
+    """Return the first time in (0, t_end] at which a shaft that slides in direction s comes to rest, or -1 where it doesn't."""
+    top = extremum(c, i, w, v, s, t_end)
+    low, high = 0.0, t_end
+    if top > 0.0:
+        _, w_top, _ = slide(c, i, w, 0.0, v, s, top)
+        if s * w_top < 0.0:
+            high = top
+        else:
+            low = top
+    _, w_low, _ = slide(c, i, w, 0.0, v, s, low)
+    _, w_high, _ = slide(c, i, w, 0.0, v, s, high)
+    if s * w_high > 0.0 or s * w_low <= 0.0:
+        return -1.0
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        _, w_middle, _ = slide(c, i, w, 0.0, v, s, middle)
+        if s * w_middle > 0.0:
+            low = middle
+        else:
+            high = middle
+    return high
+
+
+@compiled
+def breakaway(c: Array, i: float, v: float, t_end: float) -> tuple[float, float]:
+    """Return (time, direction) at which a shaft at rest starts to slide; (t_end, 0) where it stays."""
+    k, r, l, tc = c[K], c[R], c[L], c[TC]
+    if k * abs(i) > tc:
+        return 0.0, math.copysign(1.0, i)
+    if k * abs(v) / r <= tc:
+        return t_end, 0.0
+    s = math.copysign(1.0, v)
+    if l == 0.0:
+        return 0.0, s
+    t = l / r * math.log((v / r - i) / (v / r - s * tc / k))
+    return (t, s) if t < t_end else (t_end, 0.0)
+
+
+@compiled
+def switched(
+    c: Array, i: float, w: float, theta: float, v: float, t_end: float
+) -> tuple[float, float, float]:
+    """Return the state after a time t_end with a constant voltage, cut where the shaft stops, turns back or starts."""
+    left = t_end
+    s = math.copysign(1.0, w)
+    # A tick holds a few switches at most; the bound only guards against a loop without end.
+    for _ in range(64):
+        if w == 0.0:
+            t, s = breakaway(c, i, v, left)
+            i = v / c[R] + (i - v / c[R]) * math.exp(-t * c[R] / c[L]) if c[L] > 0.0 else v / c[R]
+            left -= t
+            if s == 0.0 or left <= 0.0:
+                return i, 0.0, theta
+        t = stop_time(c, i, w, v, s, left)
+        if t < 0.0:
+            return slide(c, i, w, theta, v, s, left)
+        i, w, theta = slide(c, i, w, theta, v, s, t)
+        w = 0.0
+        left -= t
+        if left <= 0.0:
+            return i, w, theta
+    return i, w, theta
+
+
+@compiled
+def tick(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, float, float]:
+    """Return the state one tick H later with a constant voltage v."""
+    free = c[A10] * i + c[A11] * w + c[B1] * v
+    d = min(c[C1], max(-c[C1], free))
+    w_new = free - d
+    # The speed can't reach zero inside the tick if, at the largest acceleration, it would need longer than the tick.
+    push = c[K] * max(abs(i), (abs(v) + c[K] * max(abs(w), abs(w_new))) / c[R])
+    fastest = (push + c[B] * max(abs(w), abs(w_new)) + c[TC]) / c[J]
+    if w * w_new <= 0.0 or abs(w) + abs(w_new) <= fastest * c[H]:
+        return switched(c, i, w, theta, v, c[H])
+    theta += (c[T0] * i + c[TB] * v) + (c[T1] * w - c[Q] * d)
+    i = c[A00] * i + c[A01] * w + c[B0] * v + c[G] * d
+    return i, w_new, theta
+
+
+@compiled
+def simulate(c: Array, i: float, w: float, theta: float, v: Array, out: Array) -> None:
+    """Fill `out` (N + 1, 3) with current, speed and angle at every tick for voltages v (N,), the first row the start."""
+    out[0, 0], out[0, 1], out[0, 2] = i, w, theta
+    for n in range(len(v)):
+        i, w, theta = tick(c, i, w, theta, v[n])
+        out[n + 1, 0], out[n + 1, 1], out[n + 1, 2] = i, w, theta

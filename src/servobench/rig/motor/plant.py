@@ -1,0 +1,84 @@
+"""A motor in time: its state, and the voltages that are on their way to it."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from servobench.rig.motor.physics import MotorState, Physics, disturbance_factor
+from servobench.rig.motor.solvers.base import Solver
+
+# Two sums of the same tick, such as 3 h - 2 h and h, differ by rounding; below this part of a tick they are the same time.
+_SAME = 1e-9
+
+
+class Plant:
+    """A motor that starts at rest at time 0 and is carried forward to any later time.
+
+    A voltage acts from the time it is given for until the next one. Durations longer than a tick are cut into ticks, as the
+    solver and the disturbance are prepared for one. While it is `blocked` its shaft is held where it is.
+    """
+
+    def __init__(
+        self,
+        physics: Physics,
+        solver: Solver,
+        tick: float,
+        torque_noise: float,
+        angle: float,
+        random: np.random.Generator,
+    ) -> None:
+        self.state = MotorState(0.0, 0.0, angle)
+        self._physics, self._solver, self._tick = physics, solver, tick
+        self._noise, self._random = torque_noise, random
+        self._of_a_tick = disturbance_factor(physics, torque_noise, tick) if torque_noise else None
+        self._now, self._voltage = 0.0, 0.0
+        self.blocked = False
+        self._coming: list[tuple[float, float]] = []
+
+    def act(self, voltage: float, at: float) -> None:
+        """Let a voltage at the winding [V] act from a time [s] on, which may not lie before that of an earlier one."""
+        self._coming.append((at, voltage))
+
+    def cut(self, at: float) -> None:
+        """Take the voltage off from a time [s] on, with all that would have come later."""
+        self._coming = [*((t, v) for t, v in self._coming if t <= at), (at, 0.0)]
+
+    def advance_to(self, time: float) -> MotorState:
+        """Carry the motor forward to a time [s] and return its state; a time that has passed changes nothing."""
+        while self._coming and self._coming[0][0] <= time + _SAME * self._tick:
+            at, voltage = self._coming.pop(0)
+            self._advance(at)
+            self._voltage = voltage
+        self._advance(time)
+        return self.state
+
+    def _advance(self, time: float) -> None:
+        while (left := time - self._now) > _SAME * self._tick:
+            whole = left > (1 - _SAME) * self._tick
+            step = self._tick if whole else left
+            if self.blocked:
+                self.state = self._held(step)
+            else:
+                self.state = self._solver.advance(self.state, self._voltage, step)
+                self._disturb(step)
+            self._now = time if left <= (1 + _SAME) * self._tick else self._now + step
+
+    def _held(self, step: float) -> MotorState:
+        """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""
+        stall = self._voltage / self._physics.resistance
+        if self._physics.inductance == 0.0:
+            return MotorState(stall, 0.0, self.state.angle)
+        left = math.exp(-step * self._physics.resistance / self._physics.inductance)
+        return MotorState(stall + (self.state.current - stall) * left, 0.0, self.state.angle)
+
+    def _disturb(self, step: float) -> None:
+        """Add what a white torque does to a shaft that slides; one that sticks is held by friction."""
+        if self._of_a_tick is None or self.state.speed == 0.0:
+            return
+        factor = (
+            self._of_a_tick if step == self._tick else disturbance_factor(self._physics, self._noise, step)
+        )
+        added = factor @ self._random.standard_normal(3)
+        self.state = MotorState(*(float(a + b) for a, b in zip(self.state, added, strict=True)))

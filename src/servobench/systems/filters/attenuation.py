@@ -1,0 +1,44 @@
+"""What a first-order low-pass filter leaves of a sine: amplitude, power, decibels and phase."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+from servobench.core.numbers import check_positive
+
+
+@dataclass(frozen=True, kw_only=True)
+class Attenuation:
+    """What is left of a sine: `amplitude` as a part of one [1], `phase` [rad], below zero where it comes late."""
+
+    amplitude: float
+    phase: float
+
+    @property
+    def power(self) -> float:
+        """The part of the power that is left, amplitude² [1]."""
+        return self.amplitude**2
+
+    @property
+    def decibels(self) -> float:
+        """20 lg of the amplitude, which is 10 lg of the power [dB]."""
+        return 20.0 * math.log10(self.amplitude) if self.amplitude else -math.inf
+
+
+def attenuation(cutoff: float, omega: float) -> Attenuation:
+    """Return what ω_c/(s + ω_c) leaves of a sine of ω, both in rad/s: 1/√(1 + (ω/ω_c)²), late by arctan(ω/ω_c).
+
+    It follows from s = jω by algebra. At the cut-off that is an amplitude of 1/√2 = 70.7 %, and half of the power: -3.01 dB.
+    """
+    check_positive("the cut-off of a low-pass filter", cutoff, "rad/s")
+    ratio = omega / cutoff
+    return Attenuation(amplitude=1.0 / math.hypot(1.0, ratio), phase=-math.atan(ratio))
+
+
+def cutoff_for(omega: float, amplitude: float) -> float:
+    """Return the cut-off [rad/s] that leaves a part A, between 0 and 1, of a sine's amplitude at ω [rad/s]: ω/√(1/A² - 1)."""
+    check_positive("the frequency", omega, "rad/s")
+    check_positive("the part that is left", amplitude, "")
+    check_positive("what is taken", 1.0 - amplitude, "")
+    return omega * amplitude / math.sqrt((1.0 - amplitude) * (1.0 + amplitude))

@@ -1,0 +1,473 @@
+"""A loop that is closed at ticks around a motor that goes on in between: exact at the ticks, whatever the sample time and delay.
+
+The motor G(s) = C (sI - A)⁻¹ B stands behind a voltage that holds for a sample time h and acts d = m h + p later, 0 ≤ p < h:
+u[k-m-1] for p, then u[k-m] for h - p (the modified z-transform; Franklin, Powell and Workman 1998, section 4.3):
+
+    x[k+1] = e^(Ah) x[k] + Γ(h - p) u[k-m] + e^(A(h-p)) Γ(p) u[k-m-1],   Γ(t) = ∫ e^(As) B ds from 0 to t
+
+All is in w = (z - 1)/(z + 1), which is j tan(ωh/2) on the unit circle, where z = e^(jωh), and has a negative real part inside of
+it: what holds for polynomials in s and the imaginary axis holds in w as it stands. docs/decisions/0028-sampled-loop.md says why.
+"""
+
+from __future__ import annotations
+
+import cmath
+import math
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from functools import reduce
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.channels import Array
+from servobench.core.errors import UsageError
+from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrapped
+from servobench.systems.responses import positive_roots
+from servobench.systems.transfer_function import TransferFunction
+
+_TURN = 2 * math.pi
+_QUARTER = 0.5 * math.pi
+_EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
+_TERMS = 15  # of the exponential's series: what is left of it is below (1/2)^15/15! = 2e-17
+_LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
+
+_MOST_STATES = 1000  # of a closed loop: the time for its poles grows with their cube
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledLaw:
+    """C(w) of a law that runs at even ticks, from the error (or the output with its sign turned round) to the input.
+
+    z = (1 + w)/(1 - w); `numerator` and `denominator`, (n + 1,) each, stand with the highest power of w first.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+
+    def at(self, w: complex) -> complex:
+        """Return C(w)."""
+        return complex(np.polyval(self.numerator, w) / np.polyval(self.denominator, w))
+
+
+@dataclass(frozen=True, kw_only=True)
+class SampledLoop:
+    """L(z) = z^(-whole) N(w)/D(w), w = (z - 1)/(z + 1), of a loop that runs every `sample_time` [s].
+
+    `numerator` (m + 1,) and `denominator` (n + 1,) stand with the highest power of w first, without a common factor w.
+    `whole` is the number of whole samples of delay, `output` what is followed, `speed` or `position`.
+    """
+
+    numerator: tuple[float, ...]
+    denominator: tuple[float, ...]
+    whole: int
+    sample_time: float
+    output: str
+
+    def frequency_response(self, omega: Array) -> NDArray[np.complex128]:
+        """Return L(e^(jωh)) at angular frequencies ω [rad/s] between 0 and π/h, shape (N,)."""
+        alpha = 0.5 * self.sample_time * np.asarray(omega, dtype=np.float64)
+        w = 1j * np.tan(alpha)
+        ratio = np.polyval(self.numerator, w) / np.polyval(self.denominator, w)
+        return np.asarray(ratio * np.exp(-2j * self.whole * alpha), dtype=np.complex128)
+
+    @property
+    def in_w(self) -> TransferFunction:
+        """The loop as a ratio of polynomials in w, its whole samples of delay, too: z⁻¹ = (1 - w)/(1 + w).
+
+        In w the closed loop is stable if its poles have negative real parts.
+        """
+        above, below = np.array(self.numerator), np.array(self.denominator)
+        for _ in range(self.whole):
+            above, below = np.convolve(above, [-1.0, 1.0]), np.convolve(below, [1.0, 1.0])
+        return TransferFunction(
+            numerator=tuple(map(float, above)),
+            denominator=tuple(map(float, below)),
+            output=self.output,
+            unit="1",
+        )
+
+    def at(self, s: complex) -> complex:
+        """Return L(e^(sh)) at a complex frequency s [1/s]."""
+        w = cmath.tanh(0.5 * self.sample_time * s)
+        ratio = np.polyval(self.numerator, w) / np.polyval(self.denominator, w)
+        return complex(ratio) * cmath.exp(-self.whole * self.sample_time * s)
+
+    def closed_poles(self, factor: float = 1.0) -> NDArray[np.complex128]:
+        """Return the poles z (P,) of the closed loop, negative feedback around so many times L, as eigenvalues of its states.
+
+        The samples that are on their way are states, too: as polynomials they would be of an order as large as the delay.
+        Raises `UsageError` where that makes more than 1000 states.
+        """
+        a, b, c, direct = self._states()
+        if not self.whole:
+            return np.asarray(np.linalg.eigvals(a - factor / (1 + factor * direct) * np.outer(b, c)))
+        order, m = len(a), self.whole
+        if order + m > _MOST_STATES:
+            raise UsageError(
+                f"the loop's delay is {m} of its sample times of {self.sample_time:g} s, too many to find its poles; "
+                f"expected fewer than {_MOST_STATES}: give a longer sample time"
+            )
+        closed = np.zeros((order + m, order + m))
+        closed[:order, :order], closed[:order, -1] = a, -factor * b
+        closed[order, :order] = c
+        closed[order, -1] -= factor * direct
+        closed[order + 1 :, order:-1] += np.eye(m - 1)
+        return np.asarray(np.linalg.eigvals(closed), dtype=np.complex128)
+
+    def _states(self) -> tuple[Array, Array, Array, float]:
+        """A, B, C and D in z of N(w)/D(w): the controllable form in w, carried over by w = (z - 1)/(z + 1)."""
+        d: Array = np.asarray(self.denominator) / self.denominator[0]
+        order = len(d) - 1
+        n = np.zeros(order + 1)
+        n[order + 1 - len(self.numerator) :] = np.asarray(self.numerator) / self.denominator[0]
+        matrix = np.eye(order, k=-1)
+        matrix[:1] -= d[1:]
+        inverse: Array = np.asarray(np.linalg.inv(np.eye(order) - matrix), dtype=np.float64)
+        b, c = inverse[:, 0], np.asarray((n[1:] - n[0] * d[1:]) @ inverse)
+        a = np.asarray(np.eye(order) + 2 * matrix @ inverse)
+        return a, b, np.asarray(2 * c), float(n[0] + c[:1].sum())
+
+    def omega(self, v: float) -> float:
+        """Return the frequency ω [rad/s] at which w = jv."""
+        return 2 * math.atan(v) / self.sample_time
+
+
+def sampled_loop(
+    law: SampledLaw, system: TransferFunction, sample_time: float, output: str = ""
+) -> SampledLoop:
+    """Return the loop of a law around a system with its delay, whose input holds for `sample_time` [s].
+
+    `output` is what the loop follows; without it, what comes out of the system. A negative delay, which an estimate may have by
+    chance, counts as none. Raises `UsageError` for a sample time that isn't above zero, and for a system with more zeros than
+    poles, which no input that holds can drive.
+    """
+    numerator, denominator, whole = _zero_order_hold(system, _checked(sample_time))
+    above = np.convolve(numerator, law.numerator)
+    below = np.convolve(denominator, law.denominator)
+    while len(above) > 1 and len(below) > 1 and above[-1] == 0 == below[-1]:
+        above, below = above[:-1], below[:-1]
+    return SampledLoop(
+        numerator=tuple(map(float, above)),
+        denominator=tuple(map(float, below)),
+        whole=whole,
+        sample_time=sample_time,
+        output=output or system.output,
+    )
+
+
+def sampled_series(controller: TransferFunction, system: TransferFunction, sample_time: float) -> SampledLoop:
+    """Return the loop of a controller C(s), computed by the trapezoid rule, around a system; delays [s] of both add up."""
+    whole = replace(system, delay=max(system.delay, 0.0) + controller.delay)
+    return sampled_loop(trapezoid(controller, sample_time), whole, sample_time)
+
+
+def law_in_z(numerator: Sequence[Sequence[float]], denominator: Sequence[Sequence[float]]) -> SampledLaw:
+    """Return the law of a ratio of polynomials in z, each given by its factors, highest power first, and of the same order.
+
+    A factor that is exactly zero at z = 1, such as a difference, is exactly zero at w = 0.
+    """
+    above, below = (
+        reduce(np.convolve, [np.array(in_w([Fraction(c) for c in each]), float) for each in factors])
+        for factors in (numerator, denominator)
+    )
+    return SampledLaw(numerator=tuple(map(float, above)), denominator=tuple(map(float, below)))
+
+
+def in_w(polynomial: Sequence[Fraction]) -> list[Fraction]:
+    """Return (1 - w)^n P((1 + w)/(1 - w)) for P(z) of order n, the highest power first."""
+    order = len(polynomial) - 1
+    total = [Fraction(0)] * (order + 1)
+    for n, coefficient in enumerate(polynomial):
+        term = [coefficient]
+        for sign in (1,) * (order - n) + (-1,) * n:  # of z^(order - n): (1 + w)^(order - n) (1 - w)^n
+            term = [
+                sign * high + low
+                for high, low in zip([*term, Fraction(0)], [Fraction(0), *term], strict=True)
+            ]
+        total = [x + y for x, y in zip(total, term, strict=True)]
+    return total
+
+
+def proportional(gain: float) -> SampledLaw:
+    """Return the law u = gain · error."""
+    return SampledLaw(numerator=(gain,), denominator=(1.0,))
+
+
+def trapezoid(controller: TransferFunction, sample_time: float) -> SampledLaw:
+    """Return C(s) as it is computed at ticks of `sample_time` [s] by the trapezoid rule, s = 2w/h (Tustin 1947).
+
+    One with more zeros than poles, such as a derivative without a filter, would ring for ever by that rule; it is computed with
+    differences between two ticks, s = (z - 1)/(hz). Raises `UsageError` for a sample time that isn't above zero.
+    """
+    n, d = np.trim_zeros(np.asarray(controller.numerator), "f"), np.asarray(controller.denominator)
+    order = max(len(n), len(d)) - 1
+    scale = 2 / _checked(sample_time)
+    later = [1.0, 1.0] if len(n) > len(d) else [1.0]  # s = 2w/h over this
+    return SampledLaw(
+        numerator=tuple(_substituted(n, order, scale, later)),
+        denominator=tuple(_substituted(d, order, scale, later)),
+    )
+
+
+def _checked(sample_time: float) -> float:
+    if not (math.isfinite(sample_time) and sample_time > 0):
+        raise UsageError(f"the sample time of a loop is {sample_time:g} s; expected more than 0 s")
+    return sample_time
+
+
+def _substituted(polynomial: Array, order: int, scale: float, below: list[float]) -> list[float]:
+    """P(scale · w / below(w)) times below(w)^order, the highest power of w first."""
+    total = np.zeros(1)
+    for power, coefficient in enumerate(polynomial[::-1]):
+        term = np.array([coefficient * scale**power, *[0.0] * power])
+        for _ in range(order - power):
+            term = np.convolve(term, below)
+        total = np.polyadd(total, term)
+    return [float(c) for c in total]
+
+
+_MOST_TICKS = 100_000  # of delay
+
+
+def _zero_order_hold(system: TransferFunction, h: float) -> tuple[Array, Array, int]:
+    """N(w), D(w) and the whole ticks of delay of a system behind an input that holds; time is counted in ticks of h [s]."""
+    if system.delay > _MOST_TICKS * h:
+        raise UsageError(
+            f"the model's delay of {system.delay:.3g} s is more than {_MOST_TICKS} sample times of {h:g} s; "
+            "no loop can be closed around that"
+        )
+    whole, part = divmod(max(system.delay, 0.0), h)
+    part /= h
+    d = np.asarray(system.denominator, dtype=np.float64)
+    n = np.trim_zeros(np.asarray(system.numerator, dtype=np.float64), "f")
+    order = len(d) - 1
+    if len(n) > order + 1:
+        raise UsageError(f"sampled loop: {system}; expected no more zeros than poles")
+    powers = h ** np.arange(order + 1.0)
+    a = d / d[0] * powers  # of s^order ... 1 in ticks
+    full = np.concatenate([np.zeros(order + 1 - len(n)), n]) / d[0] * powers
+    direct, c = full[0], full[1:] - full[0] * a[1:]
+    if not order:
+        late = int(whole) + (part > 0)
+        return np.array([direct]), np.ones(1), late
+    rest, early = _steps(a, 1 - part), _steps(a, part) if part else None
+    transition, forced = rest
+    first = forced
+    if early is not None:
+        transition, before = rest[0] @ early[0], rest[0] @ early[1]
+    identity = np.eye(order)
+    # (zI - A) = ((I + A) w + I - A)/(1 - w), so that the system in w has the matrix (I + A)⁻¹(A - I).
+    both = identity + transition
+    matrix = np.linalg.solve(both, transition - identity)
+    below: Array = _tangents(d, h)
+    rows = _adjugate_row(
+        c, np.asarray(matrix, dtype=np.float64), below
+    )  # of C adj(wI - A_w), the highest power first
+    above = np.convolve([-1.0, 1.0], rows @ np.linalg.solve(both, first))
+    if early is not None:  # z⁻¹ = (1 - w)/(1 + w)
+        delayed = np.convolve([-1.0, 1.0], rows @ np.linalg.solve(both, before))
+        above = np.convolve(above, [1.0, 1.0]) + np.convolve(delayed, [-1.0, 1.0])
+        if direct:
+            above = np.polyadd(above, direct * np.convolve(below, [-1.0, 1.0]))
+        below = np.convolve(below, [1.0, 1.0])
+    elif direct:
+        above = np.polyadd(above, direct * below)
+    return np.asarray(above), below, int(whole)
+
+
+def _steps(a: Array, length: float) -> tuple[Array, Array]:
+    """How the states go on for a number of ticks: e^(At), and Γ(t) of a constant input; A in the controllable form."""
+    order = len(a) - 1
+    block = np.zeros((order + 1, order + 1))
+    block[0, :order], block[0, order] = -a[1:], 1.0
+    block[1:order, : order - 1] = np.eye(order - 1)
+    whole = _exponential(block * length)
+    return whole[:order, :order], whole[:order, order]
+
+
+def _exponential(matrix: Array) -> Array:
+    """e^M (n, n) by its series, scaled and squared: on a few rows SciPy's takes several times as long, and wakes all cores."""
+    halvings = max(
+        math.frexp(float(np.abs(matrix).sum(axis=0).max()))[1] + 1, 0
+    )  # the norm is then below 1/2
+    term = total = np.eye(len(matrix))
+    for k in range(1, _TERMS):
+        term = term @ matrix / (k * 2.0**halvings)
+        total = total + term
+    for _ in range(halvings):
+        total = total @ total
+    return np.asarray(total, dtype=np.float64)
+
+
+def _tangents(d: Array, h: float) -> Array:
+    """The denominator in w: a pole p has become tanh(ph/2), one at zero stays there exactly."""
+    kept = np.trim_zeros(d, "b")
+    own = np.real(np.poly(np.tanh(0.5 * h * np.roots(kept)))) if len(kept) > 1 else np.ones(1)
+    return np.concatenate([np.atleast_1d(own), np.zeros(len(d) - len(kept))])
+
+
+def _adjugate_row(c: Array, a: Array, below: Array) -> Array:
+    """The coefficients (n, n) of C adj(wI - A), the highest power first, by Faddeev's and Leverrier's recursion."""
+    row, rows = c, [c]
+    for coefficient in below[1:-1]:
+        row = row @ a + coefficient * c
+        rows.append(row)
+    return np.array(rows)
+
+
+def sampled_margins(loop: SampledLoop) -> Margins:
+    """Return the margins of a sampled loop, negative feedback around it, and where they are, at most at π/h.
+
+    The gain margin is the factor nearest to 1, up or down, at which D + k N e^(-jωh whole) has a root on the unit circle,
+    z = 1 and z = -1 included. Between the frequencies at which phase or magnitude turn or the magnitude is 1, all of them roots
+    of polynomials, both only rise or only fall, and the crossing of -180° nearest to |L| = 1 is one that can be told.
+    The delay margin is phase margin over frequency: exact for whole samples. A loop with |L| > 1 all the way has an infinite
+    gain crossover, and none at all (NaN) with |L| < 1. As `margins` does it tells stability only of a loop with one gain
+    crossover and no pole outside of the unit circle.
+    """
+    n = np.trim_zeros(np.asarray(loop.numerator), "f")
+    if not len(n):
+        return Margins(
+            gain_margin=math.inf,
+            phase_margin=math.inf,
+            delay_margin=math.inf,
+            gain_crossover=math.nan,
+            phase_crossover=math.nan,
+        )
+    course = _Course.of(loop, n)
+    crossovers = gain_crossovers(course.ratio)
+    left = [wrapped(_TURN * course.turns(math.atan(v))) for v in crossovers]
+    omegas = [loop.omega(v) for v in crossovers]
+    nearest = min(range(len(left)), key=lambda k: abs(left[k]), default=None)
+    factors = [*_at_the_ends(loop, n), *_between(course, crossovers, _nearest_to_one)]
+    factor, alpha = min(factors, key=lambda pair: apart(pair[0]), default=(math.inf, math.nan))
+    return Margins(
+        gain_margin=factor,
+        phase_margin=math.inf if nearest is None else left[nearest],
+        delay_margin=min(
+            (max(phase, 0.0) / omega for phase, omega in zip(left, omegas, strict=True)), default=math.inf
+        ),
+        gain_crossover=omegas[nearest] if nearest is not None else course.nowhere_one,
+        phase_crossover=2 * alpha / loop.sample_time,
+    )
+
+
+def sampled_gain_range(loop: SampledLoop) -> tuple[float, float]:
+    """Return the factors on the gain, below and above 1, that end the stability of a loop: 0 and infinite where none does."""
+    n = np.trim_zeros(np.asarray(loop.numerator), "f")
+    if not len(n):
+        return 0.0, math.inf
+    course = _Course.of(loop, n)
+    met = _between(course, gain_crossovers(course.ratio), _nearest_to_one)
+    factors = [factor for factor, _ in (*_at_the_ends(loop, n), *met)]
+    return max((k for k in factors if k < 1), default=0.0), min(
+        (k for k in factors if k >= 1), default=math.inf
+    )
+
+
+def sampled_delay_margin(loop: SampledLoop) -> float:
+    """Return the delay [s] that a sampled loop bears which is stable once it is closed, at however many frequencies |L| is 1.
+
+    As `margins.delay_margin`: infinite where |L| is never 1.
+    """
+    n = np.trim_zeros(np.asarray(loop.numerator), "f")
+    if not len(n):
+        return math.inf
+    course = _Course.of(loop, n)
+    return min(
+        (course.turns(math.atan(v)) % 1 * _TURN / loop.omega(v) for v in gain_crossovers(course.ratio)),
+        default=math.inf,
+    )
+
+
+def gain_limits(loop: SampledLoop) -> list[float]:
+    """Return all factors on the gain at which the closed loop has a pole on the unit circle, in no order."""
+    n = np.trim_zeros(np.asarray(loop.numerator), "f")
+    if not len(n):
+        return []
+    course = _Course.of(loop, n)
+    met = _between(course, gain_crossovers(course.ratio), lambda levels, _: levels)
+    return [factor for factor, _ in (*_at_the_ends(loop, n), *met)]
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Course:
+    """Phase and magnitude of a loop over α = ωh/2, from 0 to π/2; `ratio` is N(w)/D(w)."""
+
+    ratio: TransferFunction
+    phase: Phase
+    whole: int
+
+    @classmethod
+    def of(cls, loop: SampledLoop, n: Array) -> _Course:
+        ratio = TransferFunction(numerator=tuple(map(float, n)), denominator=loop.denominator)
+        return cls(ratio=ratio, phase=Phase.of(ratio), whole=loop.whole)
+
+    def turns(self, alpha: float) -> float:
+        """By how many turns the phase is above -180°."""
+        return (self.phase(math.tan(alpha)) - 2 * self.whole * alpha + math.pi) / _TURN
+
+    def factor(self, alpha: float) -> float:
+        """1/|L|."""
+        w = 1j * math.tan(alpha)
+        size = abs(np.polyval(self.ratio.numerator, w) / np.polyval(self.ratio.denominator, w))
+        return 1 / float(size) if size else math.inf
+
+    @property
+    def nowhere_one(self) -> float:
+        """Infinite for |L| above 1 everywhere, NaN below: what stands for the gain crossover of a loop without one."""
+        return math.inf if self.factor(0.5 * _QUARTER) < 1 else math.nan
+
+    def turning_points(self) -> list[float]:
+        """Where phase or magnitude stop rising or falling, or jump [v]: with α = atan v, dα/dv = 1/(1 + v²)."""
+        phase, magnitude, squared = slopes(self.ratio)
+        held = np.polysub(np.convolve(phase, [1.0, 1.0]), 2.0 * self.whole * squared)
+        turning = [*positive_roots(held), *(positive_roots(magnitude) if len(magnitude) else ())]
+        jumps = [
+            abs(root.imag)
+            for root in (*self.phase.zeros, *self.phase.poles)
+            if root.imag and abs(root.real) <= _LEVEL * abs(root.imag)
+        ]
+        return [*(math.sqrt(square) for square in turning), *jumps]
+
+
+def _at_the_ends(loop: SampledLoop, n: Array) -> list[tuple[float, float]]:
+    """Where a root of the closed loop passes z = 1 or z = -1: the loop is real there, and negative."""
+    d = loop.denominator
+    ends = [(float(n[-1]), d[-1], 0.0)]
+    if len(n) == len(d):
+        ends.append((float(n[0]) * (-1.0) ** loop.whole, d[0], _QUARTER))
+    return [(abs(below / above), alpha) for above, below, alpha in ends if above * below < 0]
+
+
+def _nearest_to_one(levels: range, first: bool) -> Iterable[int]:
+    """Of the levels of the phase on a stretch the one at the end where the magnitude is nearer to 1."""
+    return levels[:1] if first else levels[-1:]
+
+
+def _between(
+    course: _Course, crossovers: list[float], chosen: Callable[[range, bool], Iterable[int]]
+) -> Iterator[tuple[float, float]]:
+    """Where the phase is -180°, as 1/|L| and α: on each stretch between the edges, of the levels that it crosses those chosen."""
+    from scipy.optimize import brentq
+
+    edges = sorted({math.atan(v) for v in (*crossovers, *course.turning_points())})
+    for alpha in edges:
+        turns = course.turns(alpha)
+        if abs(turns - round(turns)) < _LEVEL:
+            yield course.factor(alpha), alpha
+    for low, high in pairwise([0.0, *edges, _QUARTER]):
+        start, end = low + _EDGE * (high if low == 0 else low), high * (1 - _EDGE)
+        first, last = course.turns(start), course.turns(end)
+        levels = range(math.ceil(min(first, last) + _LEVEL), math.floor(max(first, last) - _LEVEL) + 1)
+        from_start = apart(course.factor(start)) < apart(course.factor(end))
+        for level in chosen(levels, from_start == (first < last)):
+            at = float(
+                brentq(
+                    lambda alpha, level=level: course.turns(alpha) - level, start, end, xtol=1e-15, rtol=1e-13
+                )
+            )
+            yield course.factor(at), at

@@ -1,0 +1,55 @@
+"""A sine whose frequency changes by the same factor in equal times."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.settings import Angle, PositiveFrequency, PositiveTime, Settings, Time
+from servobench.systems.signals.base import SIGNALS, Amplitude, Level
+from servobench.systems.signals.edges import periods
+
+
+@SIGNALS.member("logarithmic_chirp")
+class LogarithmicChirp(Settings):
+    """offset + amplitude · sin(2π f₀ T (r^(τ/T) - 1) / ln r + phase), r = f₁/f₀, τ the time since the sweep began, T its length.
+
+    The frequency is f₀ r^(τ/T), so each octave takes the same time; the phase follows from 2π times its integral. The sweep
+    begins anew after T; before `start` the value is `offset`.
+    """
+
+    amplitude: Amplitude = 2.0
+    """Largest departure from the offset [V]."""
+    offset: Level = 0.0
+    """Value about which it swings [V]."""
+    initial_frequency: PositiveFrequency = 0.1
+    """Frequency f₀ at the beginning of a sweep [Hz]."""
+    final_frequency: PositiveFrequency = 10.0
+    """Frequency f₁ at the end of a sweep; it may be the lower one [Hz]."""
+    sweep_time: PositiveTime = 10.0
+    """Length T of a sweep [s]."""
+    phase: Angle = 0.0
+    """Phase at the beginning of a sweep [rad]."""
+    start: Time = 0.0
+    """Time at which the first sweep begins [s]."""
+
+    def __call__(self, t: Array) -> Array:
+        """Return the value at times t [s]."""
+        at = periods(t, 1 / self.sweep_time, self.start)
+        log_ratio = math.log(self.final_frequency / self.initial_frequency)
+        # The limit of the law for r = 1 is a plain sine.
+        cycles = np.expm1(log_ratio * at.fraction) / log_ratio if log_ratio else at.fraction
+        wave = np.sin(2 * math.pi * self.initial_frequency * self.sweep_time * cycles + self.phase)
+        return np.where(at.started, self.offset + self.amplitude * wave, self.offset)
+
+    @property
+    def period(self) -> float:
+        """The length of a sweep [s]."""
+        return self.sweep_time
+
+    @property
+    def shortest_change(self) -> float:
+        """Half a period of the higher of the two frequencies [s]."""
+        return 0.5 / max(self.initial_frequency, self.final_frequency)

@@ -1,0 +1,94 @@
+"""λ-tuning: gains for a closed loop with a wished time constant λ, as it runs tick by tick.
+
+The speed gets a PI, the position a PD, whose zero cancels the motor's pole, so that the output rises as 1/(λs + 1) behind the
+dead time (Dahlin 1968; Skogestad 2003, whose rules are this one with the dead time to first order). Here the slowest pole is put
+at -1/λ with hold, filter and delay as they are (`placement`).
+For that the reference acts on the derivative part of
+the PD, too: a step of it makes a spike of the voltage as long as the filter's time constant.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from servobench.core.errors import UsageError
+from servobench.export.first_order import FirstOrderMotor
+from servobench.systems.control.pid import Pid
+from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
+from servobench.systems.tuning.placement import placed
+
+_FILTER = 5.0  # the filter's cut-off times λ
+
+
+class _LambdaTuning:
+    def __call__(self, motor: FirstOrderMotor, wish: Wish) -> Tunable:
+        wished = _time_constant(wish)
+        dead_time = motor.delay + wish.sample_time
+        if wished < dead_time:
+            raise UsageError(
+                f"{self.told(wish)}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
+                f"(the motor's delay {motor.delay:.3g} s and a sample time of {wish.sample_time:g} s); wish for more than that"
+            )
+        law, settings, gains = _law(wish)
+        cutoff = as_printed(wish.cutoff or min(_FILTER / wished, 1 / wish.sample_time))
+        made = placed(
+            law,
+            settings | {"cutoff": cutoff},
+            gains,
+            motor,
+            wish.sample_time,
+            self.poles(wish),
+            self.cancelled(motor, wish),
+        )
+        if getattr(made, gains[0]) * motor.gain.value <= 0:
+            raise Unreachable("no gains of the right sign give the loop that time constant")
+        if isinstance(made, StateFeedback):
+            return made.model_copy(update={"reference_gain": made.speed_gain})
+        return made
+
+    def poles(self, wish: Wish) -> tuple[complex, ...]:
+        return (complex(-1 / _time_constant(wish)),)
+
+    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+        return (complex(-1 / motor.time_constant.value),)
+
+    def quantities(self, wish: Wish, poles: Sequence[complex]) -> Mapping[str, tuple[float, str]]:
+        return {"time constant": (-1 / poles[0].real, "s")}
+
+    def told(self, wish: Wish) -> str:
+        return f"`closed_loop={wish.closed_loop:.3g}`"
+
+
+def _law(wish: Wish) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
+    """The law that is wished, its settings but for the filter, and the gains to be found."""
+    match wish.controller, wish.output:
+        case "pid", "speed":
+            return Pid, {"output": "speed"}, ("kp", "ki")
+        case "pid", "position":
+            return Pid, {"c": 1.0}, ("kp", "kd")
+        case "state_feedback", "speed":
+            settings = {"output": "speed", "position_gain": 0.0}
+            return StateFeedback, settings, ("speed_gain", "integral_gain")
+    raise unsupported(wish, "lambda_tuning", "pid with both, and state_feedback with the speed")
+
+
+def _time_constant(wish: Wish) -> float:
+    """λ [s]; raises `UsageError` where it isn't said, or something else is."""
+    if wish.poles or wish.damping is not None or wish.bandwidth is not None:
+        raise UsageError(
+            "`damping=...`, `bandwidth=...` and `poles=...` are wishes for pole_placement; say `closed_loop=...`, such as "
+            "`closed_loop=50ms`"
+        )
+    if wish.closed_loop is None:
+        raise UsageError(
+            "lambda_tuning needs `closed_loop=...`, the time constant wished for the closed loop, such as `closed_loop=50ms`"
+        )
+    if not (math.isfinite(wish.closed_loop) and wish.closed_loop > 0):
+        raise UsageError(f"`closed_loop={wish.closed_loop:g}`: expected a time above 0")
+    return wish.closed_loop
+
+
+lambda_tuning = METHODS.member("lambda_tuning")(_LambdaTuning())

@@ -1,0 +1,88 @@
+"""The open loop of a controller around a motor as it runs, tick by tick, and its margins as far as the motor is known.
+
+Both halves are exact: what the controller computes is taken from the controller (`control.sampled_law`), and the motor is sampled
+with its hold and its delay (`sampled_loop`). docs/decisions/0028-sampled-loop.md says why.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from servobench.export.first_order import FirstOrderMotor
+from servobench.systems.control.sampled_law import sampled_law
+from servobench.systems.sampled_loop import (
+    SampledLaw,
+    SampledLoop,
+    sampled_gain_range,
+    sampled_loop,
+    sampled_margins,
+)
+from servobench.systems.transfer_function import TransferFunction
+from servobench.systems.tuning.base import Tunable
+
+_DRAWS = 400
+UNITS = {
+    "gain_margin": "1",
+    "gain_margin_downwards": "1",
+    "phase_margin": "rad",
+    "delay_margin": "s",
+    "gain_crossover": "rad/s",
+}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Told:
+    """A value with its unit, and its 95 % interval over what the data leave open of the motor."""
+
+    value: float
+    interval: tuple[float, float]
+    unit: str
+
+
+def open_loop(controller: Tunable, gain: float, tau: float, delay: float, sample_time: float) -> SampledLoop:
+    """Return the loop of a controller that runs every `sample_time` [s] around K/(τs + 1) with a delay [s]."""
+    return _around(sampled_law(controller, sample_time), gain, tau, delay, sample_time, controller.output)
+
+
+def _around(
+    law: SampledLaw, gain: float, tau: float, delay: float, sample_time: float, output: str
+) -> SampledLoop:
+    """The loop of a law of the angle, also where it follows the speed: that is made of differences."""
+    motor = TransferFunction(
+        numerator=(gain,), denominator=(tau, 1.0, 0.0), delay=delay, output="position", unit="rad/V"
+    )
+    return sampled_loop(law, motor, sample_time, output)
+
+
+def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, Told]:
+    """Return the gain margins, phase and delay margin and the gain crossover, with their 95 % intervals.
+
+    `gain_margin` is the factor by which the gain may rise, `gain_margin_downwards` that by which it may fall, as 2 where half of
+    the gain is the border of stability: infinite where less of it makes nothing unstable.
+    """
+    law = sampled_law(controller, sample_time)
+    centre = (motor.gain.value, motor.time_constant.value, motor.delay)
+    motors = [centre, *map(tuple, motor.draws(_DRAWS).tolist())]
+    loops = [_around(law, k, tau, d, sample_time, controller.output) for k, tau, d in motors]
+    rows = np.array([_of_the_loop(loop) for loop in loops])
+    # Infinite margins have no value between them: of the draws the nearest counts.
+    low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0, method="nearest")
+    return {
+        name: Told(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
+        for n, (name, unit) in enumerate(UNITS.items())
+    }
+
+
+def nominal_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, float]:
+    """Return the same without intervals; `sample_time` is in s."""
+    loop = open_loop(controller, motor.gain.value, motor.time_constant.value, motor.delay, sample_time)
+    return dict(zip(UNITS, _of_the_loop(loop), strict=True))
+
+
+def _of_the_loop(loop: SampledLoop) -> tuple[float, ...]:
+    found = sampled_margins(loop)
+    low, high = sampled_gain_range(loop)
+    return high, 1 / low if low else math.inf, found.phase_margin, found.delay_margin, found.gain_crossover

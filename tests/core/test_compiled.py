@@ -1,0 +1,111 @@
+"""Compiled code is kept on disk for the next process, and nothing depends on that."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+KERNELS = """
+from servobench.core.compiled import code_is_kept, compiled
+
+@compiled
+def double(x):
+    return 2 * x
+
+@compiled
+def triple(x):
+    return 3 * x
+
+print(double(3.0), triple(3.0), len(double.stats.cache_hits), code_is_kept())
+"""
+
+
+@pytest.fixture
+def use(tmp_path: Path) -> Callable[..., tuple[str, str]]:
+    """Return a function that uses two kernels in a new process, and returns what it printed and what it warned of."""
+    (tmp_path / "kernels.py").write_text(KERNELS)
+
+    def in_a_new_process(**changed: str) -> tuple[str, str]:
+        kept = {name: value for name, value in os.environ.items() if not name.startswith("NUMBA")}
+        ended = subprocess.run(
+            [sys.executable, "-c", "import kernels"],
+            cwd=tmp_path,
+            env={**kept, **changed},
+            capture_output=True,
+            text=True,
+            timeout=300,
+        )
+        assert ended.returncode == 0, ended.stderr
+        return ended.stdout.strip(), ended.stderr
+
+    return in_a_new_process
+
+
+def cut(file: Path) -> None:
+    file.write_bytes(file.read_bytes()[: file.stat().st_size // 2])
+
+
+def emptied(file: Path) -> None:
+    file.write_bytes(b"")
+
+
+def zeroed(file: Path) -> None:
+    """As a power cut leaves a file that was never put on the disk."""
+    file.write_bytes(bytes(file.stat().st_size))
+
+
+@pytest.mark.promise("S57")
+@pytest.mark.parametrize("damaged", [cut, emptied, zeroed])
+@pytest.mark.parametrize("which", ["nbi", "nbc"])
+def test_a_damaged_cache_is_told_once_and_renewed(
+    tmp_path: Path, use: Callable[..., tuple[str, str]], damaged: Callable[[Path], None], which: str
+) -> None:
+    assert use() == ("6.0 9.0 0 True", "")
+    assert use() == ("6.0 9.0 1 True", "")
+    files = list((tmp_path / "__pycache__").glob(f"*.{which}"))
+    assert len(files) == 2
+    for file in files:
+        damaged(file)
+
+    printed, warned = use()
+
+    assert printed == "6.0 9.0 0 False"
+    assert warned.startswith(f"compiled code in {tmp_path / '__pycache__'} can't be read (")
+    assert warned.count("\n") == 1
+    assert use() == ("6.0 9.0 1 True", "")
+
+
+@pytest.mark.promise("S57")
+def test_where_nothing_can_be_written_it_is_told_once_and_compiled_each_time(
+    tmp_path: Path, use: Callable[..., tuple[str, str]]
+) -> None:
+    # Files in the place of folders: the rights of a folder don't bind root.
+    (tmp_path / "__pycache__").touch()
+    nowhere = str(tmp_path / "kernels.py")
+    for _ in range(2):
+        printed, warned = use(HOME=nowhere, XDG_CACHE_HOME=nowhere, LOCALAPPDATA=nowhere)
+
+        assert printed == "6.0 9.0 0 False"
+        assert warned.startswith(
+            "compiled code can't be kept, as neither the package nor the home folder can be written"
+        )
+        assert warned.count("\n") == 1
+
+
+@pytest.mark.promise("S57")
+@pytest.mark.skipif(sys.platform == "win32", reason="ulimit is POSIX's")
+def test_code_that_finds_no_room_is_told_once(tmp_path: Path, use: Callable[..., tuple[str, str]]) -> None:
+    text = (tmp_path / "kernels.py").read_text()
+    limit = "import resource; resource.setrlimit(resource.RLIMIT_FSIZE, (100, 100))\n"
+    (tmp_path / "kernels.py").write_text(text.replace("print(", f"{limit}print("))
+
+    printed, warned = use()
+
+    assert printed == "6.0 9.0 0 False"
+    assert warned.startswith(f"compiled code can't be kept in {tmp_path / '__pycache__'} (File too large)")
+    assert warned.count("\n") == 1

@@ -1,0 +1,61 @@
+"""Records of a joint fit that agree, or don't, on its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import Finding, Severity
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth, march
+
+TRUTH = Truth()
+FRICTION = TRUTH.coulomb_torque * TRUTH.resistance / TRUTH.motor_constant  # V
+
+
+def runs(*frictions: float) -> list[Dataset]:
+    """Runs of the reference motor behind an ideal encoder, under as many random inputs, with so many times its friction."""
+    random = np.random.default_rng(3)
+    found = []
+    for n, times in enumerate(frictions):
+        u = np.repeat(random.choice([-3.0, -1.0, 1.0, 3.0], 20), 100)
+        angle = march(TRUTH._replace(coulomb_torque=times * TRUTH.coulomb_torque), u, 0.002)[:, 2]
+        y = (np.floor(angle / QUANTUM) + 0.5) * QUANTUM
+        plain = dataset(seed=0, samples=len(u), y=y)
+        found.append(replace(plain, u=u, input_before=0.0, name=f"run {n}"))
+    return found
+
+
+def apart(result: Result) -> list[Finding]:
+    return [finding for finding in result.findings if finding.code == "records-apart"]
+
+
+def test_two_records_are_held_against_each_other() -> None:
+    result = identify(runs(1.0, 3.0), "first_order_coulomb")
+
+    (finding,) = apart(result)
+    assert finding.severity is Severity.INFO  # its size is in the interval
+    assert "coulomb_voltage" in finding.parameters
+    assert result.fit is not None
+    friction = result.fit["coulomb_voltage"]
+    # Each run alone knows its own friction to some 10 µV: the interval holds both.
+    assert friction.interval[0] < FRICTION + 2e-5
+    assert friction.interval[1] > 3 * FRICTION - 2e-5
+    # The jackknife of two values is half of their difference.
+    assert friction.sd >= FRICTION * (1 - 1e-3)
+    assert "without run 0" in finding.sentence
+    assert "without run 1" in finding.sentence
+
+
+@pytest.mark.parametrize("friction", [0.0, 1.0, 3.0])
+def test_records_of_one_motor_agree(friction: float) -> None:
+    assert not apart(identify(runs(friction, friction, friction, friction)))
+
+
+def test_one_record_has_nothing_to_disagree_with() -> None:
+    assert not apart(identify(runs(1.0), "first_order"))

@@ -1,0 +1,131 @@
+"""A speed that was differenced from counts is fitted as the counts, and nothing else is.
+
+Two routes: the same counts given directly, and as their difference.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.core.finding import Verdict
+from servobench.identification.choice.restored_counts import with_counts_restored
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth, march
+
+RESTORED = "counts-restored"
+
+
+def as_speed(data: Dataset, y: NDArray[np.float64], chain: str = "") -> Dataset:
+    stages = Chain.parse(chain)
+    y = stages(y, data.t_output)
+    return replace(data, y=y, kind="speed", output_unit="rad/s", quantum=None, declared=stages)
+
+
+def differenced(data: Dataset) -> NDArray[np.float64]:
+    return np.concatenate([np.zeros(1), np.diff(data.y) / np.diff(data.t_output)])
+
+
+def codes(result: Result) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def assert_same(one: Result, other: Result) -> None:
+    """The parameters and their intervals agree to a millionth of the value, or of the interval where it is the larger."""
+    assert one.fit is not None
+    assert other.fit is not None
+    assert one.fit.model.names == other.fit.model.names
+    for name, value in one.fit.estimates.items():
+        scale = 1e-6 * max(abs(value.value), value.interval[1] - value.interval[0])
+        assert other.fit[name].value == pytest.approx(value.value, abs=scale)
+        assert other.fit[name].interval == pytest.approx(value.interval, abs=scale)
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+def test_differenced_counts_give_what_the_counts_give(kind) -> None:  # type: ignore[no-untyped-def]
+    counts = dataset(seed=3, kind=kind)
+    given = identify(counts)
+    found = identify(as_speed(counts, differenced(counts)))
+
+    assert given.verdict is found.verdict is Verdict.TRUSTED
+    assert RESTORED in codes(found)
+    assert_same(given, found)
+
+
+def test_a_central_difference_gives_what_the_counts_give() -> None:
+    counts = dataset(seed=3)
+    found = identify(as_speed(counts, np.gradient(counts.y, counts.t_output)))
+
+    assert RESTORED in codes(found)
+    assert_same(identify(counts), found)
+
+
+def test_differenced_counts_behind_a_declared_filter_give_what_the_counts_give() -> None:
+    counts = dataset(seed=3)
+    found = identify(as_speed(counts, differenced(counts), "lowpass 50 rad/s"))
+
+    assert RESTORED in codes(found)
+    assert_same(identify(counts), found)
+
+
+def test_differenced_counts_under_a_random_torque_give_what_the_counts_give() -> None:
+    counts = dataset(seed=3, kind="prbs", torque_noise=2e-5)
+    # From the count at which the sum begins: prediction error's search ends elsewhere in its tolerance from another one.
+    same = replace(counts, y=counts.y - counts.y[0] + 0.5 * (counts.quantum or 0.0))
+    found = identify(as_speed(counts, differenced(counts)))
+
+    assert RESTORED in codes(found)
+    assert_same(identify(same), found)
+
+
+def test_an_estimator_that_was_asked_for_gets_the_speed() -> None:
+    counts = dataset(seed=3)
+    records, findings = with_counts_restored([as_speed(counts, differenced(counts))], "srivc")
+
+    assert records[0].kind == "speed"
+    assert not findings
+
+
+def test_records_are_summed_together_or_not_at_all() -> None:
+    counts = dataset(seed=3)
+    speed = as_speed(counts, differenced(counts))
+    noisy = replace(speed, y=speed.y + np.random.default_rng(1).normal(scale=0.5, size=len(speed.y)))
+
+    assert [record.kind for record in with_counts_restored([speed, speed])[0]] == ["position", "position"]
+    assert [record.kind for record in with_counts_restored([speed, noisy])[0]] == ["speed", "speed"]
+
+
+@pytest.mark.parametrize("torque_noise", [0.0, 2e-4])
+@pytest.mark.parametrize("noise", [0.2, 0.9, 2.7])
+def test_counts_of_noisy_readings_are_found_too(noise: float, torque_noise: float) -> None:
+    """Noise of 0.2 to 2.7 counts in each reading, which isn't rounding but stays where it is when it is summed."""
+    counts = dataset(seed=3)
+    kicks = {"torque_noise": torque_noise, "step": 5e-5, "seed": 3} if torque_noise else {}
+    angle = march(Truth(), counts.u, 0.002, **kicks)[:, 2]  # type: ignore[arg-type]
+    random = np.random.default_rng(5).normal(size=len(angle))
+    noisy = replace(counts, y=QUANTUM * np.floor(angle / QUANTUM + noise * random))
+
+    assert with_counts_restored([as_speed(noisy, differenced(noisy))])[0][0].kind == "position"
+
+
+@pytest.mark.parametrize("torque_noise", [0.0, 2e-5])
+@pytest.mark.parametrize("step", [np.pi / 30, 0.0817, 1.534])
+@pytest.mark.parametrize("noise", [0.0, 0.5])
+def test_a_tachometer_behind_a_converter_is_not_taken_for_counts(
+    step: float, noise: float, torque_noise: float
+) -> None:
+    """Steps of 1 rpm as a display prints them, and two of converters, with noise in parts of a step."""
+    counts = dataset(seed=3)
+    kicks = {"torque_noise": torque_noise, "step": 5e-5, "seed": 3} if torque_noise else {}
+    true = march(Truth(), counts.u, 0.002, **kicks)[:, 1]  # type: ignore[arg-type]
+    random = np.random.default_rng(5).normal(size=len(true))
+    speed = as_speed(counts, step * np.rint(true / step + noise * random))
+
+    assert with_counts_restored([speed])[0][0].kind == "speed"

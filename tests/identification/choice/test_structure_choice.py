@@ -1,0 +1,208 @@
+"""The ladder of friction and gravity: against a finely stepped motor that has the terms, and against motors that haven't."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.core.errors import UsageError
+from servobench.core.finding import Verdict
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from tests.datasets import dataset
+from tests.rig.motor.odd_motor import OddMotor, odd_record
+
+RUNGS = {"stribeck-found", "gravity-found", "friction-asymmetric", "load-friction-found"}
+# The reference meets a delay and a stop to within its step of 10 µs, which is a part in 10,000 of τ and of most other parameters.
+SLACK = 1e-3
+
+
+def codes(result: Result) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def levels(seed: int, samples: int = 2500) -> NDArray[np.float64]:
+    """Inputs of many sizes, held for 40 samples: slow motion, rest and reversals, where friction shows."""
+    random = np.random.default_rng(seed)
+    return np.repeat(random.uniform(-1.5, 1.5, samples // 40 + 1), 40)[:samples]
+
+
+def check(result: Result, **expected: float) -> None:
+    """Each parameter within 3 standard deviations of the truth, or within what the reference is good for."""
+    assert result.fit is not None
+    for name, value in expected.items():
+        found = result.fit[name]
+        assert abs(found.value - value) <= 3 * found.sd + SLACK * abs(value), name
+
+
+def test_friction_that_falls_with_the_speed_is_found_with_its_size() -> None:
+    truth = OddMotor(stribeck=0.08, stribeck_speed=2.0, delay=0.001)
+    result = identify(odd_record(truth, 1, samples=2500, u=levels(1)))
+    assert codes(result) & RUNGS == {"stribeck-found"}
+    assert result.verdict == Verdict.TRUSTED
+    check(
+        result,
+        gain=23.8,
+        time_constant=0.1,
+        coulomb_voltage=0.16,
+        stribeck_voltage=0.08,
+        stribeck_speed=2.0,
+        delay=0.001,
+    )
+
+
+@pytest.mark.parametrize("size", [0.02, 0.4])
+def test_gravity_is_found_whether_small_or_so_large_that_the_simpler_model_loses_the_angle(
+    size: float,
+) -> None:
+    truth = OddMotor(gravity_sine=size, gravity_cosine=0.5 * size)
+    result = identify(odd_record(truth, 2, samples=2500))
+    assert codes(result) & RUNGS == {"gravity-found"}
+    assert "friction-not-found" not in codes(result)
+    check(result, gain=23.8, time_constant=0.1, gravity_voltage_sine=size, gravity_voltage_cosine=0.5 * size)
+
+
+def test_friction_that_grows_with_the_load_is_found_once_gravity_is() -> None:
+    truth = OddMotor(gravity_sine=0.3, gravity_cosine=0.1, load=0.25)
+    result = identify(odd_record(truth, 3, samples=2500))
+    assert codes(result) & RUNGS == {"gravity-found", "load-friction-found"}
+    check(result, gain=23.8, coulomb_voltage=0.16, gravity_voltage_sine=0.3, load_friction=0.25)
+
+
+def test_friction_that_differs_by_direction_is_found() -> None:
+    truth = OddMotor(drag_asymmetry=0.002, offset=0.02)
+    result = identify(odd_record(truth, 4, samples=2500))
+    assert codes(result) & RUNGS == {"friction-asymmetric"}
+    check(
+        result,
+        gain=23.8,
+        coulomb_voltage_forward=0.18,
+        coulomb_voltage_backward=0.14,
+        drag_asymmetry=0.002,
+    )
+
+
+def test_a_negative_gain_changes_nothing_but_its_sign() -> None:
+    truth = OddMotor(gain=-23.8, drag_asymmetry=0.002, offset=0.02)
+    result = identify(odd_record(truth, 4, samples=2500))
+    check(
+        result, gain=-23.8, coulomb_voltage_forward=0.18, coulomb_voltage_backward=0.14, drag_asymmetry=0.002
+    )
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_a_simple_motor_keeps_its_simple_model(seed: int) -> None:
+    result = identify(odd_record(OddMotor(), 10 + seed, samples=2500))
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_coulomb"
+    assert not codes(result) & RUNGS
+    (why,) = (finding.sentence for finding in result.findings if finding.code == "structure-chosen")
+    assert "No further term" in why
+
+
+def test_a_random_torque_is_not_taken_for_friction_or_gravity() -> None:
+    for seed in range(3):
+        result = identify(odd_record(OddMotor(), 20 + seed, samples=2500, torque=0.02))
+        assert not codes(result) & RUNGS
+
+
+def test_a_structure_that_is_asked_for_is_not_climbed_from() -> None:
+    data = odd_record(OddMotor(gravity_sine=0.02), 5, samples=1500)
+    result = identify(data, structure="first_order_coulomb")
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_coulomb"
+    assert "structure-chosen" not in codes(result)
+
+
+def test_backlash_is_told_with_its_size_in_degrees() -> None:
+    """A load that the motor pushes to and fro across a gap of 0.8 deg: its angle lags by half of it, either way."""
+    plain = odd_record(OddMotor(), 6, samples=2500)
+    load, gap = plain.y[0], np.deg2rad(0.8)
+    out = np.empty(len(plain.y))
+    for n, angle in enumerate(plain.y):
+        load = min(max(load, angle - 0.5 * gap), angle + 0.5 * gap)
+        out[n] = load
+    result = identify(replace(plain, y=out, quantum=None), structure="first_order_coulomb")
+    (found,) = (finding.sentence for finding in result.findings if finding.code == "backlash")
+    size, half = (float(found.split("About ")[1].split(" ± ")[n].split()[0]) for n in (0, 1))
+    # A first-order guess: the load's way through the gap, which takes a while, is no part of the column.
+    assert size == pytest.approx(0.8, abs=half + 0.1)
+    assert "deg of backlash" in found
+
+
+def test_a_structure_and_an_estimator_that_cannot_go_together_are_wrong_usage() -> None:
+    with pytest.raises(UsageError, match="friction with rest and reversals"):
+        identify(dataset(seed=1), structure="first_order_coulomb", estimator="srivc")
+
+
+def test_an_order_too_high_is_told_with_a_lower_one() -> None:
+    result = identify(dataset(seed=1, kind="prbs", samples=2500), structure="rational_3_1_integrator_delay")
+    (found,) = (finding for finding in result.findings if finding.code == "term-not-told-from-zero")
+    assert "try rational_2_1_integrator_delay" in found.sentence
+    assert result.verdict != Verdict.TRUSTED
+
+
+def test_a_position_without_an_integrator_is_told_to_take_one() -> None:
+    result = identify(odd_record(OddMotor(coulomb=0.0), 7, samples=2500), structure="rational_2_0_delay")
+    (found,) = (finding for finding in result.findings if finding.code == "integrator-likely")
+    assert "rational_1_0_integrator_delay" in found.sentence
+
+
+def test_the_right_order_is_not_called_too_high() -> None:
+    result = identify(odd_record(OddMotor(coulomb=0.0), 7, samples=2500), structure="rational_1_0_integrator")
+    assert not codes(result) & {"term-not-told-from-zero", "integrator-likely"}
+
+
+@pytest.mark.parametrize("seed", [106, 111, 121])
+def test_friction_too_small_to_be_certain_of_is_kept_where_the_gain_would_be_off_without_it(
+    seed: int,
+) -> None:
+    """4 mV at rest: a filter for a random torque takes most of it for noise, and its gain would be 3 to 5 deviations off."""
+    truth = OddMotor(stribeck=0.004, stribeck_speed=2.0)
+    result = identify(odd_record(truth, seed, samples=1500, u=levels(seed, 1500)))
+    assert "stribeck-found" in codes(result)
+    check(result, gain=23.8, time_constant=0.1)
+
+
+def turned(frequency: float, **device: object) -> Result:
+    """Return what `identify` says of a twin that a square wave of ±3 V turns to and fro for 5 s, sampled each 0.5 ms."""
+    import servobench as sb
+
+    signal = sb.Square(low=-3, high=3, frequency=frequency)
+    with sb.connect("twin", **device) as motor:
+        recording = sb.run(sb.Experiment(signal=signal, duration=5, sample_time="0.5 ms"), motor)
+    return sb.identify(sb.measure(recording))
+
+
+@pytest.mark.parametrize("inductance", [0.0116, 0.06])
+def test_a_winding_that_shows_becomes_a_second_pole(inductance: float) -> None:
+    result = turned(2.0, inductance=inductance)
+
+    assert result.fit is not None
+    assert result.fit.structure == "second_order_coulomb"
+    # (L s + R)(J s + b) + k² with the twin's data sheet.
+    resistance, constant, viscous, inertia = 8.4, 0.042, 1e-6, 2.0952e-5
+    poles = np.roots(
+        [
+            inductance * inertia,
+            inductance * viscous + resistance * inertia,
+            resistance * viscous + constant**2,
+        ]
+    )
+    slow = result.derived["pole_1"] if "pole_1" in result.derived else result.derived["pole"]
+    half = 0.5 * (slow.interval[1] - slow.interval[0])
+    # Three standard deviations, and what the data sheet's inertia is rounded to here (1e-5 of it).
+    assert abs(slow.value - poles.max()) < 1.53 * half + 1e-5 * abs(slow.value)
+    assert "winding-found" in {finding.code for finding in result.findings}
+
+
+def test_rounding_that_repeats_is_no_ripple_and_no_gravity() -> None:
+    """The shaft goes over the same counts again and again: what the encoder rounds away looks the same in each period."""
+    result = turned(2.0)
+
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_coulomb"
+    assert result.verdict == Verdict.TRUSTED

@@ -1,0 +1,22 @@
+"""Parameters under which nothing holds a motor back end in an infinite prediction, and not in an endless one."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.identification.models.base import STRUCTURES
+from tests.datasets import dataset
+
+
+def test_a_motor_that_runs_away_is_infinitely_far_off() -> None:
+    structure = STRUCTURES["first_order_asymmetric"]
+    data = dataset(seed=1)
+    value = {parameter.name: 0.0 for parameter in structure.parameters}
+    # dω/dt = (-1 - K u_a) ω/τ = 9999 ω/τ: e^(9999 t/τ) leaves the range of a float within a second.
+    value |= {"gain": 20.0, "time_constant": 0.1, "drag_asymmetry": -500.0}
+    nuisance = np.zeros(len(structure.nuisance(data)))
+
+    prediction = structure.predict(np.append(list(value.values()), nuisance), data)
+
+    assert np.isinf(prediction.y[-1])
+    assert not np.isnan(prediction.y).any()

@@ -1,0 +1,99 @@
+"""What a record begins with is part of the model: a rest, an input that isn't in the file, a rest that somebody knows of."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.channels import Channel
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Recording, Series, Source
+from tests.datasets import QUANTUM, dataset, prbs
+from tests.rig.motor.reference import Truth
+
+STEP = 0.002
+MOTOR = Truth(coulomb_torque=8e-4, inductance=1e-9)
+STIFFNESS = MOTOR.resistance * MOTOR.viscous_friction + MOTOR.motor_constant**2
+GAIN, TAU = MOTOR.motor_constant / STIFFNESS, MOTOR.inertia * MOTOR.resistance / STIFFNESS
+
+
+@pytest.mark.parametrize("rest", [0.02, 0.1, 0.18])
+def test_a_short_rest_before_a_one_way_run_is_part_of_the_model(rest: float) -> None:
+    """Gain and time constant within three standard deviations, and trusted; without friction that holds they were 0.25 % off."""
+    t = np.arange(3000) * STEP
+    u = np.where((0.4 * t + 0.1) % 1.0 < 0.5, 3.0, 1.0)
+    u[t < rest] = 0.0
+    result = identify(dataset(seed=1, u=u, samples=3000, truth=MOTOR))
+    assert result.fit is not None
+    assert result.fit.structure == "first_order_one_way_rest"
+    for name, value in (("gain", GAIN), ("time_constant", TAU)):
+        assert abs(result.fit[name].value - value) < 3 * result.fit[name].sd
+        assert abs(result.fit[name].value / value - 1) < 1e-3
+
+
+def test_a_record_that_begins_in_mid_motion_answers_to_nothing_that_isnt_in_it() -> None:
+    """Three samples of delay at 50 Hz, and an input that changes with the first row: gain and time constant were 1 and 6 % off.
+
+    The bound for 400 samples is some 1e-5 of the gain and 1e-4 of the time constant.
+    """
+    step, samples, begins = 0.02, 600, 200
+    u = 2.0 + prbs(samples, 10, np.random.default_rng(5)) / 3.0
+    begins += int(np.flatnonzero(np.diff(u[begins:]))[0]) + 1
+    late = np.concatenate([np.zeros(3), u[:-3]])
+    whole = dataset(seed=3, u=late, samples=samples, sample_time=step, truth=MOTOR)
+    t, rows = np.arange(samples - begins) * step, slice(begins, None)
+    columns = (
+        Series(channel=Channel(name="u", unit="V"), values=u[rows], t=t),
+        Series(channel=Channel(name="y", unit="rad", resolution=QUANTUM), values=whole.y[rows], t=t),
+    )
+    recording = Recording(name="cut", series=columns, input="u", output="y", source=Source(name="cut"))
+    fit = identify(measure(recording)).fit
+    assert fit is not None
+    assert abs(fit["gain"].value / GAIN - 1) < 1e-3
+    assert abs(fit["time_constant"].value / TAU - 1) < 1e-2
+    at_rest = measure(replace(recording, input_before=0.0))
+    assert len(at_rest.y) == len(t)
+
+
+def test_who_knows_that_the_motor_starts_at_rest_gets_a_time_constant_from_one_level() -> None:
+    samples = 1000
+    u = np.full(samples, 3.0)
+    whole = dataset(seed=3, u=u, samples=samples, truth=MOTOR)
+    t = np.arange(samples) * STEP
+    columns = (
+        Series(channel=Channel(name="u", unit="V"), values=u, t=t),
+        Series(channel=Channel(name="y", unit="rad", resolution=QUANTUM), values=whole.y, t=t),
+    )
+    recording = Recording(name="step", series=columns, input="u", output="y", source=Source(name="step"))
+    data = measure(recording, starts_at_rest=True)
+    assert data.input_before == 0.0
+    fit = identify(data).fit
+    assert fit is not None
+    assert fit.records[0].nuisance[1] == 0.0
+    # The bound from rounding alone is 1e-4 of it; the interval allows for a model error that one event can't show.
+    assert abs(fit["time_constant"].value / TAU - 1) < 1e-3
+
+
+def test_a_shaft_that_sets_off_under_the_first_rows_input_answers_to_what_came_with_it() -> None:
+    """Three samples of delay, and an input that is on from the first row: the model's shaft set off three samples too early.
+
+    The residual was 1,500 times the rounding then. Rounding alone lets gain and time constant be known to some 1e-5 of them.
+    """
+    samples = 400
+    u = np.where(np.arange(samples) // 50 % 2 == 0, 3.0, 1.0)
+    late = np.concatenate([np.zeros(3), u[:-3]])
+    whole = dataset(seed=3, u=late, samples=samples, sample_time=0.02, truth=MOTOR)
+    columns = (
+        Series(channel=Channel(name="u", unit="V"), values=u, t=whole.t_input),
+        Series(channel=Channel(name="y", unit="rad", resolution=QUANTUM), values=whole.y, t=whole.t_output),
+    )
+    recording = Recording(name="cold", series=columns, input="u", output="y", source=Source(name="cold"))
+    fit = identify(measure(recording)).fit
+    assert fit is not None
+    assert fit.residual_sd < 1.2 * QUANTUM / np.sqrt(12)
+    for name, value in (("gain", GAIN), ("time_constant", TAU)):
+        assert abs(fit[name].value / value - 1) < 1e-3
+        assert fit[name].sd / value < 1e-3

@@ -1,0 +1,72 @@
+"""A delay swallows nothing: the first motion bounds it, and where the data don't tell it, it stays a thing of the loop."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth
+
+STEP = 0.002
+FRICTION = Truth(coulomb_torque=2.5e-3, inductance=1e-9)
+COULOMB = FRICTION.coulomb_torque * FRICTION.resistance / FRICTION.motor_constant
+RATE = 1.0  # V/s
+
+
+def ramp(seed: int) -> Dataset:
+    u = RATE * np.arange(2500) * STEP
+    acting = dataset(seed=seed, u=np.append(0.0, u[:-1]), samples=2500, sample_time=STEP, truth=FRICTION)
+    return dataset(seed=seed, u=u, samples=2500, sample_time=STEP, y=acting.y)
+
+
+def test_on_a_ramp_from_rest_friction_is_not_taken_for_a_delay() -> None:
+    """Friction and delay are told as u_c + rate · delay only: the delay is what loops have, and the friction what is left.
+
+    As the estimator says by itself, before any allowance for model error.
+    """
+    for seed in range(2):
+        fit = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way_rest"], [ramp(seed)])
+        friction, delay = fit["coulomb_voltage"], fit["delay"]
+        # The prior is one sample ± max(2 samples, 10 ms): 3 standard deviations of it.
+        assert abs(delay.value) < STEP + 3 * 0.01
+        assert abs(friction.value - COULOMB) < 1.96 * friction.sd
+        # What isn't known of the delay, 10 ms at the least, isn't known of the friction.
+        assert RATE * 0.01 < 1.1 * friction.sd < 10 * RATE * 0.01
+        # Their sum is known to a count's worth of time at the end of the ramp, and lies where it is.
+        assert abs(friction.value + RATE * delay.value - COULOMB - RATE * STEP) < 1e-3
+
+
+def test_the_first_motion_bounds_the_delay() -> None:
+    """A shaft that moves within 12 ms of a step can't have a delay of 13 ms and a sample."""
+    at = np.arange(300) * STEP
+    u = np.where(at < 0.02, 0.0, 3.0)
+    data = dataset(seed=1, u=u, samples=300, sample_time=STEP, truth=FRICTION)
+    moved = float(at[np.flatnonzero(np.abs(data.y - data.y[0]) > 3 * QUANTUM)[0]])
+    (_, upper) = STRUCTURES["first_order_one_way"].bounds([data])
+    assert upper[-1] <= moved - 0.02 + 2 * STEP
+    assert upper[-1] >= STEP  # the truth, none and the latch
+
+
+def test_a_record_in_mid_motion_bounds_no_delay() -> None:
+    u = np.where(np.arange(300) * STEP < 0.02, 2.0, 3.0)
+    data = dataset(seed=1, u=np.append(np.full(300, 2.0), u), samples=600, sample_time=STEP, truth=FRICTION)
+    late = data.part(300 * STEP, 1e9)
+    assert late.first_motion is None
+    assert STRUCTURES["first_order_one_way"].bounds([late])[1][-1] == np.inf
+
+
+def test_a_delay_that_the_data_know_is_the_datas_own() -> None:
+    """40 ms in a square wave, which is four scales of what is expected."""
+    u = np.where(np.arange(2000) * STEP % 0.8 < 0.4, 3.0, 1.0)
+    acting = dataset(seed=2, u=np.append(np.zeros(20), u[:-20]), samples=2000, truth=FRICTION)
+    data = replace(acting, u=u)
+    fit = identify(data).fit
+    assert fit is not None
+    # A winding-free motor: only rounding, 1/√12 of a count at 10 rad/s and more, over 2000 samples.
+    assert abs(fit["delay"].value - 0.040) < 1e-4

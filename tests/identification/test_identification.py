@@ -1,0 +1,329 @@
+"""The verb identify: what it chooses, what it says, and what it refuses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.errors import UnknownName, UsageError
+from servobench.core.finding import Severity, Verdict
+from servobench.identification.identify import identify
+from servobench.identification.models.nominal import nominal_values
+from servobench.identification.result import Result
+from servobench.identification.trust.missing_terms import TERMS
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.rig.devices.base import connect
+from servobench.rig.experiment.experiment import Experiment
+from servobench.rig.loop.run import run
+from servobench.rig.motor.parameters import QUBE_SERVO_2
+from servobench.systems.signals.prbs import PRBS
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth
+
+
+def codes(result: Result) -> set[str]:
+    return {finding.code for finding in result.findings}
+
+
+def test_a_motor_that_turned_one_way_gets_one_voltage_for_friction_and_offset() -> None:
+    result = identify(dataset(seed=1))
+    assert result.verdict == Verdict.TRUSTED
+    assert result.fit is not None
+    assert set(result.fit.estimates) == {"gain", "time_constant", "coulomb_voltage", "delay"}
+    assert {"friction-and-offset-together", "offset-found", "residual-is-rounding"} <= codes(result)
+
+
+def test_friction_is_found_where_there_is_some_and_not_where_there_is_none() -> None:
+    with_friction = identify(dataset(seed=1, kind="prbs"))
+    without = identify(dataset(seed=1, kind="prbs", truth=Truth(coulomb_torque=0.0)))
+    assert "friction-found" in codes(with_friction)
+    assert "friction-not-found" in codes(without)
+    assert without.fit is not None
+    assert "coulomb_voltage" not in without.fit.estimates
+
+
+def test_an_input_that_never_changes_is_refused() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=np.full_like(data.u, 2.0), input_before=2.0))
+    assert result.verdict == Verdict.REFUSED
+    assert result.fit is None
+    assert "input-constant" in codes(result)
+
+
+def test_an_output_that_never_moves_is_refused_with_a_sentence() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, y=np.full_like(data.y, 0.5)))
+    assert result.verdict == Verdict.REFUSED
+    assert any("blocked" in finding.sentence for finding in result.findings)
+
+
+def test_noise_in_place_of_a_motor_is_not_trusted() -> None:
+    data = dataset(seed=1)
+    noise = np.random.default_rng(1).normal(size=len(data.y))
+    assert identify(replace(data, y=noise)).verdict != Verdict.TRUSTED
+
+
+def test_a_wandering_position_is_in_the_intervals() -> None:
+    """A random walk of the position, as white torque makes it, a hundred times the encoder's rounding."""
+    data = dataset(seed=1)
+    walk = np.cumsum(np.random.default_rng(1).normal(size=len(data.y))) * QUANTUM
+    result = identify(replace(data, y=data.y + walk))
+    assert result.verdict == Verdict.TRUSTED
+    assert {"residual-coloured", "residual-above-rounding"} <= codes(result)
+    ideal = identify(data)
+    assert result.fit is not None
+    assert ideal.fit is not None
+    for name in ("gain", "time_constant"):
+        low, high = result.fit[name].interval
+        assert low < ideal.fit[name].value < high
+        assert result.fit[name].sd > 10 * ideal.fit[name].sd
+
+
+def test_a_speed_without_its_chain_is_told_what_that_may_cost() -> None:
+    data = dataset(seed=1, chain="derivative")
+    unsaid = replace(data, applied=type(data.applied)())
+    assert "chain-unknown" in codes(identify(unsaid, estimator="output_error"))  # where it is taken as it is
+    assert "counts-restored" in codes(identify(unsaid))  # differences of counts give themselves away
+    found = codes(identify(data))
+    assert "chain-unknown" not in found
+    # Speeds that differ by a float's last digit are one speed of a coarse grid, and no sensor at the end of its range.
+    assert "output-clipped" not in found
+
+
+def test_a_missing_pole_shows_in_the_residual() -> None:
+    """The signal is filtered by 50/(s+50) and nobody says so: what is left over follows the input.
+
+    The lag is then that of motor and filter together, 98.6 and 20 ms, and the intervals hold it.
+    """
+    data = dataset(seed=1, kind="prbs", chain="derivative | lowpass 50 rad/s")
+    result = identify(replace(data, applied=type(data.applied)()))
+    assert {"chain-unknown", "residual-follows-input"} <= codes(result)
+    assert result.fit is not None
+    lag = result.fit["time_constant"].value + result.fit["delay"].value
+    assert lag == pytest.approx(0.0992 + 0.02, rel=0.05)
+
+
+def test_a_gain_from_one_operating_point_is_called_local() -> None:
+    data = dataset(seed=1)
+    u = np.where(data.u > 2, 2.2, 2.0)
+    from tests.rig.motor.reference import march
+
+    angle = march(Truth(), u, 0.002)[:, 2]
+    result = identify(replace(data, u=u, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM))
+    assert "gain-local" in codes(result)
+
+
+def test_nominal_values_stand_beside_the_estimates() -> None:
+    result = identify(dataset(seed=1), nominal="qube_servo_2")
+    nominal = {comparison.name: comparison.nominal for comparison in result.nominal}
+    assert nominal == pytest.approx(nominal_values(QUBE_SERVO_2.motor))
+    gain = next(comparison for comparison in result.nominal if comparison.name == "gain")
+    assert gain.z < -100  # the sheet knows no friction: it promises half a per cent more gain
+
+
+def test_held_out_data_are_simulated_and_told() -> None:
+    result = identify(dataset(seed=1))
+    assert result.validation is not None
+    assert result.validation.fit_percent > 99.9
+    other = identify(dataset(seed=1), validate_on=[dataset(seed=2, kind="square")])
+    assert other.validation is not None
+    assert other.validation.records[0].samples == 5000
+
+
+def test_what_cannot_be_fitted_together_is_said() -> None:
+    data = dataset(seed=1, samples=500)
+    with pytest.raises(UsageError, match="input units"):
+        identify([data, replace(data, input_unit="%")])
+    with pytest.raises(UsageError, match="at least one"):
+        identify([])
+
+
+@pytest.mark.parametrize("what", ["structure", "estimator", "nominal"])
+def test_an_unknown_name_is_refused_with_the_known_ones(what: str) -> None:
+    with pytest.raises(UnknownName, match="known"):
+        identify(dataset(seed=1, samples=500), **{what: "nothing"})  # type: ignore[arg-type]
+
+
+def test_a_result_has_no_number_that_json_does_not_know() -> None:
+    import json
+
+    data = dataset(seed=1)
+    for result in (identify(data), identify(replace(data, y=np.full_like(data.y, 0.5)))):
+        json.dumps(result.to_dict(), allow_nan=False)
+
+
+@pytest.mark.parametrize("samples", [2, 5, 9, 15, 30])
+def test_a_record_that_is_too_short_is_a_result_and_no_crash(samples: int) -> None:
+    result = identify(dataset(seed=1, samples=samples))
+    assert isinstance(result, Result)
+    assert result.verdict != Verdict.TRUSTED
+
+
+def test_a_negative_gain_is_found_with_its_sign() -> None:
+    data = dataset(seed=1, kind="prbs")
+    result = identify(replace(data, y=-data.y))
+    assert result.fit is not None
+    assert result.fit["gain"].value == pytest.approx(-23.6967, rel=1e-3)
+    assert "sign-negative" in codes(result)
+
+
+def test_counts_and_metres_keep_their_units() -> None:
+    data: Dataset = replace(dataset(seed=1), output_unit="counts", quantum=QUANTUM)
+    result = identify(data)
+    assert result.fit is not None
+    assert result.fit["gain"].unit == "counts/(s·V)"
+    assert result.transfer_function is not None
+    assert result.transfer_function.unit == "counts/(s·V)"
+
+
+def test_friction_is_found_behind_a_long_delay_too() -> None:
+    """30 ms are 15 samples: without friction the gain would be 10 % wrong, and trusted."""
+    data = dataset(seed=1, kind="prbs", hold=20)
+    late = replace(data, t_output=data.t_output + 0.03)
+    result = identify(late)
+    assert "friction-found" in codes(result)
+    assert result.fit is not None
+    assert result.fit["gain"].value == pytest.approx(23.6967, rel=2e-3)
+    assert result.fit["delay"].value == pytest.approx(0.03, rel=0.02)
+
+
+def test_friction_that_would_help_is_doubted() -> None:
+    """A motor that saturates above 2 V, driven at 1 and 3 V: the line through two levels has a negative offset."""
+    from tests.rig.motor.reference import march
+
+    data = dataset(seed=1)
+    angle = march(Truth(), np.minimum(data.u, 2.5), 0.002)[:, 2]
+    result = identify(replace(data, y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM))
+    assert "offset-negative" in codes(result)
+    assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
+    from servobench.core.finding import info
+
+    data = dataset(seed=1, kind="prbs")
+    slow = replace(
+        data,
+        t_input=data.t_input * 1000,
+        t_output=data.t_output * 1000,
+        findings=(info("time-recognised", "`t` is taken as the time, in s."),),
+    )
+    assert "time-unit-doubtful" in codes(identify(slow))
+    assert "time-unit-doubtful" not in codes(identify(replace(slow, findings=())))
+
+
+def test_two_levels_of_the_input_are_told() -> None:
+    assert "two-levels" in codes(identify(dataset(seed=1)))
+
+
+def test_a_model_that_fails_on_another_motor_is_doubted() -> None:
+    """Another motor, 20 % slower to turn: its position runs away from the model's."""
+    other = dataset(seed=2, kind="prbs", truth=Truth(inertia=3e-5))
+    result = identify(dataset(seed=1, kind="prbs"), validate_on=[other])
+    assert {"validation-worse", "validation-poor"} & codes(result)
+    assert result.verdict == Verdict.DOUBTFUL
+
+
+def test_a_recording_given_twice_is_told() -> None:
+    from servobench.recordings.recording import Source
+
+    data = replace(dataset(seed=1), source=Source(name="a.csv", sha256="ab"))
+    assert "data-repeated" in codes(identify([data, data]))
+    assert "data-repeated" not in codes(
+        identify([data, replace(data, source=Source(name="b.csv", sha256="cd"))])
+    )
+
+
+def test_an_angle_that_wraps_is_refused_for_that_and_nothing_is_fitted() -> None:
+    """The twin drawn within ±180°: the reason stands alone, beside no table of noise."""
+    from servobench.recordings.measurement.measure import measure
+    from tests.recordings.measurement.test_measure import recording
+
+    data = dataset(seed=1, kind="prbs")
+    wrapped = (data.y + np.pi) % (2 * np.pi) - np.pi
+    result = identify(measure(recording(wrapped, "rad", t=data.t_output, u=data.u)))
+
+    assert result.verdict == Verdict.REFUSED
+    assert result.fit is None
+    assert [f.code for f in result.findings if f.severity == Severity.REFUSAL] == ["angle-wraps"]
+
+
+@pytest.mark.parametrize(("input_sign", "output_sign"), [(-1, 1), (1, -1), (-1, -1)])
+def test_friction_that_brakes_isnt_doubted_whichever_way_the_wires_are(
+    input_sign: int, output_sign: int
+) -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=input_sign * data.u, y=output_sign * data.y))
+
+    assert result.verdict == Verdict.TRUSTED
+    assert "offset-found" in codes(result)
+    assert result.fit is not None
+    assert result.fit["coulomb_voltage"].value == pytest.approx(input_sign * 0.16, rel=0.01)
+
+
+def test_a_model_of_one_way_tried_on_reversals_says_that() -> None:
+    result = identify(dataset(seed=1), validate_on=[dataset(seed=2, kind="prbs", hold=20)])
+
+    warned = [f.code for f in result.findings if f.severity == Severity.WARNING]
+    assert warned == ["validation-reverses"]
+    assert result.validation is not None
+    assert result.validation.fit_percent < 50
+
+
+def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() -> None:
+    data = dataset(seed=1)
+    result = identify(replace(data, u=data.u / 1000))
+
+    [asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
+    assert "V that were taken for mV?" in asked
+
+
+def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
+    from servobench.identification.trust.doubts.base import about_fit
+
+    data = dataset(seed=1, kind="prbs")
+    fit = identify(replace(data, y=-data.y)).fit
+    assert fit is not None
+    vague = replace(fit, covariance=fit.covariance + np.eye(len(fit.covariance)) * fit["gain"].value ** 2)
+
+    assert "sign-negative" in {f.code for f in about_fit(fit)}
+    assert "sign-negative" not in {f.code for f in about_fit(vague)}
+
+
+@pytest.mark.parametrize("torque_noise", [0.0, 2e-4])
+def test_a_position_that_was_unwrapped_is_judged_as_one_that_never_wrapped(torque_noise: float) -> None:
+    """Nothing of the motor passes through `unwrap`: the sample is a plain count of the encoder before and after it."""
+    plain = dataset(seed=3, torque_noise=torque_noise)
+    unwrapped = replace(plain, applied=Chain.parse("unwrap 360 deg"))
+
+    one, other = identify(plain), identify(unwrapped)
+
+    assert one.fit is not None
+    assert other.fit is not None
+    assert one.fit.estimator == ("prediction_error" if torque_noise else "output_error")
+    assert (other.fit.estimator, other.verdict) == (one.fit.estimator, one.verdict)
+    sd = np.sqrt(np.diag(one.fit.covariance))
+    # Another order of additions, and no more: far below what the search itself leaves open.
+    np.testing.assert_allclose((other.fit.model.theta - one.fit.model.theta) / sd, 0.0, atol=1e-3)
+    assert [finding.code for finding in other.findings] == [finding.code for finding in one.findings]
+
+
+def test_what_an_untold_filter_may_feign_is_no_doubt_of_its_own() -> None:
+    """The tutorial's logger filters the speed of the simulated motor, whose friction is the same at all speeds."""
+    steps = PRBS(low=-3, high=3, order=7, bit_time="80 ms")
+    with connect("twin", disc_inertia="40 g*cm^2") as motor:
+        speed = measure(
+            run(Experiment(signal=steps, duration="10 s"), motor), "derivative | lowpass 50 rad/s"
+        )
+    untold = identify(replace(speed, applied=Chain(), chain_known=False))
+    missing = {term.code for term in TERMS}
+    feigned = [finding for finding in untold.findings if finding.code in missing]
+
+    assert feigned
+    assert {finding.severity for finding in feigned} == {Severity.INFO}
+    assert all("filter of which nobody told" in finding.sentence for finding in feigned)
+    assert "chain-unknown" in codes(untold)

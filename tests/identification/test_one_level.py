@@ -1,0 +1,77 @@
+"""A motor that one level of the input only moved: what is known of it, and what isn't."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import Verdict
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.report.mathml import transfer_function_math
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth, march
+from tests.truth.test_intervals import answers
+
+T = np.arange(2400) * 0.002
+
+
+def stepped(*levels: float) -> Dataset:
+    """The reference motor, which has 0.16 V of friction, under levels of the same length."""
+    u = np.repeat(levels, len(T) // len(levels))
+    angle = march(Truth(), u, 0.002, angle=0.3 * QUANTUM)[:, 2]
+    data = dataset(seed=1, samples=len(T), y=(np.floor(angle / QUANTUM) + 0.5) * QUANTUM)
+    return replace(data, u=u, input_before=levels[0])
+
+
+def test_a_single_step_tells_neither_gain_nor_friction_but_the_time_constant() -> None:
+    """K (u - u_c) = 43.6 rad/s is all that the steady speed at 2 V says: 23.7 and 0.16 V make it as well as 21.8 and none."""
+    result = identify(stepped(0.0, 2.0))
+    assert result.fit is not None
+    assert result.verdict is Verdict.TRUSTED
+    assert [finding.code for finding in result.findings].count("single-level") == 1
+    assert "parameter-unknown" not in {finding.code for finding in result.findings}
+    for name in ("gain", "coulomb_voltage"):
+        assert result.fit[name].interval == (-np.inf, np.inf)
+    tau = result.fit["time_constant"]
+    assert tau.value == pytest.approx(answers(Truth())["time_constant"], rel=2e-3)
+    assert tau.sd < 0.2 * tau.value  # one event: the allowance for model error is whole, 35 % of the lag
+
+
+def test_the_poles_are_known_and_the_margins_are_not() -> None:
+    derived = identify(stepped(0.0, 2.0)).derived
+    assert np.isfinite(derived["pole"].interval).all()
+    assert not np.isfinite(derived["gain_crossover"].interval).any()
+
+
+@pytest.mark.parametrize("levels", [(2.0, 1.0), (0.0, 2.0, 0.0), (2.0, -2.0)])
+def test_a_second_level_or_coasting_tells_them_apart(levels: tuple[float, ...]) -> None:
+    fit = identify(stepped(*levels)).fit
+    assert fit is not None
+    assert np.isfinite(fit["gain"].sd)
+    assert fit["gain"].value == pytest.approx(answers(Truth())["gain"], rel=0.01)
+
+
+def test_a_number_that_is_not_known_is_not_printed() -> None:
+    result = identify(stepped(0.0, 2.0))
+    assert result.fit is not None
+    lines = str(result).splitlines()
+
+    assert [" ".join(line.split()) for line in lines if line.startswith(("gain", "coulomb"))] == [
+        "gain known together only",
+        "coulomb voltage known together only",
+    ]
+    assert result.equation.startswith("G(s) = K / (")
+    assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation
+    assert "<mi>K</mi>" in transfer_function_math(result.fit)
+    assert f"{result.fit['gain'].value:.4g}" not in transfer_function_math(result.fit)
+
+
+def test_a_gain_that_is_known_stands_in_the_equation() -> None:
+    result = identify(stepped(2.0, 1.0))
+    assert result.fit is not None
+    estimate = result.fit["gain"]
+    shown = float(result.equation.partition("(s) = (")[2].partition(")")[0])
+    assert abs(shown - estimate.value) < 0.05 * estimate.half_width  # rounded to two digits of it

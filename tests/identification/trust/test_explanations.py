@@ -1,0 +1,122 @@
+"""Causes of a bad fit are told only where they are there: behind a measurement chain, and in records longer than the grid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.identification.trust.explanations.base import EXPLANATIONS, Case, Causes, explain
+from servobench.identification.trust.explanations.equation import motion
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+
+
+@pytest.mark.parametrize(
+    "chain",
+    ["tachometer 10 ms", "tachometer 50 ms", "derivative | average 50 ms", "derivative | lowpass 30 rad/s"],
+)
+def test_a_sound_record_behind_its_chain_is_explained_by_nothing(chain: str) -> None:
+    """The twin motor is of first order: no second pole, no other motor's column."""
+    record = dataset(seed=3, kind="prbs", hold=20, samples=5100, chain=chain)
+
+    assert [finding.code for finding in explain([record])] == []
+
+
+def test_another_motors_input_is_told_behind_a_chain_too() -> None:
+    record = dataset(seed=3, kind="prbs", hold=20, chain="tachometer 20 ms")
+    other = dataset(seed=4, kind="prbs", hold=20, chain="tachometer 20 ms")
+
+    assert [finding.code for finding in explain([replace(record, u=other.u)])] == ["input-unrelated"]
+
+
+def test_an_input_whose_simulation_explains_the_output_is_not_unrelated() -> None:
+    """What the equation says is a hint; that the simulation of a fit explains most of the output is none."""
+    record = dataset(seed=3, kind="prbs", hold=20)
+    other = dataset(seed=4, kind="prbs", hold=20)
+
+    assert explain([replace(record, u=other.u)], 91.0) == []
+    causes = Causes((replace(record, u=other.u),))
+    assert causes.are_damage()
+    assert not causes.are_damage(91.0)
+
+
+def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing() -> None:
+    """Levels of 40 ms over 1500 s, on a grid of 6000 points 250 ms apart: what acts between them isn't seen."""
+    levels = np.random.default_rng(0).uniform(-3, 3, 37_500)
+    record = _ideal(np.repeat(levels, 10), 0.004)
+
+    assert explain([record]) == []
+
+
+@pytest.mark.parametrize("frequency", [3.0, 12.0, 30.0])
+@pytest.mark.parametrize("which", [0, 2], ids=["at the motor", "at the load"])
+def test_two_masses_that_swing_are_told_as_a_resonance(frequency: float, which: int) -> None:
+    """Two halves of the motor's inertia with a spring between: the poles' frequency is known, to 5 % with the damping's."""
+    record = _two_masses(frequency, which)
+
+    [found] = explain([record])
+
+    assert found.code == "response-oscillates"
+    told = float(found.sentence.split("swings at about ")[1].split(" Hz")[0])
+    assert told == pytest.approx(_pole(frequency), rel=0.05)
+
+
+def _masses(frequency: float) -> np.ndarray:
+    """The matrix of (θ₁, ω₁, θ₂, ω₂): τ 0.1 s, two halves of one inertia, the resonance lightly damped (2 % of critical)."""
+    resonance = 2 * np.pi * frequency
+    spring, damper = 0.5 * resonance**2, 2 * 0.02 * resonance * 0.5
+    return np.array(
+        [
+            [0, 1, 0, 0],
+            [-spring, -2 / 0.1 - damper, spring, damper],
+            [0, 0, 0, 1],
+            [spring, damper, -spring, -damper],
+        ]
+    )
+
+
+def _pole(frequency: float) -> float:
+    """The frequency [Hz] of the pair of poles that is damped least, of the matrix itself."""
+    poles = np.linalg.eigvals(_masses(frequency))
+    pairs = poles[poles.imag > 0]
+    return float(np.abs(pairs[np.argmax(pairs.real)])) / (2 * np.pi)
+
+
+def _two_masses(frequency: float, which: int) -> Dataset:
+    from scipy.signal import cont2discrete
+
+    step, random = 0.002, np.random.default_rng(1)
+    u = np.repeat(random.choice([-3.0, 3.0], 100), 50)
+    drive = np.array([[0.0], [2 * 237.0], [0.0], [0.0]])
+    a, b, *_ = cont2discrete((_masses(frequency), drive, np.eye(4), np.zeros((4, 1))), step)
+    x, y = np.zeros(4), np.empty(len(u))
+    for k, level in enumerate(u.tolist()):
+        y[k] = x[which]
+        x = a @ x + b[:, 0] * level
+    t = np.arange(len(u)) * step
+    like = dataset(seed=0, samples=2, y=np.zeros(2))
+    return replace(like, t_input=t, u=u, t_output=t, y=np.round(y / QUANTUM) * QUANTUM)
+
+
+def _ideal(u: np.ndarray, step: float) -> Dataset:
+    """A motor without friction, K 23.7 rad/(s V), τ 0.1 s, exact at the samples: θ = K ∫u - τ ω."""
+    from scipy.signal import lfilter
+
+    decay = np.exp(-step / 0.1)
+    speed = lfilter([0.0, 23.7 * (1 - decay)], [1.0, -decay], u)
+    angle = 23.7 * step * np.concatenate([[0.0], np.cumsum(u[:-1])]) - 0.1 * speed
+    like = dataset(seed=0, samples=2, y=np.zeros(2))
+    t = np.arange(len(u)) * step
+    return replace(like, t_input=t, u=u, t_output=t, y=np.round(angle, 6), quantum=None)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_one_level_says_nothing_of_how_drag_grows(seed: int) -> None:
+    """Five seconds at 2 V from the first row on, under a random torque: the equation held better with drag."""
+    data = dataset(seed=seed, samples=2500, u=np.full(2500, 2.0), torque_noise=2e-4)
+    moved = motion(data)
+    assert moved is not None
+
+    assert EXPLANATIONS["drag"](Case((moved,))) is None

@@ -1,0 +1,175 @@
+"""Stretches in which the shaft stands still: between pulses it should, under a pulse it shouldn't.
+
+The recordings are of `tests.rig.motor.reference`: 20 rad/(s·V) or so, 0.1 s, behind 2048 counts/rev at 200 Hz.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.identification.trust.doubts.base import DOUBTS
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth, march
+
+SAMPLE_TIME = 0.005
+SAMPLES = 2000
+
+
+def pulses(
+    width: float, period: float, *, both_ways: bool = False, between: float = 0.0
+) -> NDArray[np.float64]:
+    """Pulses of 4 V, the first after 0.1 s; every second one backwards where they go both ways."""
+    number, phase = np.divmod(np.arange(SAMPLES) * SAMPLE_TIME - 0.1 + 1e-9, period)
+    sign = np.where((number % 2 == 1) & both_ways, -1.0, 1.0)
+    return np.where((phase < width) & (number >= 0), 4.0 * sign, between)
+
+
+def recorded(u: NDArray[np.float64], quantum: float = QUANTUM, late: int = 0) -> Dataset:
+    angle = march(Truth(), u, SAMPLE_TIME)[:, 2]
+    angle = np.concatenate([np.full(late, angle[0]), angle[: len(angle) - late]])
+    y = (np.floor(angle / quantum) + 0.5) * quantum
+    data = dataset(seed=1, samples=SAMPLES, sample_time=SAMPLE_TIME, u=u, y=y)
+    return data if quantum == QUANTUM else _replaced(data, quantum)
+
+
+def _replaced(data: Dataset, quantum: float) -> Dataset:
+    from dataclasses import replace
+
+    return replace(data, quantum=quantum)
+
+
+def blocked(data: Dataset, start: float, end: float) -> Dataset:
+    """The same, with the shaft held for some time: it stands, and goes on from there."""
+    from dataclasses import replace
+
+    first, last = int(start / SAMPLE_TIME), int(end / SAMPLE_TIME)
+    steps = np.diff(data.y, prepend=data.y[0])
+    steps[first:last] = 0.0
+    return replace(data, y=data.y[0] + np.cumsum(steps))
+
+
+def told(data: Dataset) -> set[str]:
+    return {finding.code for finding in DOUBTS["flats"].about_data([data])}
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+@pytest.mark.parametrize("period", [1.0, 2.0])
+@pytest.mark.parametrize("width", [0.01, 0.05, 0.1, 0.5])
+def test_a_motor_that_rests_between_pulses_is_not_called_blocked(
+    width: float, period: float, both_ways: bool
+) -> None:
+    assert told(recorded(pulses(width, period, both_ways=both_ways))) == set()
+
+
+def test_a_bias_that_friction_holds_between_pulses_is_not_called_blocked() -> None:
+    """The reference motor's Coulomb voltage is 8.4 · 8e-4/0.042 = 0.16 V."""
+    assert told(recorded(pulses(0.05, 1.0, between=0.12))) == set()
+
+
+@pytest.mark.parametrize("late", [3, 7, 40])
+def test_pulses_that_act_after_they_have_ended_are_not_called_lost(late: int) -> None:
+    assert told(recorded(pulses(0.01, 1.0), late=late)) == set()
+
+
+def test_a_pulse_that_a_coarse_sensor_may_miss_is_not_called_lost() -> None:
+    u = pulses(0.01, 1.0)
+    way = float(np.ptp(march(Truth(), u, SAMPLE_TIME)[:, 2])) / 10
+    assert told(recorded(u, quantum=1.6 * way)) <= {"motion-too-small"}
+
+
+@pytest.mark.parametrize("both_ways", [False, True])
+@pytest.mark.parametrize("width", [0.05, 0.1, 0.5])
+def test_a_shaft_that_is_held_under_a_pulse_is_told(width: float, both_ways: bool) -> None:
+    sound = recorded(pulses(width, 1.0, both_ways=both_ways))
+    assert told(blocked(sound, 5.05, 6.05)) == {"output-stops"}
+    assert told(blocked(sound, 7.05, 10.0)) == {"output-stops"}
+
+
+def test_a_shaft_that_is_held_under_a_constant_input_is_told() -> None:
+    u = np.where(np.arange(SAMPLES) < 200, 0.0, 2.0)
+    assert told(recorded(u)) == set()
+    assert told(blocked(recorded(u), 6.0, 8.0)) == {"output-stops"}
+
+
+def slow_wheel(at_rest: bool = False) -> Dataset:
+    """Counts of a wheel with 24 of them in a turn, differenced: 0 or 1 a sample, or trembling on the edge of one."""
+    from dataclasses import replace
+
+    u = np.where(np.arange(SAMPLES) < 200, 0.0, 0.8)
+    angle = march(Truth(), u, SAMPLE_TIME)[:, 2]
+    quantum = 2 * np.pi / 24
+    counts = np.floor(angle / quantum) if not at_rest else np.arange(SAMPLES) // 7 % 2
+    y = np.diff(counts, prepend=counts[0]) * quantum / SAMPLE_TIME
+    position = dataset(seed=1, samples=SAMPLES, sample_time=SAMPLE_TIME, u=u, y=y)
+    return replace(position, kind="speed", output_unit="rad/s", quantum=None)
+
+
+def test_a_wheel_that_counts_less_than_once_a_sample_moves() -> None:
+    assert np.ptp(slow_wheel().y) > 0
+    assert "output-still" not in told(slow_wheel())
+
+
+def test_a_wheel_that_trembles_on_the_edge_of_a_count_stands_still() -> None:
+    assert "motion-too-small" in told(slow_wheel(at_rest=True))
+
+
+def test_a_tachometer_that_trembles_by_its_last_digit_stands_still() -> None:
+    from dataclasses import replace
+
+    data = slow_wheel()
+    dither = 100.0 + np.arange(SAMPLES) // 7 % 2
+    assert "motion-too-small" in told(replace(data, y=0.1 * dither))
+
+
+def differentiated(u: NDArray[np.float64], counts_per_rev: int) -> Dataset:
+    """A speed that was differentiated from the counts of a coarse encoder."""
+    from dataclasses import replace
+
+    counts = np.floor(march(Truth(), u, SAMPLE_TIME)[:, 2] * counts_per_rev / (2 * np.pi))
+    speed = np.diff(counts, prepend=counts[0]) * 2 * np.pi / counts_per_rev / SAMPLE_TIME
+    return replace(recorded(u), y=speed, quantum=None, kind="speed", output_unit="rad/s")
+
+
+def test_a_wheel_that_turns_by_less_than_a_count_a_row_is_not_called_blocked() -> None:
+    """At 2 V, 44 rad/s: 12 counts a turn make 0.4 counts in 5 ms."""
+    slow = differentiated(np.where(np.arange(SAMPLES) < 200, 0.0, 2.0), 12)
+    assert len(np.unique(slow.y)) == 2
+
+    assert told(slow) == set()
+
+
+def test_a_motion_of_two_counts_is_too_small_and_not_blocked() -> None:
+    u = np.where(np.arange(SAMPLES) < 1900, 0.0, 2.0)
+    data = recorded(u, quantum=float(np.ptp(march(Truth(), u, SAMPLE_TIME)[:, 2])) / 1.5)
+    assert 0 < np.ptp(data.y) <= 2 * (data.quantum or 0.0)
+
+    assert told(data) == {"motion-too-small"}
+
+
+def test_a_speed_that_flickers_by_one_step_does_not_travel() -> None:
+    from dataclasses import replace
+
+    moving = differentiated(np.where(np.arange(SAMPLES) < 200, 0.0, 2.0), 12)
+    flicker = np.random.default_rng(1).choice([-1.0, 0.0, 1.0], SAMPLES)
+
+    assert told(replace(moving, y=flicker)) == {"motion-too-small"}
+
+
+def test_a_coarse_encoder_that_stands_while_the_motor_turns_round_is_not_called_blocked() -> None:
+    """30 ms of 4 V either way, 12 counts a turn: the shaft goes to and fro within a count for a while."""
+    u = 4.0 * np.sign(np.sin(2 * np.pi * 2.0 * np.arange(SAMPLES) * SAMPLE_TIME))
+    u[1000:1200] = 4.0 * np.sign(np.sin(2 * np.pi * 17.0 * np.arange(200) * SAMPLE_TIME))
+
+    assert told(recorded(u, quantum=2 * np.pi / 3)) == set()
+
+
+def test_a_shaft_that_turns_round_within_a_count_is_not_called_blocked() -> None:
+    """±2 V change sides every 0.4 s, and 24 counts in a turn: about each turning point the shaft stays in a count for 60 ms."""
+    u = np.where(np.arange(SAMPLES) // 80 % 2 == 0, 2.0, -2.0)
+    quantum = 2 * np.pi / 24
+    short = recorded(u, quantum=quantum).part(1.0, 2.2)
+
+    assert told(short) == set()

@@ -1,0 +1,121 @@
+"""What is left out to try a model on, and what is said where it isn't predicted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from servobench.identification.estimators.output_error import OutputError
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.result import Result
+from servobench.identification.trust.held_out import cross_validate
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import QUANTUM, dataset
+from tests.rig.motor.reference import Truth, march
+
+LEVELS = np.array([2.0, 4.0, 8.0, 3.0, 6.0, 4.0, 8.0, 2.0, 6.0, 3.0])  # V, 1 s each
+
+
+def driven(
+    asked: NDArray[np.float64], applied: NDArray[np.float64] | None = None, name: str = "run"
+) -> Dataset:
+    """The reference motor behind an ideal encoder, told `asked` volts; `applied` is what the amplifier made of it."""
+    angle = march(Truth(), asked if applied is None else applied, 0.002)[:, 2]
+    y = (np.floor(angle / QUANTUM) + 0.5) * QUANTUM
+    plain = dataset(seed=0, samples=len(asked), y=y)
+    return replace(plain, u=asked, input_before=0.0, name=name)
+
+
+def staircase() -> NDArray[np.float64]:
+    return np.repeat(LEVELS, 500)
+
+
+def worse(result: Result) -> list[str]:
+    return [f.sentence for f in result.findings if f.code == "validation-worse"]
+
+
+def test_levels_are_left_out_in_turn_where_there_are_some() -> None:
+    result = identify(driven(staircase()))
+
+    assert result.validation is not None
+    assert result.validation.how == "each of 5 input levels simulated by a model fitted to the other levels"
+    assert [record.name for record in result.validation.records] == [
+        f"the level of {level} V" for level in (2, 3, 4, 6, 8)
+    ]
+    assert sum(record.samples for record in result.validation.records) == 5000
+    assert not worse(result)
+
+
+def test_the_level_at_which_the_amplifier_saturates_is_named() -> None:
+    """It puts out no more than 7.5 V of the 8 V that it is told; at all other levels the motor is what the rest says."""
+    asked = staircase()
+    result = identify(driven(asked, np.minimum(asked, 7.5)))
+
+    (sentence,) = worse(result)
+    assert "the level of 8 V" in sentence
+
+
+def test_the_record_of_another_motor_is_named() -> None:
+    """Three runs of one motor, and one for which the supply is a tenth lower than the file says."""
+    random = np.random.default_rng(3)
+    inputs = [np.repeat(random.choice([-3.0, 3.0], 40), 50) for _ in range(4)]
+    runs = [driven(u, 0.9 * u if n == 2 else None, f"run {n}") for n, u in enumerate(inputs)]
+
+    (sentence,) = worse(identify(runs))
+    assert "run 2" in sentence
+    assert not worse(identify([run for n, run in enumerate(runs) if n != 2]))
+
+
+def test_stretches_begin_with_a_change_of_the_input() -> None:
+    result = identify(dataset(seed=4))
+
+    assert result.validation is not None
+    assert result.validation.how.startswith("each of 3 stretches of the record")
+    assert len(result.validation.records) == 3
+    assert not worse(result)
+
+
+@pytest.mark.parametrize("changes", [(500,), (500, 1000)])
+def test_the_steady_tail_of_a_step_is_never_what_is_left_out(changes: tuple[int, ...]) -> None:
+    """One step has one transient, and nothing can be left out. After a second step, each stretch has one; no third is taken."""
+    u = np.ones(5000)
+    for n, at in enumerate(changes, start=1):
+        u[at:] = 1.0 + n % 2 * 3.0
+    result = identify(replace(driven(u), input_before=1.0, y=driven(u).y))
+    if len(changes) == 1:
+        assert result.validation is None
+        assert "not-validated" in {finding.code for finding in result.findings}
+    else:
+        assert result.validation is not None
+        for record in result.validation.records:
+            assert record.samples in (1000, 4000)
+
+
+def test_of_many_records_eight_are_left_out() -> None:
+    random = np.random.default_rng(5)
+    runs = [driven(np.repeat(random.choice([-3.0, 3.0], 12), 50), name=f"run {n}") for n in range(11)]
+    result = identify(runs)
+
+    assert result.validation is not None
+    assert result.validation.how == "each of 8 records (of 11) simulated by a model fitted to the others"
+    assert {"run 0", "run 10"} <= {record.name for record in result.validation.records}
+
+
+def test_refits_begin_at_the_fit_and_guess_no_parameters(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A search over time constant and delay for each part that is left out took a tenth of an identification."""
+    data, method = dataset(seed=1, kind="prbs"), OutputError()
+    fit = method.fit(STRUCTURES["first_order_coulomb"], [data])
+
+    def guesses(*_: object) -> None:
+        raise AssertionError("parameters are guessed again")
+
+    monkeypatch.setattr("servobench.identification.models.search.separable_guesses", guesses)
+    validation = cross_validate(method, [data], fit)
+
+    assert validation is not None
+    assert len(validation.records) == 3
+    assert validation.fit_percent > 99.9

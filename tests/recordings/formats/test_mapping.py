@@ -1,0 +1,539 @@
+"""Which column is what: said, known, recognised or asked for."""
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from servobench.core.channels import Channel
+from servobench.core.errors import FormatError, MissingInformation, UnitError, UnknownName, UsageError
+from servobench.core.finding import Severity
+from servobench.recordings.formats.base import load
+from servobench.recordings.formats.mapping import Mapping, assign
+from servobench.recordings.formats.roles import ColumnSpec
+from servobench.recordings.recording import Recording, Series, Source
+from tests.recordings.formats.tables import codes, finding, loaded
+from tests.recordings.native.samples import small
+
+RANDOM = np.random.default_rng(4)
+T = 0.02 * np.arange(100)
+
+
+def made(*names: str, t: np.ndarray | None = T, **units: str) -> Recording:
+    """A recording with channels of those names, and units by name."""
+    length = 100 if t is None else len(t)
+    all_series = tuple(
+        Series(channel=Channel(name=name, unit=units.get(name)), values=RANDOM.normal(size=length), t=t)
+        for name in names
+    )
+    return Recording(name="made", series=all_series, source=Source(name="made.csv"))
+
+
+def changed(recording: Recording, name: str, values: np.ndarray, t: np.ndarray | None) -> Recording:
+    """The recording with other samples of one channel."""
+    new = Series(channel=recording[name].channel, values=values, t=t)
+    series = tuple(new if each.channel.name == name else each for each in recording.series)
+    return Recording(name="made", series=series, source=recording.source)
+
+
+def missing(recording: Recording, **given: str | float) -> tuple[str, ...]:
+    """The sentences by which more is asked for."""
+    with pytest.raises(MissingInformation) as caught:
+        assign(recording, **given)  # type: ignore[arg-type]
+    return caught.value.missing
+
+
+@pytest.mark.parametrize(
+    ("text", "column", "unit"),
+    [
+        ("y:deg/s", "y", "deg/s"),
+        ("y", "y", None),
+        ("a:b", "a:b", None),
+        ("a:b:rad", "a:b", "rad"),
+        ("log.y:rad", "log.y", "rad"),
+        ("3:V", "3", "V"),
+        ("C:\\logs\\x.csv#1:V", "C:\\logs\\x.csv#1", "V"),
+        (":V", ":V", None),
+        ("y:", "y:", None),
+    ],
+)
+def test_what_follows_the_last_colon_is_a_unit_only_if_it_is_one(
+    text: str, column: str, unit: str | None
+) -> None:
+    assert ColumnSpec.parse(text) == ColumnSpec(column=column, unit=unit)
+    assert str(ColumnSpec.parse(text)) == text
+
+
+def test_only_the_unit_of_the_output_has_to_be_said_of_t_u_y() -> None:
+    assert missing(made("t", "u", "y")) == (
+        "the unit of the output `y`: say `output=y:UNIT`, such as y:deg/s",
+    )
+
+    assigned = assign(made("t", "u", "y"), output="y:deg/s")
+
+    assert (assigned.input, assigned.output) == ("u", "y")
+    assert (assigned["u"].channel.unit, assigned["y"].channel.unit) == ("V", "deg/s")
+    assert "`input=" in finding(assigned.findings, "input-recognised").sentence
+
+
+def test_all_that_is_missing_is_asked_for_at_once_each_with_its_option() -> None:
+    asked = missing(made("Channel 1", "Channel 2", t=None))
+
+    assert len(asked) == 3
+    assert "`input=COL:UNIT`; the columns are `Channel 1`, `Channel 2`" in asked[0]
+    assert "`output=COL:UNIT`" in asked[1]
+    assert "`sample_time=0.02`" in asked[2]
+
+
+def test_the_error_names_the_file() -> None:
+    with pytest.raises(MissingInformation, match=r"^made\.csv: more has to be known"):
+        assign(made("a", "b"))
+
+
+def test_names_with_blanks_are_quoted_as_they_have_to_be_typed() -> None:
+    (asked,) = missing(made("u", "shaft speed"))
+
+    assert '`output="shaft speed:UNIT"`' in asked
+
+
+def test_of_two_candidates_none_is_taken() -> None:
+    assert missing(made("u", "theta", "omega", theta="rad", omega="rad/s")) == (
+        "which column is the output, as `theta`, `omega` may be: say `output=theta` or `output=omega`",
+    )
+
+
+def test_without_a_telling_name_those_that_measure_the_right_thing_are_asked_about() -> None:
+    asked = missing(made("a", "b", "c", a="V", b="V", c="rad"))
+
+    assert asked[0].endswith("say `input=a` or `input=b`")
+    assert asked[1].endswith("say `output=c`")
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "role"),
+    [
+        ("u", None, "input"),
+        ("Voltage", None, "input"),
+        ("v", None, "input"),
+        ("motor voltage", "V", "input"),
+        ("rig.cmd", "%", "input"),
+        ("Theta", "rad", "output"),
+        ("ω", "rad/s", "output"),
+        ("rig.motor-speed", "rpm", "output"),
+        ("v", "m/s", "output"),
+        ("theta_deg", "deg", "output"),
+    ],
+)
+def test_names_that_are_recognised(name: str, unit: str | None, role: str) -> None:
+    other = ("speed", "rad/s", "output") if role == "input" else ("u", "V", "input")
+    recording = made(name, other[0], **{other[0]: other[1]}, **({} if unit is None else {name: unit}))
+
+    assigned = assign(recording)
+
+    assert getattr(assigned, role) == name
+    assert finding(assigned.findings, f"{role}-recognised").severity is Severity.INFO
+
+
+@pytest.mark.parametrize(
+    ("name", "unit"), [("supply", "V"), ("u", "rad"), ("battery_voltage", "V"), ("y", "V"), ("voltage", "s")]
+)
+def test_names_that_do_not_fit_their_unit_or_say_something_else_are_not_recognised(
+    name: str, unit: str
+) -> None:
+    asked = missing(made(name, "column", **{name: unit}))
+
+    assert len(asked) == 2
+
+
+@pytest.mark.parametrize("said", ["omega [rad/s]", "omega", "2", "OMEGA", "omega:rad/s", "2:rad/s"])
+def test_a_column_is_named_by_its_name_its_header_its_number_or_in_other_case(said: str) -> None:
+    assigned = assign(made("u", "omega", "y", "x", omega="rad/s"), output=said)
+
+    assert assigned.output == "omega"
+    assert ("name-case" in codes(assigned.findings)) == (said == "OMEGA")
+
+
+def test_an_exact_name_wins_over_a_number_and_a_unit() -> None:
+    assigned = assign(made("2", "u", "a:s", **{"2": "rad", "a:s": "V"}), output="2", input="a:s")
+
+    assert (assigned.output, assigned.input) == ("2", "a:s")
+    assert assigned["a:s"].channel.unit == "V"
+
+
+@pytest.mark.parametrize("said", ["z", "0", "4", "-1", "OM", "nowhere.csv#z"])
+def test_a_column_that_is_not_there_is_an_error_that_lists_the_columns(said: str) -> None:
+    with pytest.raises(UsageError, match=r"known: omega, u, y|no file nowhere.csv"):
+        assign(made("u", "omega", "y"), output=f"{said}:rad")
+
+
+def test_two_names_that_differ_in_case_only_are_not_taken_for_one_another() -> None:
+    with pytest.raises(UnknownName):
+        assign(made("u", "Yes", "yes"), output="YES:rad")
+
+
+def test_a_side_is_the_one_channel_that_fits_the_role() -> None:
+    names = ("left_voltage", "right_voltage", "left_position", "left_velocity", "right_velocity")
+    units = dict(zip(names, ("V", "V", "rev", "rev/s", "rev/s"), strict=True))
+    recording = made(*names, **units)
+
+    assert assign(recording, input="left", output="left").output == "left_position"
+    assert assign(recording, input="left", output="left:rev/s").output == "left_velocity"
+    assert assign(recording, input="right", output="right").output == "right_velocity"
+    assigned = assign(recording, input="left", output="left")
+    assert codes(assigned.findings) == ["name-beginning", "name-beginning"]
+    with pytest.raises(UnknownName):
+        assign(recording, input="l", output="left")
+
+
+def test_what_a_run_of_ours_knows_need_not_be_said_and_nothing_changes() -> None:
+    ours = assign(small(), output="counts:counts")
+
+    assert assign(ours) == ours
+    assert ours["counts"].channel == Channel(name="counts", unit="counts")
+
+
+def test_what_is_said_comes_before_what_the_file_says() -> None:
+    assigned = assign(
+        made("u", "theta", "aux", u="V", theta="rad"), input="aux:%", output="theta:deg", chain=" scale 2 "
+    )
+
+    assert (assigned.input, assigned["aux"].channel.unit) == ("aux", "%")
+    assert assigned["theta"].channel.unit == "deg"
+    assert "deg and not in rad" in finding(assigned.findings, "unit-overridden").sentence
+    assert assigned.chain == "scale 2"
+    assert assign(small(), output="counts:counts").chain == small().chain
+
+
+def test_limits_and_resolution_do_not_survive_another_unit() -> None:
+    channel = Channel(name="y", unit="rad", minimum=-1.0, resolution=0.1)
+    recording = made("u", "y")
+    recording = Recording(
+        name="made",
+        series=(recording["u"], Series(channel=channel, values=T, t=T)),
+        source=recording.source,
+    )
+
+    assert assign(recording, output="y")["y"].channel == channel
+    assert assign(recording, output="y:deg")["y"].channel == Channel(name="y", unit="deg")
+
+
+@pytest.mark.parametrize(
+    ("given", "why"),
+    [
+        ({"output": "y:V"}, "the output `y` is in V; expected a position"),
+        ({"output": "y:s"}, "the output `y` is in s; expected a position"),
+        ({"input": "u:ms", "output": "y:rad"}, "the input `u` is in ms; expected V"),
+        ({"input": "y:V", "output": "y:rad"}, "`y` can't be both input and output"),
+        ({"output": "y:rad", "time": "y:ms"}, "`y` is said to be the time; it can't be the output, too"),
+        ({"output": "y:rad", "time": "t:V"}, "the time `t` is in V; expected s"),
+        ({"output": "y:rad", "time": "t:s", "sample_time": 0.1}, "say one of them"),
+        ({"output": "y:rad", "sample_time": 0.0}, "expected a positive number"),
+        ({"output": "y:rad", "sample_time": float("nan")}, "expected a positive number"),
+        ({"output": "y:rad", "sample_time": True}, "expected seconds"),
+        ({"output": "y:rad", "sample_time": "5 V"}, "expected something in s"),
+    ],
+)
+def test_what_cannot_be_so_is_an_error(given: dict[str, str | float], why: str) -> None:
+    with pytest.raises((UsageError, UnitError), match=why):
+        assign(made("t", "u", "y"), **given)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("said", [0.005, "5 ms", "0.005"])
+def test_a_sample_time_makes_even_times_in_place_of_those_of_the_file(said: float | str) -> None:
+    assigned = assign(made("u", "y"), output="y:rad", sample_time=said)
+
+    assert np.array_equal(assigned["u"].t, 0.005 * np.arange(100))
+    assert np.array_equal(assigned["y"].t, 0.005 * np.arange(100))
+    assert "aren't used" in finding(assigned.findings, "sample-time-given").sentence
+
+
+def test_a_time_column_is_converted_and_findings_on_other_times_are_dropped(tmp_path: Path) -> None:
+    recording = loaded(tmp_path, "t,tick,u,y\n0,0,1,2\n0,20,1,3\n1,40,1,4\n2,60,1,4\n")
+    assert "time-duplicate" in codes(recording.findings)
+
+    assigned = assign(recording, time="tick:ms", output="y:rad")
+
+    assert assigned["y"].t is not None
+    assert np.allclose(assigned["y"].t, [0.0, 0.02, 0.04, 0.06], rtol=1e-15)
+    assert codes(assigned.findings) == ["input-recognised"]
+
+
+def test_a_time_column_whose_unit_nobody_says_is_asked_about() -> None:
+    assert missing(made("tick", "u", "y", t=None), time="tick", output="y:rad") == (
+        "the unit of the time `tick`: say `time=tick:s`, or :ms, or what it is",
+    )
+
+
+def test_a_time_column_of_another_length_is_an_error() -> None:
+    recording = changed(made("tick", "u", "y", t=None), "tick", np.arange(3.0), None)
+
+    with pytest.raises(UsageError, match="has 3 samples and the input `u` has 100"):
+        assign(recording, time="tick:s", output="y:rad")
+
+
+def with_times(t: np.ndarray) -> Recording:
+    return assign(made("u", "y", t=t), output="y:rad")
+
+
+def test_samples_whose_time_does_not_increase_are_left_out_with_a_warning() -> None:
+    t = T.copy()
+    t[10] = t[9]  # doubled
+    t[50] = 1e6  # wild
+    t[70] = np.nan
+
+    assigned = with_times(t)
+
+    expected = np.delete(t, [10, 50, 70])
+    assert np.array_equal(assigned["u"].t, expected)
+    assert np.array_equal(assigned["y"].t, expected)
+    assert finding(assigned.findings, "rows-left-out").severity is Severity.WARNING
+    assert finding(assigned.findings, "rows-left-out").rows == (11, 71)
+
+
+def test_the_first_of_doubled_times_stays() -> None:
+    t = np.repeat(T[:50], 2)
+    recording = made("u", "y", t=t)
+
+    assigned = assign(recording, output="y:rad")
+
+    assert assigned["y"].values.tolist() == recording["y"].values[::2].tolist()
+
+
+@pytest.mark.parametrize(
+    "t",
+    [
+        np.concatenate([T, T]),
+        np.concatenate([T, T[:12]]),  # a short second run
+        np.concatenate([T[:12], T]),
+        (np.arange(300.0) * 30) % 4096,  # a counter that wraps
+    ],
+    ids=["two runs", "a long and a short run", "a short and a long run", "a counter"],
+)
+def test_several_runs_in_one_file_are_an_error(t: np.ndarray) -> None:
+    with pytest.raises(FormatError, match="the time goes back"):
+        with_times(t)
+
+
+def test_times_that_are_all_equal_are_an_error() -> None:
+    with pytest.raises(FormatError, match="all times are 3 s"):
+        with_times(np.full(50, 3.0))
+
+
+def test_values_that_are_not_finite_are_left_out_of_their_series_alone() -> None:
+    recording = made("u", "y")
+    recording["u"].values[[4, 5]] = np.nan
+    recording["y"].values[::2] = np.inf
+
+    assigned = assign(recording, output="y:rad")
+
+    assert len(assigned["u"].values) == 98
+    assert np.array_equal(assigned["y"].t, T[1::2])
+    severities = [each.severity for each in assigned.findings if each.code == "rows-left-out"]
+    assert severities == [Severity.WARNING, Severity.INFO]
+
+
+def test_input_and_output_may_have_different_times() -> None:
+    recording = changed(made("u", "y"), "y", np.arange(30.0), 0.07 * np.arange(30))
+
+    assigned = assign(recording, output="y:rad")
+
+    assert len(assigned["u"].values) == 100
+    assert assigned["y"].values.tolist() == recording["y"].values.tolist()
+
+
+@pytest.mark.parametrize("values", [np.full(100, np.nan), np.concatenate([[1.0], np.full(99, np.nan)])])
+def test_a_channel_without_two_values_is_an_error(values: np.ndarray) -> None:
+    with pytest.raises(FormatError, match="at least two are needed"):
+        assign(changed(made("u", "y"), "y", values, T), output="y:rad")
+
+
+def test_a_column_of_another_file_joins_the_recording(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("y.csv").write_text("1.5\n2.5\n3.5\n")
+    Path("sub").mkdir()
+    Path("sub/x.csv").write_text("0.5\n0.5\n-0.5\n")
+    (recording,) = load("y.csv")
+
+    assigned = assign(recording, input="sub/x.csv#1:V", output="1:rad", sample_time=0.1)
+
+    assert (assigned.input, assigned.output) == ("x.column_1", "column_1")
+    assert assigned["x.column_1"].values.tolist() == [0.5, 0.5, -0.5]
+    assert "SHA-256" in finding(assigned.findings, "column-from-other-file").sentence
+
+
+def test_a_mapping_reads_back_from_its_text_and_assigns_the_same(tmp_path: Path) -> None:
+    mapping = Mapping(
+        input='the "u"\n:%', output="y:deg/s", sample_time=0.1 + 0.2, chain="derivative | lowpass 50 rad/s"
+    )
+    (tmp_path / "m.toml").write_text(mapping.toml(), encoding="utf-8")
+
+    assert Mapping.read(tmp_path / "m.toml") == mapping
+    assert Mapping().toml() == ""
+    recording = made("u", "y", t=None)
+    said = Mapping(output="y:rad", sample_time=0.5)
+    assert said.assigned(recording) == assign(recording, output="y:rad", sample_time=0.5)
+
+
+def test_what_is_said_later_overrides_a_mapping() -> None:
+    mapping = Mapping(time="t:s", input="u", output="y:rad")
+
+    assert mapping.overridden_by(Mapping(output="y:deg")) == Mapping(time="t:s", input="u", output="y:deg")
+    assert mapping.overridden_by(Mapping(sample_time=0.1)) == Mapping(
+        input="u", output="y:rad", sample_time=0.1
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "why"),
+    [
+        ("inptu = 'u'", "did you mean 'input'"),
+        ("input = 3", "input is 3; expected a text"),
+        ("sample_time = 'soon'", "no number with a unit"),
+        ("sample_time = -1", "expected a positive number"),
+        ("input = ", "can't be read"),
+    ],
+)
+def test_a_mapping_file_with_a_mistake_is_an_error_that_names_it(text: str, why: str, tmp_path: Path) -> None:
+    (tmp_path / "m.toml").write_text(text)
+
+    with pytest.raises(UsageError, match=why):
+        Mapping.read(tmp_path / "m.toml")
+    with pytest.raises(UsageError, match="can't be read"):
+        Mapping.read(tmp_path / "none.toml")
+
+
+RealData = Callable[[str], Path]
+
+
+def test_the_teaching_kit_needs_only_the_unit_of_its_output(real_data: RealData) -> None:
+    (recording,) = load(real_data("undcmotor/und_DCmotor_prbs_open_exp.csv"))
+
+    assigned = assign(recording, output="y:deg/s")
+
+    assert (assigned.input, assigned["u"].channel.unit) == ("u", "V")
+    assert len(assigned["y"].values) == 4093
+    assert {each.severity for each in assigned.findings} == {Severity.INFO}
+
+
+@pytest.mark.parametrize("name", ["DATA_EMPS.mat", "DATA_EMPS_PULSES.mat"])
+def test_the_emps_benchmark_needs_input_and_output(name: str, real_data: RealData) -> None:
+    (recording,) = load(real_data(f"emps/{name}"))
+    assert len(missing(recording)) == 2
+
+    assigned = assign(recording, input="vir:V", output="qm:m")
+
+    assert len(assigned["qm"].values) == 24_841
+    assert {each.severity for each in assigned.findings} == {Severity.INFO}
+
+
+@pytest.mark.parametrize("name", ["gk_pid.csv", "gk_pid_step.csv", "gk_relay.csv", "gk_repetitive.csv"])
+def test_a_table_without_time_units_or_names_is_asked_about_and_then_used(
+    name: str, real_data: RealData
+) -> None:
+    (recording,) = load(real_data(f"gkeiel_pot_servo/{name}"))
+    asked = missing(recording)
+    assert len(asked) == 3
+    assert "`sample_time=" in asked[2]
+
+    assigned = assign(recording, input="Channel 4:%", output="2:deg", sample_time=0.002)
+
+    # A potentiometer with steps of 3.5 degrees repeats its value in most rows, and is not stale for that.
+    assert codes(assigned.findings) == ["sample-time-given"]
+
+
+def test_input_and_output_in_two_files_without_time_are_joined(real_data: RealData) -> None:
+    (recording,) = load(real_data("generator_sysidentpy/y_cc.csv"))
+    assert len(missing(recording)) == 3
+    given = {"input": "x_cc.csv#1:V", "output": "1:counts/s"}
+    assert len(missing(recording, **given)) == 1
+
+    assigned = assign(recording, **given, sample_time=0.001)  # type: ignore[arg-type]
+
+    assert len(assigned["x_cc.column_1"].values) == len(assigned["column_1"].values) == 500_000
+
+
+def test_a_pendulum_with_several_voltages_is_asked_about(real_data: RealData) -> None:
+    (recording,) = load(real_data("qube1_koopman_closedloop/qube_20230828T150709_610_277_801.csv"))
+
+    asked = missing(recording)
+
+    assert "`control_output`, `plant_input`" in asked[0]
+    assert "`output=theta:UNIT`" in asked[1]
+    assert assign(recording, input="plant_input:V", output="theta:rad").input == "plant_input"
+
+
+def test_a_file_without_its_input_says_so(real_data: RealData) -> None:
+    (recording,) = load(real_data("qube3_ip_velocity/a00834778_P7_I+P.mat"))
+
+    (asked,) = missing(recording, time="1:s", output="3:rad/s")
+
+    assert "Without an input nothing can be identified" in asked
+
+
+def test_a_table_with_a_time_but_no_names_is_used_by_number(real_data: RealData) -> None:
+    (recording,) = load(real_data("hydraulic_valve_motor/MotorRotation.csv"))
+    assert len(missing(recording)) == 3
+
+    assigned = assign(recording, time="1:s", input="2:%", output="3:rad/s")
+
+    assert assigned["column_3"].t is not None
+    # Written with two decimals: steps are right to the rounding of 305 s as a double.
+    assert np.allclose(np.diff(assigned["column_3"].t), 0.02, atol=1e-13)
+
+
+def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Path) -> None:
+    rows = "".join(f"{k // 5 / 100:.2f},{k % 2},{k * 0.1:.3f}\n" for k in range(500))
+    recording = loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows)
+
+    (asked,) = missing(recording)
+    assert "`sample_time=" in asked
+    assert "`t` isn't taken as the time, as its name would say: it doesn't increase." in asked
+    with pytest.raises(FormatError, match=r"of the 500 .* same time .* `sample_time=0\.00[12]"):
+        assign(recording, time="t")
+    assert len(assign(recording, sample_time=0.002)["y"].values) == 500
+
+
+def test_rows_that_a_logger_repeats_as_they_were_are_left_out_as_before(tmp_path: Path) -> None:
+    rows = "".join(f"{k // 3 / 100:.2f},{k // 3 % 2},{k // 3 * 0.1:.3f}\n" for k in range(300))
+    recording = assign(loaded(tmp_path, "t [s],u [V],y [rad]\n" + rows), time="t")
+
+    assert len(recording["y"].values) == 100
+
+
+def test_another_file_that_is_not_there_is_told_by_the_name_that_was_given(tmp_path: Path) -> None:
+    recording = made("u", "y")
+    recording = replace(recording, source=replace(recording.source, name=str(tmp_path / "made.csv")))
+
+    with pytest.raises(UsageError, match=r"there is no file f/nowhere\.csv"):
+        assign(recording, input="f/nowhere.csv#u:V", output="y:rad")
+
+
+def test_counts_in_a_turn_stand_in_a_mapping_and_make_rad(tmp_path: Path) -> None:
+    """Half a turn of 500 counts, and half a count for the middle of its bin: (250 + 1/2)·2π/500."""
+    from servobench.recordings.measurement.measure import measure
+
+    path = tmp_path / "counted.csv"
+    path.write_text(
+        "t,u,enc\n" + "".join(f"{0.01 * n},{n % 3},{5 * n}\n" for n in range(51)), encoding="utf-8"
+    )
+    mapping = Mapping(input="u:V", output="enc:counts", counts_per_rev=500)
+    file = tmp_path / "map.toml"
+    file.write_text(mapping.toml(), encoding="utf-8")
+
+    assert Mapping.read(file) == mapping
+    data = measure(Mapping.read(file).assigned(load(path)[0]))
+    assert data.position_unit == "rad"
+    # The first rows, whose input may be from before the record, are no part of the data.
+    assert data.t_output[-1] == pytest.approx(0.5)
+    assert data.y[-1] == pytest.approx(250.5 * 2 * np.pi / 500)
+
+
+def test_counts_in_a_turn_that_are_no_number_are_told(tmp_path: Path) -> None:
+    file = tmp_path / "map.toml"
+    file.write_text('counts_per_rev = "many"\n', encoding="utf-8")
+    with pytest.raises(UsageError, match="counts_per_rev is 'many'"):
+        Mapping.read(file)

@@ -1,0 +1,89 @@
+"""What is wrong with times, and which samples to keep; the longest increasing subsequence is held against brute force."""
+
+from itertools import combinations, pairwise
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from servobench.recordings.formats.times import in_words, increasing, time_base, time_findings
+from tests.recordings.formats.tables import codes
+
+
+def longest_by_brute_force(values: list[float]) -> int:
+    """Length of the longest strictly increasing subsequence, by trying all."""
+    for length in range(len(values), 0, -1):
+        for chosen in combinations(values, length):
+            if all(a < b for a, b in pairwise(chosen)):
+                return length
+    return 0
+
+
+@given(values=st.lists(st.integers(0, 6).map(float) | st.just(float("nan")), max_size=9))
+def test_as_many_samples_as_possible_are_kept_and_their_times_increase(values: list[float]) -> None:
+    t = np.array(values)
+
+    kept = t[increasing(t)]
+
+    assert (np.diff(kept) > 0).all()
+    assert np.isfinite(kept).all()
+    # Equal times one after the other are one time, whichever way round.
+    finite = [value for value in values if value == value]
+    assert len(kept) == longest_by_brute_force(finite)
+
+
+def test_of_equal_times_the_first_is_kept() -> None:
+    assert increasing(np.array([0.0, 1.0, 1.0, 1.0, 2.0])).tolist() == [True, True, False, False, True]
+
+
+def test_one_wild_time_costs_one_sample() -> None:
+    t = np.arange(100.0)
+    t[40] = 1e9
+    t[70] = -1e9
+
+    assert np.flatnonzero(~increasing(t)).tolist() == [40, 70]
+
+
+def test_a_time_base_is_described_by_its_steps() -> None:
+    base = time_base(np.array([0.0, 1.0, 2.0, 2.0, 3.0, 10.0, 9.0, np.nan]))
+
+    assert (base.samples, base.non_finite, base.start, base.end) == (8, 1, 0.0, 9.0)
+    assert (base.shortest_step, base.median_step, base.longest_step) == (1.0, 1.0, 7.0)
+    assert (base.gaps, base.duplicates, base.backward) == (1, 1, 1)
+
+
+@pytest.mark.parametrize("t", [[], [1.0], [2.0, 2.0], [np.nan, np.nan], [3.0, 1.0]])
+def test_times_without_a_step_forward_have_no_steps(t: list[float]) -> None:
+    base = time_base(np.array(t))
+
+    assert base.median_step is base.longest_step is base.p99_step is base.shortest_step is None
+    assert base.gaps == 0
+
+
+def test_even_times_have_no_findings() -> None:
+    assert time_findings(0.002 * np.arange(1000)) == ()
+
+
+def test_times_too_far_apart_for_a_float_are_described_all_the_same() -> None:
+    t = np.array([-1.7e308, 1.7e308, 0.0, 1.0, 2.0])
+
+    assert np.isfinite(time_base(t).longest_step or np.nan)
+    assert "time-not-increasing" in codes(time_findings(t))
+
+
+def test_findings_name_the_rows_of_the_file() -> None:
+    t = np.array([0.0, 1.0, np.nan, 2.0, 2.0, 1.5, 3.0, 4.0])
+    rows = np.array([3, 4, 5, 8, 9, 10, 11, 12])
+
+    found = {each.code: each.rows for each in time_findings(t, rows)}
+
+    assert found["time-not-finite"] == (5, 5)
+    assert found["time-duplicate"] == (9, 9)
+    assert found["time-not-increasing"] == (10, 10)
+
+
+def test_rows_are_put_into_words() -> None:
+    assert in_words(np.array([7])) == "row 7"
+    assert in_words(np.array([7, 8, 9])) == "rows 7 to 9"
+    assert in_words(np.array([7, 90]), "sample") == "2 samples from 7 to 90"

@@ -1,0 +1,53 @@
+"""The step of the grid that values lie on: found where it is there, and only there."""
+
+import numpy as np
+import pytest
+
+from servobench.recordings.measurement.grid import grid_step
+
+t = 0.002 * np.arange(3000)
+MOVING = 40.0 * t - 4.0 * (1.0 - np.exp(-t / 0.1)) + np.sin(3.0 * t)
+
+
+@pytest.mark.parametrize("step", [2 * np.pi / 2048, 2 * np.pi / 500, 1.0, 1e-3])
+@pytest.mark.parametrize("offset", [0.0, 0.3217, -1e3])
+def test_the_step_of_rounded_values_is_found_wherever_the_grid_lies(step: float, offset: float) -> None:
+    assert grid_step(offset + step * np.floor(MOVING / step)) == pytest.approx(step, rel=1e-3)
+
+
+def test_the_step_is_found_in_a_short_slow_motion() -> None:
+    assert grid_step(0.01 * np.floor(np.linspace(0.0, 9.5, 400))) == pytest.approx(0.01)
+
+
+def test_the_step_is_found_although_no_two_neighbours_on_the_grid_occur() -> None:
+    even_and_thirds = np.array([0, 2, 4, 7, 9, 12, 14, 16, 18, 21, 24, 26.0])
+
+    assert grid_step(0.1 * np.repeat(even_and_thirds, 3)) == pytest.approx(0.1)
+
+
+def test_a_step_below_a_millionth_of_the_range_does_not_count() -> None:
+    assert grid_step(1e-5 * np.floor(MOVING / 1e-5)) is None
+
+
+@pytest.mark.parametrize(
+    "values",
+    [MOVING, MOVING.astype(np.float32).astype(float), np.sin(9 * t), 5.0 * t, np.zeros(100), np.ones(0)],
+)
+def test_no_step_is_found_in_values_on_no_grid(values: np.ndarray) -> None:
+    assert grid_step(values) is None
+
+
+def test_no_step_is_found_in_a_handful_of_values() -> None:
+    assert grid_step(np.array([0.0, 1.0, 2.0, 3.0, 4.0])) is None
+
+
+def test_noise_on_a_grid_hides_it() -> None:
+    rng = np.random.default_rng(6)
+
+    assert grid_step(np.floor(MOVING / 0.01) * 0.01 + rng.normal(scale=0.003, size=len(t))) is None
+
+
+def test_random_values_are_never_taken_for_a_grid() -> None:
+    found = [grid_step(np.random.default_rng(seed).normal(size=30)) for seed in range(300)]
+
+    assert found == [None] * 300
