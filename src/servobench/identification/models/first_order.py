@@ -11,8 +11,9 @@ only, nobody can tell the two apart: one voltage stands for their sum, and holds
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -72,6 +73,10 @@ class FirstOrder:
 
         linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)
         return np.array(sorted(c for c in self.columns.tolist() if c in linear))
+
+    def having(self, parameters: tuple[Parameter, ...]) -> Self:
+        """Return the motor with other parameters."""
+        return replace(self, parameters=parameters)
 
     def nuisance(self, data: Dataset) -> tuple[Parameter, ...]:
         """Return the nuisance parameters of a record: where and how fast it starts, and the unknown states of its filters."""

@@ -7,20 +7,27 @@ could diverge. A few hundred samples of each record are enough for that.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
+from servobench.identification.models.base import Parameter, Structure
+from servobench.identification.models.common_parameters import (
+    COULOMB,
+    DELAY,
+    GAIN,
+    OFFSET,
+    ONE_WAY,
+    TIME_CONSTANT,
+)
 from servobench.identification.models.motion import check_moves, directions
+from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
-
-if TYPE_CHECKING:
-    from servobench.identification.models.first_order import FirstOrder
 
 _ROWS = 240  # a guess needs no more samples of a record than this
 _TAUS = 24
@@ -57,6 +64,29 @@ class _Trial:
     linear: Array
 
 
+class Separable(Structure, Protocol):
+    """What the search has to know of a first-order structure: where in the kernel's vector its parameters stand."""
+
+    @property
+    def columns(self) -> NDArray[np.int64]:
+        """Where the parameters stand in the kernel's vector (K, τ, u₀, u_c, d)."""
+        ...
+
+    @property
+    def columns_with_start(self) -> Mapping[Kind, NDArray[np.int64]]:
+        """The same with the start state (θ₀, ω₀) of a record of that kind."""
+        ...
+
+    @property
+    def linear_columns(self) -> NDArray[np.int64]:
+        """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
+        ...
+
+    def having(self, parameters: tuple[Parameter, ...]) -> Self:
+        """Return the same structure with other parameters."""
+        ...
+
+
 class _Record(Protocol):
     """A record as a linear least-squares problem, A x = y, for any τ and d."""
 
@@ -69,7 +99,7 @@ class _Record(Protocol):
         ...
 
 
-def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[tuple[float, Array]]:
+def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tuple[float, Array]]:
     """Return costs and vectors of parameters and nuisance parameters of each record, the best first, from a search over τ and d.
 
     Where the cost has several minima along τ that come near each other, each of them gives a guess (3 at the most).
@@ -85,7 +115,7 @@ def separable_guesses(structure: FirstOrder, data: Sequence[Dataset]) -> list[tu
     ]
 
 
-def _searched(structure: FirstOrder, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
+def _searched(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
     """The records, and the best trial of each valley along τ, the lowest first."""
     for record in data:
         check_moves(record, len(structure.parameters))
@@ -112,7 +142,7 @@ def is_held(data: Sequence[Dataset]) -> bool:
 
 
 def guess_behind_dead_zone(
-    structure: FirstOrder, friction: int, data: Sequence[Dataset]
+    structure: Separable, friction: int, data: Sequence[Dataset]
 ) -> tuple[float, Array]:
     """Return the best guess for a shaft that friction holds until its input has grown, and its cost.
 
@@ -156,7 +186,7 @@ def _valleys(trials: _Trials) -> list[_Trial]:
 
 
 def _refined(
-    structure: FirstOrder, records: Sequence[_Record], trial: _Trial, step: float, ratio: float
+    structure: Separable, records: Sequence[_Record], trial: _Trial, step: float, ratio: float
 ) -> _Trial:
     """The best of a trial and its neighbours in τ and d, `step` the sample time and `ratio` that of the grid of τ."""
     for finer in (1.0, 0.25):
@@ -172,7 +202,7 @@ def _refined(
     return trial
 
 
-def start_guess(structure: FirstOrder, theta: Array, data: Dataset) -> Array:
+def start_guess(structure: Separable, theta: Array, data: Dataset) -> Array:
     """Return the nuisance parameters (Q,) that suit a record best with parameters theta (P,) held, by least squares.
 
     The direction of motion is taken from the data, so that the output is linear in the start state.
@@ -201,7 +231,7 @@ def _rows(keep: NDArray[np.int64]) -> NDArray[np.int64]:
     return keep[((k + within) * (len(keep) / _ROWS)).astype(np.int64)]
 
 
-def _record(structure: FirstOrder, data: Dataset) -> _Record:
+def _record(structure: Separable, data: Dataset) -> _Record:
     from servobench.identification.models.records import is_plain
 
     sense = directions(data) if structure.friction else np.empty(0)
@@ -225,7 +255,7 @@ class _Plain:
     zero: float
 
     @classmethod
-    def of(cls, structure: FirstOrder, data: Dataset, sense: Array) -> _Plain:
+    def of(cls, structure: Separable, data: Dataset, sense: Array) -> _Plain:
         rows = _rows(np.arange(len(data.y)))
         changes = data.u != np.append(data.input_before, data.u[:-1])
         turns = np.ones(len(sense), dtype=bool)
@@ -270,7 +300,7 @@ class _Plain:
 class _Chained:
     """A record behind a measurement chain, through which each column goes."""
 
-    structure: FirstOrder
+    structure: Separable
     data: Dataset
     sense: Array
 
@@ -285,10 +315,7 @@ class _Chained:
 
     def _columns(self, tau: float, delay: float) -> Array:
         """A and y beside each other."""
-        from servobench.identification.models.common_parameters import DELAY, GAIN, OFFSET, TIME_CONSTANT
-        from servobench.identification.models.first_order import FirstOrder
-
-        unit, data = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
+        unit, data = self.structure.having((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
         theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
         theta[:4] = (1.0, tau, 0.0, delay)
         plain = unit.predict(theta, data)
@@ -310,7 +337,7 @@ class _Chained:
         return np.column_stack([*shared, plain.jacobian[:, 4:], data.y])[rows]
 
 
-def _trials(structure: FirstOrder, records: Sequence[_Record], points: Array) -> _Trials:
+def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> _Trials:
     """Least squares over what is linear, at points (T, 2) of τ and d."""
     from servobench.identification.models import kernels
 
@@ -329,9 +356,8 @@ def _trials(structure: FirstOrder, records: Sequence[_Record], points: Array) ->
     return _Trials(points, costs, linear)
 
 
-def _vector(structure: FirstOrder, records: Sequence[_Record], trial: _Trial, least: float) -> Array:
+def _vector(structure: Separable, records: Sequence[_Record], trial: _Trial, least: float) -> Array:
     """The whole parameter vector that a trial stands for, with a delay of `least` [s] or more."""
-    from servobench.identification.models.common_parameters import COULOMB, OFFSET, ONE_WAY
 
     gain = float(trial.linear[0])
     found = {"gain": gain, "time_constant": trial.tau, "delay": max(trial.delay, least)}

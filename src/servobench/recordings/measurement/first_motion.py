@@ -12,14 +12,12 @@ first sample and moves much later, when it has overcome friction: there the boun
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from servobench.core.channels import Array
-
-if TYPE_CHECKING:
-    from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.base import Kind
 
 _NOISE = 6.0  # standard deviations: beyond that it is motion, and once in 10^9 samples chance
 SUSTAINED = 3  # samples beyond it in a row: a single one may be damaged
@@ -27,6 +25,40 @@ _CLEAR = 10.0  # of the noise that the shaft must have gone by at its top speed 
 _ROUGH = 1.4826 / np.sqrt(
     6.0
 )  # from the median of |second differences| to the standard deviation of white noise
+
+
+class Record(Protocol):
+    """What of a `Dataset` says how it begins."""
+
+    @property
+    def t_input(self) -> Array:
+        """Times of the input (N,) [s]."""
+        ...
+
+    @property
+    def u(self) -> Array:
+        """The input (N,)."""
+        ...
+
+    @property
+    def t_output(self) -> Array:
+        """Times of the output (M,) [s]."""
+        ...
+
+    @property
+    def y(self) -> Array:
+        """The output (M,)."""
+        ...
+
+    @property
+    def kind(self) -> Kind:
+        """Whether the output is a position or a speed."""
+        ...
+
+    @property
+    def quantum(self) -> float | None:
+        """The smallest step of the output where it is known."""
+        ...
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -42,7 +74,7 @@ class FirstMotion:
     within: float
 
 
-def first_motion(data: Dataset) -> FirstMotion | None:
+def first_motion(data: Record) -> FirstMotion | None:
     """Return how a record begins; None where its input changes at once, or its output doesn't stand until then."""
     changes = np.flatnonzero(data.u != data.u[0])
     if not len(changes):
@@ -71,7 +103,7 @@ def first_motion(data: Dataset) -> FirstMotion | None:
     return FirstMotion(cause=cause, effect=float(data.t_output[moved[0]]), samples=samples, within=within)
 
 
-def noise_of(data: Dataset) -> float:
+def noise_of(data: Record) -> float:
     """Return how far apart two samples of an output that stands may lie, in its unit: six deviations of its noise, and a step.
 
     The noise is that of second differences, in which motion has next to no part; the step that of the encoder, or the smallest

@@ -8,21 +8,18 @@ near the minimum of the cost without a step that could diverge, as it does for t
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.identification.models.base import Parameter
+from servobench.identification.models.base import Parameter, Structure
 from servobench.identification.models.common_parameters import DELAY, GAIN, OFFSET, TIME_CONSTANT
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.motion import check_moves, directions, smoothed_speed
 from servobench.identification.models.records import START_SPEED, beside_rest
 from servobench.recordings.measurement.dataset import Dataset
-
-if TYPE_CHECKING:
-    from servobench.identification.models.nonlinear.structure import NonlinearMotor
 
 _TAUS = 14
 _DELAYS = (0.1, 1.0, 3.0, 8.0)  # sample times
@@ -32,7 +29,25 @@ _LOAD = 0.05  # the first guess of μ, which multiplies gravity and so isn't lin
 _UNIT = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY))
 
 
-def guesses_from_motion(structure: NonlinearMotor, data: Sequence[Dataset]) -> tuple[Array, ...]:
+class Laden(Structure, Protocol):
+    """What the guesses have to know of a motor with friction and gravity."""
+
+    @property
+    def stribeck(self) -> bool:
+        """Whether friction falls with the speed."""
+        ...
+
+    @property
+    def gravity(self) -> bool:
+        """Whether the load depends on the angle."""
+        ...
+
+    def vector(self, theta: Array, data: Dataset) -> Array:
+        """Return the kernel's vector for theta (P + Q,)."""
+        ...
+
+
+def guesses_from_motion(structure: Laden, data: Sequence[Dataset]) -> tuple[Array, ...]:
     """Return the best vector for each ω_s of the grid, with friction also at rest and moving the other way.
 
     Raises `NotIdentifiable` where the data can't support the structure: too few samples, no motion, or gravity without an angle.
@@ -71,7 +86,7 @@ def _check_angle(data: Dataset) -> None:
         )
 
 
-def _best(structure: NonlinearMotor, data: Sequence[Dataset], part: float) -> tuple[float, Array]:
+def _best(structure: Laden, data: Sequence[Dataset], part: float) -> tuple[float, Array]:
     """The cost and the vector of the best τ and d for an ω_s that is that part of the largest speed."""
     step = max(record.sample_time for record in data)
     longest = max(record.duration for record in data)
@@ -86,7 +101,7 @@ def _best(structure: NonlinearMotor, data: Sequence[Dataset], part: float) -> tu
     return best
 
 
-def _linear(structure: NonlinearMotor) -> tuple[Parameter, ...]:
+def _linear(structure: Laden) -> tuple[Parameter, ...]:
     """The parameters whose lost voltage is a known signal of the motion."""
     return tuple(p for p in structure.parameters if p.name not in _ELSEWHERE)
 
@@ -94,7 +109,7 @@ def _linear(structure: NonlinearMotor) -> tuple[Parameter, ...]:
 _ELSEWHERE = {"gain", "time_constant", "delay", "stribeck_speed", "load_friction"}
 
 
-def _signals(structure: NonlinearMotor, data: Dataset, stribeck_speed: float) -> list[Array]:
+def _signals(structure: Laden, data: Dataset, stribeck_speed: float) -> list[Array]:
     """What each linear parameter takes from the input, from the measured motion, (M,) each."""
     sense, speed = directions(data), np.abs(smoothed_speed(data))
     known = {
@@ -127,7 +142,7 @@ def _driven(data: Dataset, tau: float, delay: float) -> tuple[Array, Array]:
 
 
 def _trial(
-    structure: NonlinearMotor,
+    structure: Laden,
     data: Sequence[Dataset],
     fixed: Sequence[tuple[Array, Array]],
     tau: float,
@@ -187,7 +202,7 @@ def _correct_signs(value: dict[str, float], gain: float) -> None:
 
 
 def _still(
-    structure: NonlinearMotor, theta: Array, data: Sequence[Dataset]
+    structure: Laden, theta: Array, data: Sequence[Dataset]
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
     from servobench.identification.models.nonlinear import kernels
@@ -205,7 +220,7 @@ def _still(
     return np.array(places, dtype=np.int64)
 
 
-def _lost_speed(structure: NonlinearMotor, theta: Array, data: Sequence[Dataset]) -> float:
+def _lost_speed(structure: Laden, theta: Array, data: Sequence[Dataset]) -> float:
     """The speed that friction takes, K u_c."""
     from servobench.identification.models.nonlinear import kernels
 

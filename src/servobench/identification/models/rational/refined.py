@@ -11,19 +11,16 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.identification.models.base import Prediction
+from servobench.identification.models.base import Prediction, Structure
 from servobench.identification.models.rational.response import filtered, linear_pieces
 from servobench.recordings.measurement.dataset import Dataset
-
-if TYPE_CHECKING:
-    from servobench.identification.models.rational.structure import Rational
 
 _ROWS = 8000  # a first guess needs no more rows than this, over all records
 _FILTERS = 7
@@ -37,6 +34,29 @@ _ENOUGH = (
 _NEAR = 10.0  # another start is worth its passes if its cost is within this factor of the best one's
 
 
+class Fraction(Structure, Protocol):
+    """What the guesses have to know of B(s)/A(s): the orders, and what else there is."""
+
+    @property
+    def order(self) -> int:
+        """The order n of A."""
+        ...
+
+    @property
+    def zeros(self) -> int:
+        """The order m < n of B."""
+        ...
+
+    @property
+    def delayed(self) -> bool:
+        """Whether there is a delay."""
+        ...
+
+    def start_order(self, data: Dataset) -> int:
+        """Return the number N of start states."""
+        ...
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """A model tried: its joint vector `theta` (P + ΣQ,), and its squared simulation error, `cost`."""
@@ -45,7 +65,7 @@ class Trial:
     cost: float
 
 
-def refined_guesses(structure: Rational, data: Sequence[Dataset]) -> tuple[Array, ...]:
+def refined_guesses(structure: Fraction, data: Sequence[Dataset]) -> tuple[Array, ...]:
     """Return the best joint vector found, and a second one where another start ends elsewhere and nearly as well.
 
     Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
@@ -62,7 +82,7 @@ def refined_guesses(structure: Rational, data: Sequence[Dataset]) -> tuple[Array
     return tuple(trial.theta for trial in (found[0], *near[:1]))
 
 
-def refined(structure: Rational, data: Sequence[Dataset], start: Trial) -> Trial:
+def refined(structure: Fraction, data: Sequence[Dataset], start: Trial) -> Trial:
     """Return the best of the models that refined instrumental variables pass through; the delay goes along by its derivative."""
     best, theta = start, start.theta
     lower, upper = _bounds(structure, data, len(theta))
@@ -81,7 +101,7 @@ def refined(structure: Rational, data: Sequence[Dataset], start: Trial) -> Trial
     return final if final.cost <= best.cost else best
 
 
-def regressors(structure: Rational, theta: Array, data: Dataset, prediction: Prediction) -> Array:
+def regressors(structure: Fraction, theta: Array, data: Dataset, prediction: Prediction) -> Array:
     """Return the Jacobian with the measured output in place of the simulated one, (M, P + Q): what instruments are set against.
 
     By a_i: -s^(n-i)/A y, for y linear between its samples, without the part at no input and that of the chain's start states.
@@ -94,7 +114,7 @@ def regressors(structure: Rational, theta: Array, data: Dataset, prediction: Pre
     return out
 
 
-def stabilised(structure: Rational, theta: Array) -> Array:
+def stabilised(structure: Fraction, theta: Array) -> Array:
     """Return theta (P + ΣQ,) with the unstable poles of A reflected at the imaginary axis."""
     n = structure.order
     poles = np.roots(np.concatenate([[1.0], theta[:n]]))
@@ -109,7 +129,7 @@ def stabilised(structure: Rational, theta: Array) -> Array:
 
 
 def _pass(
-    structure: Rational, data: Sequence[Dataset], theta: Array, predictions: Sequence[Prediction]
+    structure: Fraction, data: Sequence[Dataset], theta: Array, predictions: Sequence[Prediction]
 ) -> tuple[Array, float]:
     """One pass: the change of the joint vector, and by how much it moves the simulated output, squared and summed."""
     from servobench.identification.models.rational import kernels
@@ -138,7 +158,7 @@ def _pass(
     return change, float(change @ power @ change)
 
 
-def places(structure: Rational, data: Sequence[Dataset]) -> list[NDArray[np.int64]]:
+def places(structure: Fraction, data: Sequence[Dataset]) -> list[NDArray[np.int64]]:
     """Return, for each record, where its parameters stand in the joint vector."""
     found: list[NDArray[np.int64]] = []
     start = len(structure.parameters)
@@ -149,13 +169,13 @@ def places(structure: Rational, data: Sequence[Dataset]) -> list[NDArray[np.int6
     return found
 
 
-def _bounds(structure: Rational, data: Sequence[Dataset], size: int) -> tuple[Array, Array]:
+def _bounds(structure: Fraction, data: Sequence[Dataset], size: int) -> tuple[Array, Array]:
     lower, upper = structure.bounds(data)
     free = np.full(size - len(lower), np.inf)
     return np.append(lower, -free), np.append(upper, free)
 
 
-def _predictions(structure: Rational, data: Sequence[Dataset], theta: Array) -> list[Prediction]:
+def _predictions(structure: Fraction, data: Sequence[Dataset], theta: Array) -> list[Prediction]:
     return [
         structure.predict(theta[place], record)
         for record, place in zip(data, places(structure, data), strict=True)
@@ -168,7 +188,7 @@ def _cost(data: Sequence[Dataset], predictions: Sequence[Prediction]) -> float:
     return cost if np.isfinite(cost) else np.inf
 
 
-def _check(data: Dataset, structure: Rational) -> None:
+def _check(data: Dataset, structure: Fraction) -> None:
     needed = 2 * (len(structure.parameters) + len(structure.nuisance(data)))
     if len(data.y) < needed:
         raise NotIdentifiable(
@@ -181,7 +201,7 @@ def _check(data: Dataset, structure: Rational) -> None:
         )
 
 
-def _starts(structure: Rational, data: Sequence[Dataset]) -> list[Trial]:
+def _starts(structure: Fraction, data: Sequence[Dataset]) -> list[Trial]:
     """The best few of the regressions with different filters; with a delay also those of other delays, with the best filter."""
     step = max(record.sample_time for record in data)
     longest = max(record.duration for record in data)
@@ -196,7 +216,7 @@ def _starts(structure: Rational, data: Sequence[Dataset]) -> list[Trial]:
     return [trial for _, trial in trials[:_STARTS] if trial.cost <= _NEAR * trials[0][1].cost]
 
 
-def _regression(structure: Rational, data: Sequence[Dataset], cutoff: float, delay: float) -> Trial:
+def _regression(structure: Fraction, data: Sequence[Dataset], cutoff: float, delay: float) -> Trial:
     """A from the regression with the filter 1/(s + cutoff)^n, the rest from the simulation with that A, at one delay."""
     n, m, shared = structure.order, structure.zeros, len(structure.parameters)
     filter_ = np.asarray(np.poly(np.full(n, -cutoff))[1:], dtype=np.float64)
@@ -227,7 +247,7 @@ def _regression(structure: Rational, data: Sequence[Dataset], cutoff: float, del
     return Trial(np.concatenate([theta, *private]), cost * thin)
 
 
-def _linear(structure: Rational, data: Dataset, a: Array, delay: float) -> tuple[Array, Array]:
+def _linear(structure: Fraction, data: Dataset, a: Array, delay: float) -> tuple[Array, Array]:
     """What the simulated output is linear in, for a given A: a record's own columns (M, Q), and those of b (M, m + 1)."""
     shared = len(structure.parameters)
     theta = np.zeros(shared + len(structure.nuisance(data)))
