@@ -17,7 +17,7 @@ import pytest
 from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes, export
-from servobench.export.first_order import FirstOrderMotor
+from servobench.export.first_order import first_order_motor
 from servobench.export.tuning import tuned
 from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document
 
@@ -182,7 +182,7 @@ def test_the_margin_left_is_that_of_the_loop_as_it_runs(answer: Answer) -> None:
 def test_the_loop_of_the_c_controller_bears_the_delay_that_it_says(answer: Answer) -> None:
     """Tick by tick with the law as the C text has it: filtered differences of counts, an integral that is added afterwards."""
     h, counts = 0.002, 4096 * 1e6
-    motor = FirstOrderMotor.of(answer, "c")
+    motor = first_order_motor(answer, "c")
     gains = tuned(motor, h, filtered=True, integral_lag=1)
     share = 1 - math.exp(-h / gains.filter)
 

@@ -124,10 +124,11 @@ def tune(
 def _tuned(answer: Answer, method: str, wish: Wish) -> Tuned:
     """The gains; what a message calls by Python's keyword it calls by this command's option."""
     from servobench.core.errors import UsageError
+    from servobench.export.first_order import first_order_motor
     from servobench.systems.tuning.tune import tune as tuned
 
     try:
-        return tuned(answer, method, wish)
+        return tuned(first_order_motor(answer, "tune", "rad"), method, wish)
     except UsageError as error:
         error.args = (with_options(str(error), TUNE),)
         raise

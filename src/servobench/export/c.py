@@ -15,8 +15,9 @@ from servobench.core.errors import UsageError
 from servobench.core.units import convert
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
-from servobench.export.first_order import FirstOrderMotor
+from servobench.export.first_order import comment_for, first_order_motor
 from servobench.export.tuning import Tuning, smoothing, tuned
+from servobench.systems.first_order import FirstOrderMotor
 
 _TICKS = 240  # of the test vectors
 
@@ -156,7 +157,7 @@ class C:
             raise UsageError(
                 "c needs the time between two calls of the controller: say `sample_time=...`, such as 2ms"
             )
-        motor = FirstOrderMotor.of(answer, "c", wishes.unit)
+        motor = first_order_motor(answer, "c", wishes.unit)
         tau = motor.time_constant.value
         if wishes.sample_time > tau:
             raise UsageError(
@@ -301,7 +302,7 @@ def _text(answer: Answer, motor: FirstOrderMotor, gains: Tuning, controller: _Co
     speed = f"{name}_speed(&state, (int32_t)inputs[k][1])" if counted else "(float)inputs[k][1]"
     return _TEXT.format(
         **{key: value for key, value in names.items() if key not in {"speed_per_count", "filter"}},
-        comment="\n".join(f" * {line.replace('*/', '* /')}" for line in motor.comment(answer)),
+        comment="\n".join(f" * {line.replace('*/', '* /')}" for line in comment_for(motor, answer)),
         gain=f"{motor.gain.value:.6g}",
         tau=f"{motor.time_constant.value:.6g}",
         delay=f"{motor.delay:.3g}",

@@ -1,129 +1,55 @@
-"""The first-order motor in an answer, in the unit of position that its user thinks in: what controllers are made from."""
+"""The first-order motor in an answer."""
 
 from __future__ import annotations
 
-import math
-from dataclasses import dataclass
-
 import numpy as np
 
-from servobench.core.channels import Array
 from servobench.core.errors import UnitError, UsageError
-from servobench.core.estimate import Estimate
-from servobench.core.rounding import TWO_SIDED
 from servobench.core.units import convert, unit
 from servobench.export.answer import Answer
+from servobench.systems.first_order import FirstOrderMotor, scaled
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
-class FirstOrderMotor:
-    """τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn ω), with positions in `unit` (source: see `identification.models.first_order`).
+def first_order_motor(answer: Answer, target: str, position_unit: str | None = None) -> FirstOrderMotor:
+    """Return the motor in an answer; `target` is what messages call the form that asks for it.
 
-    `gain` K [unit/(s·V)], `time_constant` τ [s], `delay` d [s], not negative; `coulomb_voltage` u_c [V] and `offset_voltage`
-    u₀ [V] are None where the structure has none; `one_way` says that it turned one way only, so that one
-    voltage stands for both. `moments` are the covariance (3, 3) of K, τ and d.
+    Raises `UsageError` where the answer is of another structure or its input no voltage, or the unit doesn't fit.
     """
-
-    unit: str
-    gain: Estimate
-    time_constant: Estimate
-    delay: float
-    coulomb_voltage: Estimate | None
-    offset_voltage: Estimate | None
-    one_way: bool
-    moments: Array
-
-    @classmethod
-    def of(cls, answer: Answer, target: str, position_unit: str | None = None) -> FirstOrderMotor:
-        """Return the motor in an answer; `target` is what messages call the form that asks for it.
-
-        Raises `UsageError` where the answer is of another structure or its input no voltage, or the unit doesn't fit.
-        """
-        told = answer.estimates
-        if not {"gain", "time_constant"} <= told.keys() or len(answer.transfer_function.denominator) > 2:
-            raise UsageError(
-                f"{target} takes a first-order motor (gain and time constant), and this result is of the structure "
-                f"{answer.structure}; identify with `structure=first_order_coulomb`"
-            )
-        position, driven_by = answer.units
-        if driven_by != "V":
-            raise UsageError(
-                f"{target} takes a motor driven by a voltage, and the input of this result is in {driven_by}; identify with the "
-                "voltage as the input (duty times supply)"
-            )
-        wanted = position_unit or position
-        factor = _factor(position, wanted)
-        rows = [list(told).index(name) for name in ("gain", "time_constant")]
-        moments = np.zeros((3, 3))
-        known = [*rows, list(told).index("delay")] if "delay" in told else rows
-        moments[: len(known), : len(known)] = answer.covariance[np.ix_(known, known)]
-        scale = np.array([factor, 1.0, 1.0])
-        return cls(
-            unit=wanted,
-            gain=scaled(told["gain"], factor, f"{wanted}/(s·V)"),
-            time_constant=told["time_constant"],
-            delay=max(answer.transfer_function.delay, 0.0),
-            coulomb_voltage=told.get("coulomb_voltage"),
-            offset_voltage=told.get("offset_voltage"),
-            one_way="one_way" in answer.structure,
-            moments=moments * np.outer(scale, scale),
+    told = answer.estimates
+    if not {"gain", "time_constant"} <= told.keys() or len(answer.transfer_function.denominator) > 2:
+        raise UsageError(
+            f"{target} takes a first-order motor (gain and time constant), and this result is of the structure "
+            f"{answer.structure}; identify with `structure=first_order_coulomb`"
         )
-
-    def comment(self, answer: Answer) -> tuple[str, ...]:
-        """Return what a file with gains for this motor should say: they allow for its delay as estimated, below zero for none."""
-        return answer.comment if self.delay else answer.model_comment
-
-    def draws(self, count: int) -> Array:
-        """Return parameters (count, 3), K, τ and d, as the data leave them open; the same ones each time.
-
-        Those that aren't known stay what they are. A gain keeps its sign, a time constant and a delay don't become negative.
-        """
-        centre = np.array([self.gain.value, self.time_constant.value, self.delay])
-        spread = np.where(np.isfinite(self.moments), self.moments, 0.0)
-        drawn = np.random.default_rng(7).multivariate_normal(centre, spread, size=count, check_valid="ignore")
-        drawn[:, 0] = np.where(drawn[:, 0] * centre[0] > 0, drawn[:, 0], centre[0])
-        drawn[:, 1] = np.where(drawn[:, 1] > 0, drawn[:, 1], centre[1])
-        drawn[:, 2] = np.maximum(drawn[:, 2], 0.0)
-        return drawn
-
-
-def scaled(estimate: Estimate, factor: float, name: str) -> Estimate:
-    """Return an estimate times a factor, in the unit of that name."""
-    ends = sorted(factor * end for end in estimate.interval)
-    return Estimate(
-        value=factor * estimate.value,
-        sd=abs(factor) * estimate.sd,
-        interval=(ends[0], ends[1]),
-        level=estimate.level,
-        unit=name,
+    position, driven_by = answer.units
+    if driven_by != "V":
+        raise UsageError(
+            f"{target} takes a motor driven by a voltage, and the input of this result is in {driven_by}; identify with the "
+            "voltage as the input (duty times supply)"
+        )
+    wanted = position_unit or position
+    factor = _factor(position, wanted)
+    rows = [list(told).index(name) for name in ("gain", "time_constant")]
+    moments = np.zeros((3, 3))
+    known = [*rows, list(told).index("delay")] if "delay" in told else rows
+    moments[: len(known), : len(known)] = answer.covariance[np.ix_(known, known)]
+    scale = np.array([factor, 1.0, 1.0])
+    return FirstOrderMotor(
+        unit=wanted,
+        gain=scaled(told["gain"], factor, f"{wanted}/(s·V)"),
+        time_constant=told["time_constant"],
+        delay=max(answer.transfer_function.delay, 0.0),
+        coulomb_voltage=told.get("coulomb_voltage"),
+        offset_voltage=told.get("offset_voltage"),
+        one_way="one_way" in answer.structure,
+        moments=moments * np.outer(scale, scale),
+        doubtful=answer.verdict == "doubtful",
     )
 
 
-def inverse(estimate: Estimate, name: str) -> Estimate:
-    """Return 1/x with the interval that x has; unknown where the interval of x reaches across zero."""
-    low, high = estimate.interval
-    ends = sorted((1 / low, 1 / high)) if low * high > 0 else [math.nan, math.nan]
-    return Estimate(
-        value=1 / estimate.value,
-        sd=estimate.sd / estimate.value**2,
-        interval=(ends[0], ends[1]),
-        level=estimate.level,
-        unit=name,
-    )
-
-
-def ratio(over: Estimate, under: Estimate, covariance: float, name: str) -> Estimate:
-    """Return x/y, its variance to first order with the covariance of the two, and value ± 1.96 sd."""
-    value = over.value / under.value
-    variance = over.sd**2 - 2 * value * covariance + value**2 * under.sd**2
-    sd = math.sqrt(max(variance, 0.0)) / abs(under.value) if math.isfinite(variance) else math.nan
-    return Estimate(
-        value=value,
-        sd=sd,
-        interval=(value - TWO_SIDED * sd, value + TWO_SIDED * sd),
-        level=over.level,
-        unit=name,
-    )
+def comment_for(motor: FirstOrderMotor, answer: Answer) -> tuple[str, ...]:
+    """Return what a file with gains for this motor should say: they allow for its delay as estimated, below zero for none."""
+    return answer.comment if motor.delay else answer.model_comment
 
 
 def _factor(position: str, wanted: str) -> float:

@@ -13,7 +13,7 @@ from xml.sax.saxutils import escape
 from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
-from servobench.export.first_order import FirstOrderMotor
+from servobench.export.first_order import first_order_motor
 
 _TEXT = """\
 <mujoco model="{stem}">
@@ -61,7 +61,7 @@ class Mujoco:
         kinds = {"rad": ("hinge", "kg·m²"), "m": ("slide", "kg")}
         if position not in kinds:
             raise UsageError(f"mujoco takes positions in rad or m, and this result has them in {position}")
-        motor = FirstOrderMotor.of(answer, "mujoco")
+        motor = first_order_motor(answer, "mujoco")
         if wishes.inertia is None:
             raise UsageError(
                 "mujoco needs an inertia, which voltage and motion alone don't tell: say `inertia=...`, such as `inertia=2.1e-5` "

@@ -17,7 +17,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.export.first_order import FirstOrderMotor
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.sampled_loop import SampledLaw, law_in_z, sampled_loop, sampled_margins
 from servobench.systems.transfer_function import TransferFunction
 

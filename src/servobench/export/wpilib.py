@@ -12,8 +12,9 @@ from servobench.core.estimate import Estimate
 from servobench.core.json_numbers import finite
 from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
-from servobench.export.first_order import FirstOrderMotor, inverse, ratio
+from servobench.export.first_order import comment_for, first_order_motor
 from servobench.export.tuning import Tuning, tuned
+from servobench.systems.first_order import FirstOrderMotor, inverse, ratio
 
 _PERIOD = 0.02  # s, of a WPILib robot's loop
 
@@ -31,7 +32,7 @@ class Wpilib:
 
     def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file; raises `UsageError` for a motor that isn't of first order, or not driven by a voltage."""
-        motor = FirstOrderMotor.of(answer, "wpilib", wishes.unit)
+        motor = first_order_motor(answer, "wpilib", wishes.unit)
         if motor.gain.value < 0:
             raise UsageError(
                 "wpilib: a positive voltage turns this motor in the negative direction; invert the motor or the encoder, then "
@@ -39,7 +40,7 @@ class Wpilib:
             )
         gains = tuned(motor, wishes.sample_time or _PERIOD, wishes.closed_loop)
         document = {
-            "from": list(motor.comment(answer)),
+            "from": list(comment_for(motor, answer)),
             "unit": motor.unit,
             "feedforward": {name: _plain(e) for name, e in feedforward(motor).items()},
             "notes": _notes(motor),

@@ -13,8 +13,10 @@ import pytest
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.export.answer import Answer
+from servobench.export.first_order import first_order_motor
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning import loop, response
 from servobench.systems.tuning import tune as verb
 from servobench.systems.tuning.base import Wish
@@ -24,14 +26,14 @@ from tests.export.conftest import document
 MOST_OFF = 0.03  # of a pole's distance from zero
 
 
-def answer(gain: float, tau: float, delay: float) -> Answer:
+def motor_of(gain: float, tau: float, delay: float) -> FirstOrderMotor:
     """A motor that is known well."""
     told = document()
     for name, value in (("gain", gain), ("time_constant", tau), ("delay", delay)):
         told["parameters"][name]["value"] = value
     told["covariance"]["matrix"] = (1e-6 * np.array(told["covariance"]["matrix"])).tolist()
     told["transfer_function"] |= {"numerator": [gain], "denominator": [tau, 1.0], "delay": delay}
-    return Answer.from_document(told, "the result")
+    return first_order_motor(Answer.from_document(told, "the result"), "tune", "rad")
 
 
 def held(gain: float, tau: float, delay: float, h: float) -> Any:
@@ -151,7 +153,7 @@ def test_of_40_random_wishes_each_is_reached_to_3_percent_or_refused(monkeypatch
     for _ in range(40):
         method, wish, motor = random_wish(rng)
         try:
-            made = tune(answer(*motor), method, wish)
+            made = tune(motor_of(*motor), method, wish)
         except UsageError as error:
             refused.append(str(error))
             continue
@@ -203,7 +205,7 @@ def test_what_was_wished_is_what_the_loop_has(asked: dict[str, Any], monkeypatch
     motor = (23.7, 0.0992, 0.0004)
     wish = Wish(**{"controller": "pid", "output": "position", "sample_time": 0.002, **asked})
 
-    made = tune(answer(*motor), "lambda_tuning" if wish.closed_loop is not None else "pole_placement", wish)
+    made = tune(motor_of(*motor), "lambda_tuning" if wish.closed_loop is not None else "pole_placement", wish)
 
     wished, found = judged_poles(made, motor)
     # Gains of five digits; a triple pole is moved by the cube root of what rounding leaves, 1e-9, and was set to a thousandth.
@@ -215,11 +217,11 @@ def test_a_filter_that_is_too_slow_for_the_poles_is_said_and_the_nearest_wish_is
     wish = Wish(controller="pid", output="speed", sample_time=0.002, damping=1.0, bandwidth=30.0, cutoff=70.0)
 
     with pytest.raises(UsageError, match="the filter at 70 rad/s and the delay add one") as caught:
-        tune(answer(*motor), "pole_placement", wish)
+        tune(motor_of(*motor), "pole_placement", wish)
 
     told = str(caught.value).split("about `damping=1` `bandwidth=")[1].split("`")[0]
     slower = changed(wish, damping=1.0, bandwidth=float(told), cutoff=70.0)
-    made = tune(answer(*motor), "pole_placement", slower)
+    made = tune(motor_of(*motor), "pole_placement", slower)
     assert off(*judged_poles(made, motor)) <= MOST_OFF
 
 
@@ -228,17 +230,17 @@ def test_a_wish_slower_than_the_motor_is_told_the_slowest_that_can_be_had() -> N
     wish = Wish(controller="pid", output="position", sample_time=0.002, damping=0.8, bandwidth=5.0)
 
     with pytest.raises(UsageError, match=r"slower than the motor is by itself.*is the slowest") as caught:
-        tune(answer(*motor), "pole_placement", wish)
+        tune(motor_of(*motor), "pole_placement", wish)
 
     told = float(str(caught.value).split("about `damping=0.8` `bandwidth=")[1].split("`")[0])
     # 2ζω is 1/τ where nothing is added to the motor's own damping.
     assert told == pytest.approx(1 / (0.0992 * 2 * 0.8), rel=0.1)
-    tune(answer(*motor), "pole_placement", changed(wish, damping=0.8, bandwidth=told))
+    tune(motor_of(*motor), "pole_placement", changed(wish, damping=0.8, bandwidth=told))
 
 
 def test_wish_and_loop_stand_side_by_side_in_json() -> None:
     wish = Wish(controller="pid", output="position", sample_time=0.002, damping=0.8, bandwidth=20.0)
-    found = tune(answer(23.7, 0.0992, 0.0004), "pole_placement", wish).to_dict()
+    found = tune(motor_of(23.7, 0.0992, 0.0004), "pole_placement", wish).to_dict()
 
     schema = json.loads(
         files("servobench").joinpath("systems/schemas/tuning-1.json").read_text(encoding="utf-8")

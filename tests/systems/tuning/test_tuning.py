@@ -14,7 +14,7 @@ import servobench as sb
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.export.answer import Answer
-from servobench.export.first_order import FirstOrderMotor
+from servobench.export.first_order import first_order_motor
 from servobench.rig.experiment import Experiment, read_experiment
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
@@ -22,7 +22,8 @@ from servobench.systems.signals.square import Square
 from servobench.systems.tuning.base import METHODS, Wish
 from servobench.systems.tuning.loop import nominal_margins, open_loop
 from servobench.systems.tuning.response import unit_step
-from servobench.systems.tuning.tune import LEAST_FACTOR, LEAST_PHASE, Tuned, tune
+from servobench.systems.tuning.tune import LEAST_FACTOR, LEAST_PHASE, Tuned
+from servobench.systems.tuning.tune import tune as tune_motor
 from tests.export.conftest import COULOMB, DELAY, GAIN, TAU, document
 
 H = 0.002
@@ -34,6 +35,10 @@ def wish(**changed: Any) -> Wish:
 
 def answered(**changed: Any) -> Answer:
     return Answer.from_document(document(**changed), "the result")
+
+
+def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
+    return tune_motor(first_order_motor(answer, "tune", "rad"), method, wish)
 
 
 @cache
@@ -359,7 +364,7 @@ def test_wires_the_other_way_round_turn_the_gains_round() -> None:
 
 def test_margins_without_intervals_are_the_same() -> None:
     made = tuned(damping=0.8, bandwidth=20.0)
-    motor = FirstOrderMotor.of(answered(), "tune", "rad")
+    motor = first_order_motor(answered(), "tune", "rad")
 
     plain = nominal_margins(made.controller, motor, H)
 

@@ -8,11 +8,11 @@ from typing import Protocol, Self, TypeAlias, runtime_checkable
 
 from servobench.core.errors import UsageError
 from servobench.core.registry import Registry
-from servobench.export.first_order import FirstOrderMotor
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.running import Output
 from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.first_order import FirstOrderMotor
 
 Tunable: TypeAlias = Pid | Lead | StateFeedback
 

@@ -14,9 +14,9 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from servobench.core.errors import UsageError
-from servobench.export.first_order import FirstOrderMotor
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
 from servobench.systems.tuning.placement import placed
 

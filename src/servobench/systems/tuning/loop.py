@@ -11,8 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from servobench.export.first_order import FirstOrderMotor
 from servobench.systems.control.sampled_law import sampled_law
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.sampled_loop import (
     SampledLaw,
     SampledLoop,

@@ -16,8 +16,8 @@ from typing import Any
 
 import numpy as np
 
-from servobench.export.first_order import FirstOrderMotor
 from servobench.systems.control.sampled_law import sampled_law
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import Tunable, Unreachable, as_printed
 from servobench.systems.tuning.loop import open_loop
 

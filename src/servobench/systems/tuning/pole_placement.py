@@ -18,10 +18,10 @@ from typing import Any
 import numpy as np
 
 from servobench.core.errors import UsageError
-from servobench.export.first_order import FirstOrderMotor
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
 from servobench.systems.tuning.loop import open_loop
 from servobench.systems.tuning.placement import digits_for, placed, separate

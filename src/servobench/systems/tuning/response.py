@@ -14,7 +14,7 @@ import numpy as np
 
 from servobench.core.channels import Array, Channel, DeviceInfo, Sample
 from servobench.core.errors import UsageError
-from servobench.export.first_order import FirstOrderMotor
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import Tunable
 from servobench.systems.tuning.loop import Told
 

@@ -12,12 +12,12 @@ from typing import Any
 
 from servobench.core.errors import UnknownName, UsageError
 from servobench.core.finding import Finding, info, warning
-from servobench.export.answer import Answer
-from servobench.export.first_order import FirstOrderMotor
-from servobench.rig.experiment.experiment import Experiment
+from servobench.core.settings import with_units
+from servobench.core.toml import table_lines
 from servobench.systems.control.base import CONTROLLERS
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
+from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Method, Tunable, Unreachable, Wish
 from servobench.systems.tuning.loop import Told, loop_margins, nominal_margins
 from servobench.systems.tuning.placement import Pole, matched
@@ -64,8 +64,8 @@ class Tuned:
     @property
     def toml(self) -> str:
         """The controller as the table [controller] of an experiment's file."""
-        text = Experiment(controller=self.controller).to_toml()
-        return "[controller]" + text.partition("[controller]")[2].partition("\n[")[0].rstrip() + "\n"
+        table = {"type": CONTROLLERS.name_of(self.controller), **with_units(self.controller)}
+        return "\n".join(table_lines(("controller",), table)).strip() + "\n"
 
     def to_dict(self) -> dict[str, Any]:
         """Return it as plain data of the schema `servobench.tuning/1`; a margin that nothing limits is null."""
@@ -93,16 +93,14 @@ class Tuned:
         }
 
 
-def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
-    """Return the controller that a method finds for the motor in an answer.
+def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> Tuned:
+    """Return the controller that a method finds for a motor, whose positions are in rad.
 
     Raises `UsageError` where the wish can't be had: faster than delay, sample time or voltage allow, or with poles more than 3 %
-    off those wished for, with the nearest wish that can; and for a motor of another structure than the first-order one, or one
-    that isn't driven by a voltage.
+    off those wished for, with the nearest wish that can.
     """
     if wish.controller not in _TUNABLE:
         raise UnknownName("controller that can be tuned", wish.controller, _TUNABLE)
-    motor = FirstOrderMotor.of(answer, "tune", "rad")
     finder = METHODS[method]
     check_sample_time(finder.poles(wish), motor, wish.sample_time)
     poles: tuple[Pole, ...] = ()
@@ -130,7 +128,7 @@ def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
         margins=margins,
         response=response,
         largest_step=wish.voltage_limit / peak,
-        findings=tuple(_findings(answer, controller, motor, wish, margins, peak, finder)),
+        findings=tuple(_findings(controller, motor, wish, margins, peak, finder)),
     )
 
 
@@ -249,7 +247,6 @@ def _peak(controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapp
 
 
 def _findings(
-    answer: Answer,
     controller: Tunable,
     motor: FirstOrderMotor,
     wish: Wish,
@@ -258,7 +255,7 @@ def _findings(
     finder: Method,
 ) -> list[Finding]:
     found = []
-    if answer.verdict == "doubtful":
+    if motor.doubtful:
         found.append(
             warning(
                 "motor-doubtful",
