@@ -1,0 +1,107 @@
+"""The picture of the architecture is that of the tree: rooms, what is in them, and who may use whom."""
+
+import ast
+import re
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.test_house import ROOT
+
+PACKAGE = ROOT / "src" / "servobench"
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+MOST_ROOMS = 12
+NO_ROOMS = {"__init__", "__main__", "_version", "py.typed"}
+DRAWN = [
+    re.findall(r"[a-z]+", re.split(r"  +", line)[0]) for line in PAGE.split("```")[1].strip().splitlines()
+]
+INSIDE = {
+    room: set(re.findall(r"`(\w+)`", names))
+    for room, names in re.findall(r"^\| `(\w+)` \| (`.*`) \|$", PAGE, re.MULTILINE)
+}
+
+
+def entries(folder: Path) -> set[str]:
+    """The modules and folders in a folder of the package; schemas are no code."""
+    return {
+        each.stem if each.suffix == ".py" else each.name
+        for each in folder.iterdir()
+        if each.name not in {"__pycache__", "__init__.py", "schemas"}
+    }
+
+
+def contract(container: str) -> list[str]:
+    """The layers of a container, top first, as import-linter holds them."""
+    settings = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
+    (found,) = [
+        each["layers"]
+        for each in settings["tool"]["importlinter"]["contracts"]
+        if each["type"] == "layers" and each["containers"] == [container]
+    ]
+    return list(found)
+
+
+def test_there_are_twelve_rooms_at_most() -> None:
+    assert len(entries(PACKAGE) - NO_ROOMS) <= MOST_ROOMS
+
+
+def test_the_picture_shows_every_room_and_nothing_else() -> None:
+    assert {room for line in DRAWN for room in line} == entries(PACKAGE) - NO_ROOMS
+
+
+def test_the_picture_is_the_contract_that_imports_are_held_to() -> None:
+    layers = [re.sub(r"\(\w+\)", "", layer) for layer in contract("servobench")]  # some aren't there yet
+    of_the_contract = [set(re.findall(r"\w+", layer)) for layer in layers]
+
+    assert [set(line) for line in DRAWN] == [layer for layer in of_the_contract if layer]
+
+
+@pytest.mark.parametrize("room", sorted(INSIDE))
+def test_the_table_names_all_that_is_in_a_room(room: str) -> None:
+    assert INSIDE[room] == entries(PACKAGE / room)
+
+
+def about(room: str) -> str:
+    """What a room says of itself."""
+    text = ast.get_docstring(ast.parse((PACKAGE / room / "__init__.py").read_text(encoding="utf-8")))
+    assert text is not None
+    return text
+
+
+def imported(room: str) -> set[str]:
+    """The rooms that the files of a room import, here or there, for a type or at run time."""
+    found = set()
+    for path in (PACKAGE / room).rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ImportFrom) and (node.module or "").startswith("servobench."):
+                found.add((node.module or "").split(".")[1])
+    return found - {room} - NO_ROOMS
+
+
+@pytest.mark.parametrize("room", sorted(INSIDE))
+def test_a_room_says_what_lives_in_it(room: str) -> None:
+    assert entries(PACKAGE / room) <= set(re.findall(r"`(\w+)`", about(room)))
+
+
+@pytest.mark.parametrize("room", sorted(entries(PACKAGE) - NO_ROOMS))
+def test_a_room_says_which_rooms_it_uses(room: str) -> None:
+    rooms = entries(PACKAGE) - NO_ROOMS
+    said = re.search(r"It\s+uses\s[^.;]*", about(room))
+
+    assert said is not None
+    assert set(re.findall(r"`(\w+)`", said[0])) & rooms == imported(room)
+
+
+def test_every_path_on_the_page_is_there() -> None:
+    named = re.findall(r"`((?:\w+/)+\w+(?:\.py)?|\w+\.py)`", PAGE)
+
+    assert len(named) > 30
+    gone = [
+        path
+        for path in named
+        if not any(
+            (root / path).exists() for root in (PACKAGE, ROOT, *PACKAGE.glob("*/*"), *PACKAGE.glob("*"))
+        )
+    ]
+    assert gone == []
