@@ -14,7 +14,8 @@ PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
 MOST_ROOMS = 12
 NO_ROOMS = {"__init__", "__main__", "_version", "py.typed"}
 DRAWN = [
-    re.findall(r"[a-z]+", re.split(r"  +", line)[0]) for line in PAGE.split("```")[1].strip().splitlines()
+    re.findall(r"[a-z]+", re.split(r"  +", line.strip())[0])
+    for line in re.findall(r"(?:^    .*\n)+", PAGE, re.MULTILINE)[0].splitlines()
 ]
 INSIDE = {
     room: set(re.findall(r"`(\w+)`", names))

@@ -49,12 +49,18 @@ QUANTITIES = {
     "resistance", "inductance", "inertia", "torque", "start", "end", "dt", "h", "tau", "omega", "timeout", "period", "reference",
 }  # fmt: skip
 
-METHODS = {"estimators", "filters", "stability_analysis", "tuning", "motor/solvers"}
+METHODS = {
+    "identification/estimators", "systems/filters", "systems/stability", "systems/tuning", "rig/motor/solvers"
+}  # fmt: skip
 LAWS = METHODS | {
-    "", "control", "design", "doubts", "explanations", "export", "honest", "measurement", "models", "motor", "motor_parameters",
-    "reconciliation", "reconciliation/causes", "signals", "estimators/instruments", "estimators/interval",
-    "estimators/recursion", "estimators/spectral", "rungs", "lab/studies", "lab", "models/nonlinear",
-    "models/position_loop", "models/rational", "models/second_order",
+    "core", "systems", "systems/control", "systems/signals", "recordings", "recordings/measurement", "rig", "rig/motor",
+    "identification", "identification/choice", "identification/choice/rungs", "identification/design",
+    "identification/estimators/instruments", "identification/estimators/interval", "identification/estimators/recursion",
+    "identification/estimators/spectral", "identification/honest", "identification/models", "identification/models/nonlinear",
+    "identification/models/position_loop", "identification/models/rational", "identification/models/second_order",
+    "identification/motor_parameters", "identification/reconciliation", "identification/reconciliation/causes",
+    "identification/trust", "identification/trust/doubts", "identification/trust/explanations",
+    "identification/uncertainty", "export", "lab", "lab/studies",
 }  # fmt: skip
 FORMULA = re.compile(r"[^\W_]\S* = [^,;:]{0,60}?[+·/√^²∫Σ|(-]|√(?!Hz)|Σ(?!Q)|[∫≈]")
 _AUTHOR = (
@@ -108,11 +114,12 @@ def has_source(tree: ast.Module, source: Path = SOURCE) -> bool:
     if any(_names_source(text) for text in docstrings):
         return True
     for name in SEE.findall(" ".join(docstrings)):
-        file = source.joinpath(*name.split(".")).with_suffix(".py")
-        if file.exists() and any(
-            map(_names_source, _public_docstrings(ast.parse(file.read_text(encoding="utf-8"))))
-        ):
-            return True
+        path = f"{name.replace('.', '/')}.py"  # from the package, or within one of its rooms
+        for file in (source / path, *source.glob(f"*/{path}")):
+            if file.exists() and any(
+                map(_names_source, _public_docstrings(ast.parse(file.read_text(encoding="utf-8"))))
+            ):
+                return True
     return False
 
 

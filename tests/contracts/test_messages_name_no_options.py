@@ -19,7 +19,7 @@ COMMAND = re.compile(r"`servobench [^`]*`|^servobench .*")
 
 ALLOWED = {
     "report/history.py": "the command that repeats what a report shows",
-    "loop/segment.py": "Docker's own option, for whoever runs servobench in a container",
+    "rig/loop/segment.py": "Docker's own option, for whoever runs servobench in a container",
 }
 
 

@@ -67,7 +67,7 @@ def faults(text: str, folder: Path) -> list[str]:
 LAW = '"""A lag: |G| = 1/√(1 + ω²τ²){source}."""\n'
 
 
-def without_source(text: str, folder: Path, name: str = "filters/lag.py") -> list[str]:
+def without_source(text: str, folder: Path, name: str = "systems/filters/lag.py") -> list[str]:
     """What the check says of a module of a package that says nothing else that is wrong."""
     file = folder / "package" / name
     file.parent.mkdir(parents=True, exist_ok=True)
@@ -168,7 +168,9 @@ def test_a_law_with_a_source_has_no_fault(source: str, tmp_path: Path) -> None:
 def test_a_law_without_a_source_is_found(source: str, tmp_path: Path) -> None:
     (found,) = without_source(LAW.format(source=source), tmp_path)
 
-    assert found.startswith("package/filters/lag.py:1: nothing says where the law or method comes from")
+    assert found.startswith(
+        "package/systems/filters/lag.py:1: nothing says where the law or method comes from"
+    )
 
 
 def test_words_of_a_derivation_are_no_source_without_its_formula(tmp_path: Path) -> None:
@@ -177,20 +179,22 @@ def test_words_of_a_derivation_are_no_source_without_its_formula(tmp_path: Path)
 
 def test_a_source_may_stand_in_another_module_that_has_one(tmp_path: Path) -> None:
     pointing = LAW.format(source=". Source: see `models.lag`")
-    without_source('"""Nothing but words."""\n', tmp_path, "models/lag.py")
+    without_source('"""Nothing but words."""\n', tmp_path, "identification/models/lag.py")
     assert len(without_source(pointing, tmp_path)) == 1
 
-    without_source(LAW.format(source=" (Kalman 1960)"), tmp_path, "models/lag.py")
+    without_source(LAW.format(source=" (Kalman 1960)"), tmp_path, "identification/models/lag.py")
     assert without_source(pointing, tmp_path) == []
 
 
 def test_a_source_is_asked_for_where_a_law_stands(tmp_path: Path) -> None:
     law, words = LAW.format(source=""), '"""Words without a formula."""\n'
 
-    assert len(without_source(law, tmp_path, "models/lag.py")) == 1
-    assert len(without_source(words, tmp_path, "filters/words.py")) == 1  # each file there is a method
-    assert without_source(words, tmp_path, "models/words.py") == []
-    assert without_source(law, tmp_path, "models/base.py") == []
+    assert len(without_source(law, tmp_path, "identification/models/lag.py")) == 1
+    assert (
+        len(without_source(words, tmp_path, "systems/filters/words.py")) == 1
+    )  # each file there is a method
+    assert without_source(words, tmp_path, "identification/models/words.py") == []
+    assert without_source(law, tmp_path, "identification/models/base.py") == []
     assert without_source(law, tmp_path, "panel/lag.py") == []
 
 
