@@ -145,9 +145,11 @@ def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
     if not with_rest.converged or not worth:
         return replace(simple, fits=fits)
     sentence = (
-        "The motor stands still in a part of the record, so the model has friction that holds the shaft: without it the "
-        f"simulation explains {one_way.fit_percent:.2f} % of the output, with it {with_rest.fit_percent:.2f} %."
+        "The motor stands still in a part of the record, so the model has friction that holds the shaft."
     )
+    without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
+    if without != with_it:
+        sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
     return _Base(fit=with_rest, findings=(info(_REST, sentence, parameters=("coulomb_voltage",)),), fits=fits)
 
 

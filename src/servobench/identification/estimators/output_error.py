@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, info, warning
+from servobench.core.finding import Finding, info, parameter_in_words, warning
+from servobench.core.rounding import milliseconds
 from servobench.identification.estimators import delay_prior
 from servobench.identification.estimators.base import (
     ESTIMATORS,
@@ -392,15 +393,23 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
     for parameter, value, low, high in zip(structure.parameters, minimum.theta, lower, upper, strict=False):
         if low < value < high:
             continue
+        if parameter.name == "delay":
+            # What it is worth shows in its interval: `trust.doubts.delay` says so where it means something.
+            end = (
+                "shortest that columns out of step allow"
+                if value <= low
+                else "longest that the first motion allows"
+            )
+            sentence = f"The delay ended at {milliseconds(float(value))} ms, the {end}."
+            found.append(info("parameter-at-bound", sentence, parameters=("delay",)))
+            continue
         sentence = (
-            f"The {parameter.name.replace('_', ' ')} ended at the edge of what is possible, {value:.3g}: "
+            f"The {parameter_in_words(parameter.name)} ended at the edge of what is possible, {value:.3g}: "
         )
         if value == 0:
             sentence += "the data show none of it."
             found.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
         else:
             sentence += "the model doesn't suit these data, or the columns are out of step."
-            # What a delay at its edge is worth shows in its interval: `trust.doubts.delay` says so where it means something.
-            say = info if parameter.name == "delay" else warning
-            found.append(say("parameter-at-bound", sentence, parameters=(parameter.name,)))
+            found.append(warning("parameter-at-bound", sentence, parameters=(parameter.name,)))
     return found

@@ -339,16 +339,17 @@ def _sd(fit: Fit, gradient: Array) -> float:
     return float(np.sqrt(variance)) if 0.0 < variance < np.inf else 0.0
 
 
-def _with_friction(fit: Fit) -> Array:
-    """By how much the parameters (P,) change with the gain: at the mean input the speed K (u - u_c) is what the data show."""
+def _of_friction(fit: Fit) -> Array:
+    """What the gain's floor is times for the friction (P, P): at the mean input the speed K (u - u_c) is what the data show."""
     names, theta = fit.model.names, fit.model.theta
     mean = float(np.mean(np.abs(np.concatenate([record.data.u for record in fit.records]))))
-    along = np.zeros(len(names))
-    along[names.index("gain")] = 1.0
-    for n, name in enumerate(names):
-        if name.startswith("coulomb_voltage"):
-            along[n] = (mean - float(theta[n])) / float(theta[names.index("gain")])
-    return along
+    times = [
+        (mean - float(value)) / float(theta[names.index("gain")])
+        if name.startswith("coulomb_voltage")
+        else 0.0
+        for name, value in zip(names, theta, strict=True)
+    ]
+    return np.diag(np.square(times))
 
 
 def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, float]) -> Array:
@@ -357,8 +358,9 @@ def _floors(fit: Fit, known: Mapping[str, Experience], shares: Mapping[str, floa
     out = np.zeros((len(names), len(names)))
     at = {"lag": names.index("time_constant")} | {name: n for n, name in enumerate(names)}
     for name, each in known.items():
-        along = _with_friction(fit) if name == "gain" else np.eye(len(names))[at[name]]
-        out += (shares[name] * _floor(fit, name, each)) ** 2 * np.outer(along, along)
+        out[at[name], at[name]] += (shares[name] * _floor(fit, name, each)) ** 2
+    if known["gain"] is not ONE_LEVEL:
+        out += (shares["gain"] * _floor(fit, "gain", known["gain"])) ** 2 * _of_friction(fit)
     out += (shares["lag"] * _floor(fit, "lag", known["lag"])) ** 2 * _of_short_records(fit, _lag(fit))
     if "delay" in at:
         split = np.zeros(len(names))

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from servobench.core.finding import Finding, info
-from servobench.core.rounding import TWO_SIDED
+from servobench.core.finding import Finding, info, parameter_in_words
+from servobench.core.rounding import TWO_SIDED, rounded
 from servobench.identification.choice.rungs.trial import TERMS, Rung, amount
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.validation import explains_the_colour
@@ -37,7 +37,7 @@ def found(rung: Rung, plain: Fit, fit: Fit) -> Finding:
     `plain` is the fit below it as it is, `fit` as it is allowed for.
     """
     new = [n for n in rung.fit.model.names if n not in fit.model.names]
-    sizes = ", ".join(f"{n} {_estimate(rung.fit, n)}" for n in new)
+    sizes = ", ".join(f"{parameter_in_words(n)} {_estimate(rung.fit, n)}" for n in new)
     value, sd = amount(rung.term, rung.fit)
     if not sd < 0.5 * value:
         sentence = (
@@ -65,8 +65,7 @@ def _what_for(rung: Rung, plain: Fit, fit: Fit) -> str:
 def _estimate(fit: Fit, name: str) -> str:
     """A parameter with the half of its interval and its unit."""
     unit = fit.model.units[fit.model.names.index(name)]
-    shown = "" if unit == "1" else f" {unit}"
-    return f"{fit.model[name]:.3g} ± {TWO_SIDED * fit.sd(name):.1g}{shown}"
+    return str(rounded(float(fit.model[name]), TWO_SIDED * fit.sd(name), "" if unit == "1" else unit))
 
 
 def stopped(fit: Fit, shown: Sequence[Shown], refused: dict[str, Rung]) -> Finding:
