@@ -109,7 +109,7 @@ def coverage(rows: Iterable[Row], name: str) -> tuple[int, int]:
     found = [
         holds(stated(row)[name], row["true"][name])
         for row in rows
-        if name in stated(row) and (name != "coulomb_voltage" or row["true"][name][1] > 0.0)
+        if name in stated(row) and (name != "coulomb_voltage" or row["true"][name][1] != 0.0)
     ]
     return sum(found), len(found)
 

@@ -96,10 +96,15 @@ def true(case: Case, motion: Motion) -> dict[str, tuple[float, float]]:
     values = motor.departure.true(motor.tau, motor.delay, motor.coulomb)
     sizes = np.unique(np.abs(rows(case)[1]))
     one_size = len(sizes[sizes > 0.0]) == 1
+    both = turns_both_ways(case, motion)
+    if not both and float(np.mean(motion.speed)) < 0.0:
+        # What is stated of a motor that turns one way is the input that is lost, with its sign.
+        least, most = values["coulomb_voltage"]
+        values = {**values, "coulomb_voltage": (-most, -least)}
     return {
         "gain": motor.departure.gains(motor.gain, motor.coulomb, one_size),
         **values,
-        "offset_voltage": (0.0, 0.0) if turns_both_ways(case, motion) else values["coulomb_voltage"],
+        "offset_voltage": (0.0, 0.0) if both else values["coulomb_voltage"],
     }
 
 
@@ -108,7 +113,7 @@ def together(values: dict[str, tuple[float, float]], level: float) -> dict[str, 
     (slowest, fastest), (short, long), (least, most) = (
         values[name] for name in ("gain", "time_constant", "coulomb_voltage")
     )
-    left = [max(abs(level) - lost, 0.0) for lost in (most, least)]
+    left = [max(abs(level) - lost, 0.0) for lost in sorted((abs(least), abs(most)), reverse=True)]
     speeds = sorted(
         math.copysign(1.0, level) * gain * volt for gain, volt in zip((slowest, fastest), left, strict=True)
     )

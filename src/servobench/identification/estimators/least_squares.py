@@ -28,7 +28,8 @@ _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing tha
 class Minimum:
     """Where a search ended: the joint vector `theta` (P + ΣQ,), the predictions of all records there, the sum of squares `cost`.
 
-    `converged` says whether it came to a minimum, `status` in words how it ended.
+    `converged` says whether it came to a minimum, `status` in words how it ended. `others` are the minima that other starts led
+    to, with the sum of squares of each.
     """
 
     theta: Array
@@ -36,6 +37,7 @@ class Minimum:
     cost: float
     converged: bool
     status: str
+    others: tuple[tuple[Array, float], ...] = ()
 
 
 @runtime_checkable
@@ -175,7 +177,12 @@ def lowest(
         theta = best.point.theta
         predictions, cost = _evaluate(layout, theta)
     return Minimum(
-        theta=theta, predictions=predictions, cost=cost, converged=best.converged, status=best.status
+        theta=theta,
+        predictions=predictions,
+        cost=cost,
+        converged=best.converged,
+        status=best.status,
+        others=tuple((end.point.theta, end.point.cost) for end in ends if end is not best and end.converged),
     )
 
 

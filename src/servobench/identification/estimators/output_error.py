@@ -38,6 +38,7 @@ from servobench.identification.estimators.least_squares import (
     squared,
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.estimators.other_minima import other_minima
 from servobench.identification.estimators.repetition import folded, period, repeats
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure
 from servobench.recordings.measurement.dataset import Dataset
@@ -108,6 +109,7 @@ def _roughly(
 ) -> tuple[Fit, Minimum, Expected | None]:
     """The fit, the place that it is at, and the prior of a delay that isn't told."""
     variance, covariance = uncertainty(structure, data, minimum)
+    apart = other_minima(minimum, covariance, sum(int(each.valid.sum()) for each in minimum.predictions))
     findings: list[Finding] = []
     used: Expected | None = None
     # A richer structure begins where a plain one ended, whose delay was expected already; each further search of it takes long.
@@ -132,7 +134,7 @@ def _roughly(
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
         findings=(*remarks(structure, data, minimum), *findings),
     )
-    return fit, minimum, used
+    return (fit.widened(apart) if apart else fit), minimum, used
 
 
 def simulations(

@@ -1,8 +1,9 @@
 """A time constant that isn't resolved: what hangs together with it is held to be known only for the whole of what it may be.
 
 Behind a ramp the friction u_c and the lag a τ of a slope a are told as their sum only. Where the interval of τ is wider than half
-of its value the answer is a bound from above (`answers`): it may be anything down to zero. By the normal law the others follow it
-with the slope C_iτ / C_ττ, and get the variance that they lack until 95 % of the intervals reach zero.
+of its value the answer is a bound from above (`answers`): it may be anything down to zero; where there is no answer, anything up
+to its interval's upper end, or the record's length. By the normal law the others follow it with the slope C_iτ / C_ττ, and get
+the variance that they lack until 95 % of the intervals reach as far.
 """
 
 from __future__ import annotations
@@ -21,16 +22,23 @@ _OPEN = (State.BOUNDED, State.UNKNOWN)
 
 
 def with_unresolved_time_constant(fit: Fit) -> Fit:
-    """Return the fit with a line of its budget where its time constant is only bounded from above; else the same."""
+    """Return the fit with a line of its budget where its time constant is only bounded, or not known; else the same."""
     if "time_constant" not in fit.model.names:
         return fit
     at = fit.model.names.index("time_constant")
-    variance = float(fit.covariance[at, at])
-    lacking = (float(fit.model.theta[at]) / TWO_SIDED) ** 2 - variance
-    if not (0 < variance < np.inf and lacking > 0) or answers(fit)["time_constant"].state not in _OPEN:
+    variance, value = float(fit.covariance[at, at]), float(fit.model.theta[at])
+    answer = answers(fit)["time_constant"]
+    if answer.state not in _OPEN or not 0 < variance < np.inf:
+        return fit
+    reach = value
+    if answer.state is State.UNKNOWN:
+        longest = max(record.data.duration for record in fit.records)
+        reach = max(value, min(answer.estimate.interval[1], longest) - value)
+    lacking = (reach / TWO_SIDED) ** 2 - variance
+    if not lacking > 0:
         return fit
     slope = np.where(np.isfinite(np.diag(fit.covariance)), fit.covariance[:, at] / variance, 0.0)
-    reason = "the data tell the time constant only from above, and what goes with it isn't known any better"
+    reason = "the time constant isn't known by itself, and what goes with it isn't known any better"
     return fit.widened(
         Contribution(source=SOURCE, covariance=lacking * np.outer(slope, slope), reason=reason)
     )

@@ -1,0 +1,53 @@
+"""Minima that explain the data nearly as well: what a mixture of them has more than one alone, by algebra."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from servobench.identification.estimators.least_squares import Minimum
+from servobench.identification.estimators.other_minima import other_minima
+
+COVARIANCE = np.diag([0.01, 0.04])
+
+
+def minimum(*others: tuple[tuple[float, float], float], cost: float = 2.0) -> Minimum:
+    ends = tuple((np.array(theta), each) for theta, each in others)
+    return Minimum(
+        theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="", others=ends
+    )
+
+
+def test_of_two_minima_that_are_as_good_the_variance_is_that_of_two_points() -> None:
+    found = other_minima(minimum(((4.0, 0.0), 2.0)), COVARIANCE, samples=500)
+
+    # Half the probability each, of which the first is what is stated: its mean square distance is half the square of the way.
+    assert found is not None
+    way = np.array([3.0, -2.0])
+    assert found.covariance == pytest.approx(0.5 * np.outer(way, way))
+
+
+def test_the_odds_are_those_of_normal_residuals() -> None:
+    found = other_minima(minimum(((4.0, 2.0), 2.0 * 1.01)), COVARIANCE, samples=400)
+
+    odds = 1.01 ** (-200)
+    assert found is not None
+    assert found.covariance[0, 0] == pytest.approx(9.0 * odds / (1 + odds))
+
+
+def test_a_minimum_that_several_starts_led_to_counts_once() -> None:
+    once = other_minima(minimum(((4.0, 0.0), 2.0)), COVARIANCE, samples=500)
+    twice = other_minima(minimum(((4.0, 0.0), 2.0), ((4.05, 0.1), 2.0)), COVARIANCE, samples=500)
+
+    assert once is not None
+    assert twice is not None
+    assert np.array_equal(once.covariance, twice.covariance)
+
+
+@pytest.mark.parametrize(
+    ("other", "cost"),
+    [(((4.0, 0.0), 2.2), 2.0), (((1.05, 2.1), 2.0), 2.0), (((4.0, 0.0), 1.0), 0.0)],
+    ids=["far less likely", "the same one", "nothing left over"],
+)
+def test_what_is_no_other_minimum_adds_nothing(other: tuple[tuple[float, float], float], cost: float) -> None:
+    assert other_minima(minimum(other, cost=cost), COVARIANCE, samples=500) is None
