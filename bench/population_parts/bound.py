@@ -2,12 +2,15 @@
 
 Unknown are gain, time constant, delay, what is lost of the input, and where and how fast the shaft starts. What was the input
 before the first row counts as known, and so does a start at rest with friction. Approximate: the rounding of counts is taken as
-white noise of variance Q²/12, and the random torque for what it does to a shaft that slides all through a tick.
+white noise of variance Q²/12 while the shaft slides, and the random torque for what it does to a shaft that slides all through a
+tick. A shaft at rest shows an encoder without noise the same count all the time: that tells where it is once.
 """
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from population_parts import kernels
 from population_parts.inputs import Array
@@ -126,12 +129,26 @@ def _unknown(case: Case, motion: Motion) -> list[str]:
 
 def _weighed(case: Case, motion: Motion, columns: Array) -> Array:
     motor = case.motor
-    variance = motor.noise**2 + (0.0 if case.output == "speed" else motor.quantum**2 / 12)
-    if not motor.torque:
-        return columns / np.sqrt(variance)
     # A shaft that is at rest at both ends of a tick stayed so.
     sliding = (motion.speed != 0.0) | (np.append(motion.speed[1:], motion.speed[-1]) != 0.0)
     if motor.coulomb == 0.0:
         sliding[:] = True
-    kernels.whiten(*transition(motor), sliding, case.output == "speed", variance, columns)
+    variances = _variances(case, sliding)
+    if not motor.torque:
+        return columns / np.sqrt(variances)[:, None]
+    kernels.whiten(*transition(motor), sliding, case.output == "speed", variances, columns)
     return columns
+
+
+def _variances(case: Case, sliding: NDArray[np.bool_]) -> Array:
+    """The variance of each reading (N,), where those of one rest together are worth one."""
+    motor = case.motor
+    if case.output == "speed":
+        return np.full(len(sliding), motor.noise**2)
+    variances = np.full(len(sliding), motor.noise**2 + motor.quantum**2 / 12)
+    if motor.noise < 0.5 * motor.quantum:
+        edges = np.flatnonzero(np.diff(sliding.astype(np.int8), prepend=2, append=2))
+        for first, after in pairwise(edges):
+            if not sliding[first]:
+                variances[first:after] = motor.noise**2 + (after - first) * motor.quantum**2 / 12
+    return variances

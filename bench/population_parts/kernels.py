@@ -156,11 +156,11 @@ def march(q, times, volts, before, latches, start, step, out):
 
 
 @numba.njit(cache=True)
-def whiten(transitions, noises, sliding, reads_speed, variance, x):
+def whiten(transitions, noises, sliding, reads_speed, variances, x):
     """Turn columns x (N, C) into innovations over √S of a Kalman filter of (ω, θ) that knows the start state.
 
     `transitions` and `noises` (2, 2) belong to a tick in which the shaft slides (`sliding` (N,)); one that sticks has no random
-    motion, and its speed is zero. What is measured is the speed or the angle, with that variance.
+    motion, and its speed is zero. What is measured is the speed or the angle, with `variances` (N,).
     """
     at = 0 if reads_speed else 1
     columns = x.shape[1]
@@ -168,7 +168,7 @@ def whiten(transitions, noises, sliding, reads_speed, variance, x):
     cov = np.zeros((2, 2))
     gain = np.zeros(2)
     for n in range(len(x)):
-        s = cov[at, at] + variance
+        s = cov[at, at] + variances[n]
         gain[0], gain[1] = cov[0, at] / s, cov[1, at] / s
         for c in range(columns):
             e = x[n, c] - state[c, at]

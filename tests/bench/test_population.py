@@ -259,7 +259,7 @@ def test_the_filter_whitens_as_the_dense_covariance_of_all_kicks_does() -> None:
     columns = np.column_stack([np.ones(n), t, np.sin(50 * t)])
 
     whitened = columns.copy()
-    kernels.whiten(*bound.transition(motor), np.ones(n, dtype=bool), False, variance, whitened)
+    kernels.whiten(*bound.transition(motor), np.ones(n, dtype=bool), False, np.full(n, variance), whitened)
 
     assert whitened.T @ whitened == pytest.approx(columns.T @ np.linalg.solve(dense, columns), rel=1e-9)
 
@@ -504,3 +504,16 @@ def test_a_departure_departs_and_none_does_not(departure: Departure) -> None:
     seen, plain = (simulator.read(each, simulator.moved(each)) for each in (one, none))
 
     assert np.abs(seen - plain).max() > 0.0
+
+
+def test_a_rest_tells_an_encoder_once_where_the_shaft_is() -> None:
+    case = replace(
+        next(each for each in map(drawn, ((18, n) for n in range(400))) if each.output == "counts"),
+        input="steps",
+    )
+    quiet = replace(case, motor=replace(case.motor, noise=0.0))
+    sliding = np.array([True, False, False, False, False, True, True, False, False])
+
+    found = bound._variances(quiet, sliding) / (quiet.motor.quantum**2 / 12)
+
+    assert found == pytest.approx([1, 4, 4, 4, 4, 1, 1, 2, 2])
