@@ -55,7 +55,9 @@ def given(tmp_path: Path) -> Path:
 def told(ended: Ended, schema: str) -> dict[str, Any]:
     """The answer as JSON, which holds nothing else; checked against the packaged schema."""
     found: dict[str, Any] = json.loads(ended.out)
-    described = json.loads(files("servobench").joinpath(f"schemas/{schema}.json").read_text(encoding="utf-8"))
+    described = json.loads(
+        files("servobench").joinpath(f"cli/schemas/{schema}.json").read_text(encoding="utf-8")
+    )
     jsonschema.Draft202012Validator.check_schema(described)
     jsonschema.Draft202012Validator(described).validate(found)
     return found

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import servobench as sb
-from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
+from servobench.core.errors import FormatError, NotIdentifiable, UnknownName, UsageError
 from servobench.panel import jobs, work
 from servobench.panel.jobs import Ended, Jobs
 from servobench.panel.work import COMPILING, IDENTIFYING, PIECES, STAGES, done_elsewhere
@@ -254,7 +254,7 @@ def test_work_that_is_ended_leaves_no_process(recorded: Path) -> None:
 
 def test_what_goes_wrong_elsewhere_is_the_error_that_it_was_there(tmp_path: Path) -> None:
     nothing = {"do": "identify", "file": str(tmp_path / "no.mcap"), "structure": "auto", "report": "no"}
-    with pytest.raises((UsageError, NotIdentifiable, sb.errors.FormatError), match=r"no\.mcap"):
+    with pytest.raises((UsageError, NotIdentifiable, FormatError), match=r"no\.mcap"):
         asyncio.run(done_elsewhere(nothing))
 
 

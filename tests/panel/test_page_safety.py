@@ -102,8 +102,8 @@ def test_a_server_that_is_gone_leaves_nothing_that_looks_true(browser: Any) -> N
 def test_a_device_that_was_closed_has_no_voltage_on_the_page(driving: Panel) -> None:
     driving.bench.fault = {"code": "missed-ticks", "sentence": "ticks were missed"}
     driving.bench.closed = "it was stopped"
-    driving.until(lambda: reading(driving) == "not known now")
-    assert said(driving, "#run") == "Fault"
+    # On a busy machine the link may be silent for a moment, too, in which nothing is known.
+    driving.until(lambda: reading(driving) == "not known now" and said(driving, "#run") == "Fault")
 
 
 def test_a_stop_that_nobody_heard_is_told_until_the_loop_has_acknowledged_one(driving: Panel) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import chi2
 
 from servobench.identification.estimators.output_error import best_minimum, simulated
 from servobench.identification.identify import identify
@@ -78,4 +79,7 @@ def test_the_scatter_over_segments_is_what_the_stated_standard_deviations_say(
         sds = [fit[parameter].sd for fit in fits if fit]
         assert len(values) == count
         scatter = float(np.std(values, ddof=1) / np.sqrt(np.mean(np.square(sds))))
-        assert 1 / 1.5 <= scatter <= 1.5, parameter
+        # So few values scatter by less than their true standard deviation now and then: √(χ²/f) of f = 4 or 5 is below this in
+        # 2.5 % of the cases. Above, it is held to what it once was.
+        least = float(np.sqrt(chi2.ppf(0.025, count - 1) / (count - 1)))
+        assert least <= scatter <= 1.5, parameter

@@ -113,13 +113,15 @@ class Evidence(Mapping[str, Fact]):
     @cached_property
     def _found(self) -> dict[str, Fact]:
         """The identified parameters, and the lag of the chain."""
-        from servobench.identification.uncertainty.model_error import SOURCE
+        from servobench.identification.estimators.unseen_torque import SOURCE as UNSEEN_TORQUE
+        from servobench.identification.uncertainty.model_error import SOURCE as MODEL_ERROR
         from servobench.recordings.measurement.cost import lag_of
 
         if self._identified.fit is None:
             return {}
-        # What other motors teach of a recording with one event would let an answer pass that is a third off.
-        fit = self._identified.fit.without(SOURCE)
+        # What other motors teach of a recording with one event would let an answer pass that is a third off, and a torque that
+        # may act unseen one that is a twentieth off.
+        fit = self._identified.fit.without(MODEL_ERROR).without(UNSEEN_TORQUE)
         found = {name: Fact(value=e.value, half=e.half_width) for name, e in fit.estimates.items()}
         tau = found.get("time_constant")
         if tau is not None:
