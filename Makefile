@@ -7,7 +7,7 @@ UV ?= uv
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help demo test check bench accuracy docs lock clean environment
+.PHONY: help demo test check generate bench accuracy docs lock clean environment
 
 help:  ## list the chores
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
@@ -27,6 +27,9 @@ check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/python tools/check_docs.py
 	$(BIN)/python tools/check_docstrings.py
 	$(BIN)/python tools/check_promises.py
+
+generate: $(INSTALLED)  ## renew the files that are written from the code: help texts, reference pages, the example's recording
+	set -e; for tool in tools/write_*.py; do $(BIN)/python $$tool; done
 
 bench: $(INSTALLED)  ## measure speed, accuracy and coverage
 	$(BIN)/python bench/run.py $(ARGS)

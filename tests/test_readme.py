@@ -129,7 +129,7 @@ def test_the_file_that_the_readme_identifies_is_the_one_that_the_tool_makes() ->
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
 
-    assert module.FILE.read_text(encoding="utf-8") == module.table(), "run python tools/write_example.py"
+    assert module.FILE.read_text(encoding="utf-8") == module.table(), "run make generate"
 
 
 def identified(words: list[str], folder: Path) -> list[list[str]]:

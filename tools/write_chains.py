@@ -9,7 +9,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "chains.m
 
 HEAD = """# Chains
 
-<!-- Written by tools/write_chains.py from src/servobench/recordings/measurement/presets.py: change that, then run it again. -->
+<!-- Written by tools/write_chains.py from servobench/recordings/measurement/presets.py: change that, run `make generate`. -->
 
 `--chain TEXT` says what lies between the shaft and the output ([why that matters](../why/chain-in-the-estimator.md)):
 stages joined by `|`, or the name of a device that is listed below, or `none` where nothing is in between.

@@ -24,7 +24,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "experime
 
 HEAD = """# The experiment's file
 
-<!-- Written by tools/write_experiment.py from the models that read the file: change those, then run it again. -->
+<!-- Written by tools/write_experiment.py from the models that read the file: change those, run `make generate`. -->
 
 A file in [TOML](https://toml.io) that `servobench run` carries out, and that the folder of each run holds. Only
 `[signal]` has to be there; what is left out has the default below. A number without a unit is in the unit that stands

@@ -1,6 +1,7 @@
 """Write the help texts that `servobench --help` prints without waiting for anything to be imported.
 
-They are what the commands themselves would say; a test holds the two equal. Run it after a change of a command or an option.
+They are what the commands themselves would say; a test holds the two equal. After a change of a command or an option,
+run `make generate`.
 """
 
 import sys

@@ -11,7 +11,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "schemas.
 
 HEAD = """# What the commands print as JSON
 
-<!-- Written by tools/write_schemas.py from src/servobench/*/schemas: change those, then run it again. -->
+<!-- Written by tools/write_schemas.py from src/servobench/*/schemas: change those, run `make generate`. -->
 
 With `--json` a command prints one object on standard output. Its key `schema` says which of these it is, and in which version.
 The schemas are JSON Schema 2020-12 and part of the package, in the folder `schemas` of the room that prints

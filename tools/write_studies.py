@@ -12,7 +12,7 @@ PAGE = Path(__file__).resolve().parent.parent / "docs" / "reference" / "studies.
 
 HEAD = """# The studies of exercises
 
-<!-- Written by tools/write_studies.py from the studies' own settings: change those, then run it again. -->
+<!-- Written by tools/write_studies.py from the studies' own settings: change those, run `make generate`. -->
 
 What an exercise computes and shows beside its text: `[studies.NAME]` in its front matter, with `type` and the settings
 below ([how to write an exercise](../how-to/exercise.md)). A number without a unit is in the unit that stands beside it, and a

@@ -1,6 +1,7 @@
 """Write docs/which-estimator.md from what the estimators declare and what a fit was measured to cost.
 
-A test holds the page equal to this. Run it after a change of a declaration, or after `python bench/estimator_costs.py`.
+A test holds the page equal to this. Run `make generate` after a change of a declaration, or after
+`python bench/estimator_costs.py`.
 """
 
 import json
@@ -17,7 +18,7 @@ COSTS = DOCS / "benchmarks" / "cost.json"
 
 HEAD = """# Which estimator
 
-<!-- Written by tools/write_which_estimator.py from the estimators' own declarations: change those, then run it again. -->
+<!-- Written by tools/write_which_estimator.py from the estimators' own declarations: change those, run `make generate`. -->
 
 `servobench identify FILE` chooses by itself: it fits by `output_error`, asks by a likelihood ratio whether a random torque
 acts on the motor, and takes `prediction_error` where it does ([how that works](why/three-likelihoods.md)).

@@ -31,7 +31,7 @@ def test_the_stored_help_is_what_the_commands_say_of_themselves() -> None:
 
     stored = {path.name: path.read_text(encoding="ascii") for path in tool.FOLDER.glob("*.txt")}
 
-    assert stored == tool.pages(), "run python tools/write_help.py"
+    assert stored == tool.pages(), "run make generate"
 
 
 def test_writing_the_help_removes_the_page_of_a_command_that_is_gone(tmp_path: Path) -> None:

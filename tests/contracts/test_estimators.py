@@ -349,7 +349,7 @@ def write_which_estimator() -> ModuleType:
 
 def test_the_page_on_estimators_is_what_they_declare() -> None:
     stored = (ROOT / "docs" / "which-estimator.md").read_text(encoding="utf-8")
-    assert stored == write_which_estimator().page(), "run python tools/write_which_estimator.py"
+    assert stored == write_which_estimator().page(), "run make generate"
 
 
 def test_the_page_says_so_where_a_cost_is_not_measured(tmp_path: Path) -> None:

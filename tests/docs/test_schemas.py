@@ -39,7 +39,7 @@ def test_every_key_says_what_it_means(name: str) -> None:
 def test_the_page_is_that_of_the_schemas() -> None:
     page = (DOCS / "reference" / "schemas.md").read_text(encoding="utf-8")
 
-    assert tool("write_schemas").page() == page, "run python tools/write_schemas.py"
+    assert tool("write_schemas").page() == page, "run make generate"
 
 
 @pytest.mark.parametrize("name", SCHEMAS)

@@ -76,7 +76,7 @@ def write_studies() -> ModuleType:
 def test_the_page_on_studies_is_what_they_say_of_themselves() -> None:
     tool = write_studies()
 
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run python tools/write_studies.py"
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run make generate"
 
 
 def test_the_example_shows_its_study_and_its_correction() -> None:

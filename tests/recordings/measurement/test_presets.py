@@ -80,7 +80,7 @@ def test_the_page_of_chains_is_what_the_data_say() -> None:
     tool = module_from_spec(spec)
     spec.loader.exec_module(tool)
 
-    assert tool.PAGE.read_text(encoding="utf-8") == tool.page()
+    assert tool.PAGE.read_text(encoding="utf-8") == tool.page(), "run make generate"
 
 
 @pytest.mark.parametrize(

@@ -47,7 +47,7 @@ def as_toml(found: dict[str, tuple[str, str]]) -> str:
 
 
 def test_the_page_is_what_the_models_say() -> None:
-    assert tool("write_experiment").page() == PAGE, "run python tools/write_experiment.py"
+    assert tool("write_experiment").page() == PAGE, "run make generate"
 
 
 def test_every_key_that_a_file_may_have_stands_on_the_page() -> None:
