@@ -62,6 +62,16 @@ def test_the_line_says_what_it_is_for() -> None:
     assert "1000 µs" in line.reason
 
 
+def test_voltages_that_were_replaced_at_once_stay_in_order_however_their_times_are_rounded() -> None:
+    plain = recorded(4, 1e-4)
+    t = plain.t_input.copy()
+    t[100:103] = t[102] + 1e-9 * np.arange(-2, 1)
+
+    (line,) = with_rounded_times(fitted(replace(plain, t_input=t))).budget
+
+    assert line.source == "rounded times"
+
+
 @pytest.mark.parametrize("step", [1e-3, 1e-4, 1e-6])
 def test_the_step_of_the_times_is_found(step: float) -> None:
     assert time_step(recorded(2, step)) == pytest.approx(step)

@@ -32,6 +32,7 @@ _NEARLY_ALL = 0.95
 _FINE = 0.25  # of the median sample time; on a coarser step times say little of when a row was
 _WORTH_A_LINE = 0.05  # of a parameter's standard deviation
 _SEED = 1
+_APART = 1e-9  # s; a voltage that was replaced at once held for less than any motor sees
 
 
 def with_rounded_times(fit: Fit) -> Fit:
@@ -93,6 +94,12 @@ def _effects(fit: Fit, record: FittedRecord, step: float, random: np.random.Gene
     for draw in moved:
         # All may have been rounded up, or all down: that half step is common to them.
         shift = step * (random.uniform(-0.5, 0.5) + random.uniform(-0.5, 0.5, len(data.t_input)))
-        t = np.maximum.accumulate(data.t_input + shift)
+        t = _in_order(data.t_input + shift)
         draw[:] = (structure.predict(theta, replace(data, t_input=t)).y - usual.y)[usual.valid]
     return jacobian, moved
+
+
+def _in_order(t: Array) -> Array:
+    """Times (N,) [s] of which none is before, or at the same time as, the one before it."""
+    least = _APART * np.arange(len(t))
+    return np.asarray(np.maximum.accumulate(t - least) + least)
