@@ -68,6 +68,12 @@ def test_an_uneven_interval_stands_in_brackets() -> None:
     assert str(rounded_interval(0.062, (0.040, 0.070), "s")).replace("\u00a0", " ") == "62 (40 to 70) ms"
 
 
+def test_no_end_of_an_interval_is_rounded_past_its_value() -> None:
+    shown = rounded_interval(0.000501, (0.0005009, 0.027), "s")
+
+    assert float(shown.low) <= float(shown.value) <= float(shown.high)
+
+
 def test_an_interval_below_the_precision_of_a_double_makes_no_digits_up() -> None:
     assert rounded(23.7, 1e-18, "V").value == "23.70000000000"
 

@@ -45,7 +45,7 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
     a table of noise would be read all the same; where nothing but what the data tell is wanting, the table says that.
     """
     if result.verdict is Verdict.REFUSED:
-        _show_refused(console, result)
+        _show_refused(console, result, all_findings)
         return
     if result.fit is not None:
         _show_answers(console, result)
@@ -65,8 +65,8 @@ def show_result(console: Console, result: Result, all_findings: bool = False) ->
         show_findings(console, rest, most, alike)
 
 
-def _show_refused(console: Console, result: Result) -> None:
-    """What is wrong first, then the refusals; of what else there is to say only that the result as JSON has it."""
+def _show_refused(console: Console, result: Result, all_findings: bool) -> None:
+    """What is wrong first, then the refusals; of what else there is to say only how much it is, unless all is asked for."""
     from servobench.identification.trust.explanations.base import is_cause
 
     if result.fit is not None and _is_only_untold(result):
@@ -81,10 +81,12 @@ def _show_refused(console: Console, result: Result) -> None:
     ]
     show_findings(console, causes)
     show_findings(console, refusals)
-    rest = len(result.findings) - len(causes) - len(refusals)
-    if rest:
-        # The tests of a model that can't be are no news; whoever wants them finds them there.
-        console.print(f"    and {rest} more that matter less (--json)", style="dim")
+    rest = [finding for finding in result.findings if finding not in causes and finding not in refusals]
+    if all_findings:
+        show_findings(console, rest)
+    elif rest:
+        # The tests of a model that can't be are no news.
+        console.print(f"    and {len(rest)} more that matter less (--all-findings)", style="dim")
 
 
 def _is_only_untold(result: Result) -> bool:

@@ -112,7 +112,12 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
     if abs(value - 0.5 * (low + high)) <= _UNEVEN * half:
         return told
     enough = max(decimals, 1 - _exponent(value / factor, 2)) if value else decimals
-    return replace(told, value=_fixed(value / factor, enough), half="")
+    # An end that is rounded past the value would leave it out.
+    ends = [
+        _fixed(end, enough if (round(end, decimals) - value / factor) * side < 0 else decimals)
+        for end, side in ((low / factor, -1.0), (high / factor, 1.0))
+    ]
+    return replace(told, value=_fixed(value / factor, enough), half="", low=ends[0], high=ends[1])
 
 
 def as_known(value: float, half: float) -> float:

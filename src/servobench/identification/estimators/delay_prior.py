@@ -156,11 +156,12 @@ def is_usual(fit: Fit) -> bool:
 def finding(minimum: Minimum, prior: Expected, covariance: Array) -> Finding:
     """Return what to say of a delay that is expected and not told; `covariance` (P, P) is that with the prior."""
     value, half = minimum.theta[prior.at], TWO_SIDED * float(np.sqrt(covariance[prior.at, prior.at]))
+    usual = abs(value - prior.middle) <= prior.scale
+    why = "as is usual in control loops" if usual else "which fits best, though loops are seldom that late"
     return info(
         CODE,
         f"These data can't tell the delay apart from friction and the time constant. {1e3 * value:.2g} ± {1e3 * half:.2g} ms is "
-        "taken for it, as is usual in control loops, and the other intervals allow for that. Faster samples of a step from "
-        "rest would tell it.",
+        f"taken for it, {why}, and the other intervals allow for that. Faster samples of a step from rest would tell it.",
         parameters=("delay",),
     )
 

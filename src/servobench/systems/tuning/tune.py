@@ -145,7 +145,7 @@ def _quantities(finder: Method, wish: Wish, poles: tuple[Pole, ...]) -> dict[str
 def _beyond_the_ticks(finder: Method, wish: Wish) -> str:
     """Why poles are too fast to be those of a loop with ticks, in a clause, or nothing."""
     fastest = max(map(abs, finder.poles(wish)))
-    if fastest * wish.sample_time <= _FASTEST_POLE:
+    if fastest * wish.sample_time <= _FASTEST_POLE * (1.0 + 1e-9):
         return ""
     return (
         f"faster than a controller that runs every {wish.sample_time:g} s can be: a pole goes as far as "
