@@ -41,13 +41,16 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     unit = fit.records[0].data.output_unit
     where = "while the motor gets to its speed" if kind == "position" else "over the whole range of the speed"
-    sentence = (
-        f"The sensor is coarse: it has steps of {quantum:.3g} {unit}, {fewest:.2g} of them {where}. Its rounding, which "
-        "isn't random, may move the time constant and the friction by more than their intervals; take a finer sensor or a "
-        "longer record."
+    allowed_for = any(line.source == SOURCE for line in fit.budget) and not (
+        kind == "position" and fewest < _BLIND
     )
-    allowed_for = any(line.source == SOURCE for line in fit.budget)
-    say = info if allowed_for and not (kind == "position" and fewest < _BLIND) else warning
+    by = "which the intervals allow for" if allowed_for else "perhaps by more than their intervals"
+    sentence = (
+        f"The sensor is coarse: it has steps of {quantum:.3g} {unit}, {fewest:.2g} of them {where}. Its rounding, which isn't "
+        f"random, moves the time constant and the friction, {by}; "
+        "a finer sensor or a longer record makes less of it."
+    )
+    say = info if allowed_for else warning
     return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]
 
 
