@@ -5,21 +5,28 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.delay_prior import Expected
 from servobench.identification.estimators.least_squares import Minimum
 from servobench.identification.estimators.other_minima import other_minima
 
 COVARIANCE = np.diag([0.01, 0.04])
 
 
-def minimum(*others: tuple[tuple[float, float], float], cost: float = 2.0) -> Minimum:
-    ends = tuple((np.array(theta), each) for theta, each in others)
-    return Minimum(
-        theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="", others=ends
-    )
+def found_beside(
+    *others: tuple[tuple[float, float], float],
+    cost: float = 2.0,
+    samples: int = 500,
+    prior: Expected | None = None,
+) -> Contribution | None:
+    """What other ends add to a place at (1, 2)."""
+    place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="")
+    ends = [(np.array(theta), each) for theta, each in others]
+    return other_minima(place, ends, COVARIANCE, samples, prior)
 
 
 def test_of_two_minima_that_are_as_good_the_variance_is_that_of_two_points() -> None:
-    found = other_minima(minimum(((4.0, 0.0), 2.0)), COVARIANCE, samples=500)
+    found = found_beside(((4.0, 0.0), 2.0))
 
     # Half the probability each, of which the first is what is stated: its mean square distance is half the square of the way.
     assert found is not None
@@ -28,7 +35,7 @@ def test_of_two_minima_that_are_as_good_the_variance_is_that_of_two_points() -> 
 
 
 def test_the_odds_are_those_of_normal_residuals() -> None:
-    found = other_minima(minimum(((4.0, 2.0), 2.0 * 1.01)), COVARIANCE, samples=400)
+    found = found_beside(((4.0, 2.0), 2.0 * 1.01), samples=400)
 
     odds = 1.01 ** (-200)
     assert found is not None
@@ -36,8 +43,8 @@ def test_the_odds_are_those_of_normal_residuals() -> None:
 
 
 def test_a_minimum_that_several_starts_led_to_counts_once() -> None:
-    once = other_minima(minimum(((4.0, 0.0), 2.0)), COVARIANCE, samples=500)
-    twice = other_minima(minimum(((4.0, 0.0), 2.0), ((4.05, 0.1), 2.0)), COVARIANCE, samples=500)
+    once = found_beside(((4.0, 0.0), 2.0))
+    twice = found_beside(((4.0, 0.0), 2.0), ((4.05, 0.1), 2.0))
 
     assert once is not None
     assert twice is not None
@@ -50,4 +57,11 @@ def test_a_minimum_that_several_starts_led_to_counts_once() -> None:
     ids=["far less likely", "the same one", "nothing left over"],
 )
 def test_what_is_no_other_minimum_adds_nothing(other: tuple[tuple[float, float], float], cost: float) -> None:
-    assert other_minima(minimum(other, cost=cost), COVARIANCE, samples=500) is None
+    assert found_beside(other, cost=cost) is None
+
+
+def test_a_delay_that_no_loop_has_makes_a_minimum_unlikely() -> None:
+    usual = Expected(at=1, middle=2.0, scale=0.01)
+
+    assert found_beside(((4.0, 0.0), 2.0), prior=usual) is None
+    assert found_beside(((4.0, 2.0), 2.0), prior=usual) is not None

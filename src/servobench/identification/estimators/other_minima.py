@@ -13,12 +13,14 @@ averaging: Hoeting, Madigan, Raftery and Volinsky 1999).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Final
 
 import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.budget import Contribution
+from servobench.identification.estimators.delay_prior import Expected
 from servobench.identification.estimators.least_squares import Minimum
 
 SOURCE: Final = "another minimum"
@@ -26,20 +28,27 @@ _UNLIKELY = 1e-3  # as odds
 _SAME = 1.0  # standard deviations: ends no farther than that from each other are one minimum
 
 
-def other_minima(minimum: Minimum, covariance: Array, samples: int) -> Contribution | None:
-    """Return the line for the ends of a search that explain n samples nearly as well, `covariance` (P, P) that at the lowest.
+def other_minima(
+    place: Minimum,
+    others: Sequence[tuple[Array, float]],
+    covariance: Array,
+    samples: int,
+    prior: Expected | None = None,
+) -> Contribution | None:
+    """Return the line for ends of a search (theta, cost) that explain n samples nearly as well as the place that is stated.
 
-    None where there are none, or the data don't leave anything over.
+    `covariance` (P, P) is that at the place. With a `prior` of the delay each has the odds of its own delay, too. None where
+    there are no such ends, or the data don't leave anything over.
     """
-    if not minimum.cost > 0:
+    if not place.cost > 0:
         return None
     shared = len(covariance)
     sd = np.sqrt(np.diag(covariance))
     ways: list[Array] = []
     weights: list[float] = []
-    for theta, cost in minimum.others:
-        odds = float(np.exp(-0.5 * samples * np.log(cost / minimum.cost))) if cost > minimum.cost else 1.0
-        way = (theta - minimum.theta)[:shared]
+    for theta, cost in others:
+        odds = _odds(place, theta, cost, samples, prior)
+        way = (theta - place.theta)[:shared]
         if odds < _UNLIKELY or not all(_apart(way - other, sd) for other in (np.zeros(shared), *ways)):
             continue
         ways.append(way)
@@ -50,6 +59,14 @@ def other_minima(minimum: Minimum, covariance: Array, samples: int) -> Contribut
     added = (each.T * weights) @ each / (1.0 + sum(weights))
     reason = "other figures explain the data nearly as well, with none between them that do"
     return Contribution(source=SOURCE, covariance=added, reason=reason)
+
+
+def _odds(place: Minimum, theta: Array, cost: float, samples: int, prior: Expected | None) -> float:
+    """How likely an end is beside the place; at most as likely, as the place was chosen."""
+    exponent = samples * float(np.log(max(cost, 1e-300) / place.cost))
+    if prior is not None:
+        exponent += prior.penalty(float(theta[prior.at])) - prior.penalty(float(place.theta[prior.at]))
+    return float(np.exp(-0.5 * max(exponent, 0.0)))
 
 
 def _apart(way: Array, sd: Array) -> bool:

@@ -109,7 +109,7 @@ def _roughly(
 ) -> tuple[Fit, Minimum, Expected | None]:
     """The fit, the place that it is at, and the prior of a delay that isn't told."""
     variance, covariance = uncertainty(structure, data, minimum)
-    apart = other_minima(minimum, covariance, sum(int(each.valid.sum()) for each in minimum.predictions))
+    ends = (*minimum.others, (minimum.theta, minimum.cost))
     findings: list[Finding] = []
     used: Expected | None = None
     # A richer structure begins where a plain one ended, whose delay was expected already; each further search of it takes long.
@@ -134,6 +134,8 @@ def _roughly(
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
         findings=(*remarks(structure, data, minimum), *findings),
     )
+    samples = sum(int(each.valid.sum()) for each in minimum.predictions)
+    apart = other_minima(minimum, ends, covariance, samples, prior)
     return (fit.widened(apart) if apart else fit), minimum, used
 
 
