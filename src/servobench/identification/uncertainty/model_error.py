@@ -292,7 +292,10 @@ def _turns(u: Array, least: float) -> list[int]:
     found, way = [], 0
     high = low = 0
     values = u.tolist()
-    for n, value in enumerate(values):
+    for n in np.flatnonzero(
+        np.diff(u, prepend=np.nan) != 0.0
+    ).tolist():  # nothing turns where nothing changes
+        value = values[n]
         high = n if value > values[high] else high
         low = n if value < values[low] else low
         if way >= 0 and value < values[high] - least:
