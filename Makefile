@@ -7,16 +7,19 @@ UV ?= uv
 BIN := .venv/bin
 INSTALLED := .venv/.installed
 
-.PHONY: help demo test check generate bench accuracy docs lock clean environment
+.PHONY: help demo test test-long check generate bench accuracy docs lock clean environment
 
 help:  ## list the chores
-	@sed -n 's/^\([a-z]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
+	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
 
 demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
 	$(BIN)/servobench run --out "$(DEMO_OUT)"
 
 test: $(INSTALLED)  ## run the tests, two files at a time; ARGS='-k pattern' is passed on to pytest
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)
+
+test-long: $(INSTALLED)  ## run what takes long and a test of `make test` shows in part: many runs, thousands of damaged files
+	$(BIN)/python -m pytest --numprocesses 2 --dist worksteal -m long $(ARGS)
 
 check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/ruff format --check .
@@ -27,6 +30,7 @@ check: $(INSTALLED)  ## format, lint, types, import directions, lock file, docs
 	$(BIN)/python tools/check_docs.py
 	$(BIN)/python tools/check_docstrings.py
 	$(BIN)/python tools/check_promises.py
+	$(BIN)/python tools/count_lines.py
 
 generate: $(INSTALLED)  ## renew the files that are written from the code: help texts, reference pages, the example's recording
 	set -e; for tool in tools/write_*.py; do $(BIN)/python $$tool; done

@@ -91,11 +91,11 @@ def main(runs: int = _QUICK) -> list[Figure]:
     """
     from scipy.stats import chi2
 
-    from servobench.identification.design.assumed import from_data_sheet
+    from servobench.identification.design.assumed_motor import from_data_sheet
     from servobench.identification.design.limits import DesignLimits
-    from servobench.identification.design.search import design
+    from servobench.identification.design.search import best_design
 
-    made = design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=10.0))
+    made = best_design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=10.0))
     found = measured(made.experiment, runs)
     low, high = (float(np.sqrt(chi2.ppf(p, runs) / runs)) for p in (1e-6, 1 - 1e-6))
     figures = []
@@ -123,14 +123,14 @@ def smallest() -> list[Figure]:
 
 def page(runs: int) -> str:
     """Return the table of all wishes."""
-    from servobench.identification.design.assumed import from_data_sheet
+    from servobench.identification.design.assumed_motor import from_data_sheet
     from servobench.identification.design.limits import DesignLimits
-    from servobench.identification.design.search import Design, design
+    from servobench.identification.design.search import Design, best_design
     from servobench.rig.experiment import PAPER
 
     motor, limits = from_data_sheet("qube_servo_2"), DesignLimits(voltage=10.0)
     wishes: tuple[Wish, ...] = ("both", "time_constant", "gain")
-    designs: dict[str, Design] = {wish: design(motor, limits, wish=wish) for wish in wishes}
+    designs: dict[str, Design] = {wish: best_design(motor, limits, wish=wish) for wish in wishes}
     rows = [
         _row(f"`--for {wish}`: {made.chosen.family}", made.chosen.relative, measured(made.experiment, runs))
         for wish, made in designs.items()

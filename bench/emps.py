@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.output_error import best_minimum, simulated
+from servobench.identification.estimators.output_error import best_minimum, simulate_record
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.formats.base import load
@@ -79,8 +79,8 @@ def relative_error(found: FittedRecord) -> float:
 def _predictions(training: Dataset, pulses: Dataset) -> list[Figure]:
     published = np.array([PUBLISHED[name] for name in NAMES])
     own = four_parameters(training)
-    old = [relative_error(simulated(STRUCTURE, published, data)) for data in (training, pulses)]
-    new = [relative_error(simulated(STRUCTURE, own, data)) for data in (training, pulses)]
+    old = [relative_error(simulate_record(STRUCTURE, published, data)) for data in (training, pulses)]
+    new = [relative_error(simulate_record(STRUCTURE, own, data)) for data in (training, pulses)]
     named = "EMPS, position simulated from voltage, relative error over the"
     return [
         Figure(what=f"{named} training record, published parameters", value=old[0], unit="%"),

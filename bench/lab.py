@@ -1,4 +1,4 @@
-"""How long `servobench lab --all` takes: every exercise done, its pages written, all kernels compiled before.
+"""How long `servobench lab page` takes: every exercise done, its pages written, all kernels compiled before.
 
 Whole processes, so that starting the interpreter counts, too. Beside the total there is the slowest exercise, each done alone in
 this process: it is the one to look at where the limit comes near.
@@ -18,7 +18,7 @@ from servobench.lab.exercise import Exercise
 from servobench.lab.exercise_file import exercises
 from servobench.lab.page import exercise_page
 from servobench.lab.stand import stand_with
-from servobench.lab.worked import Worked
+from servobench.lab.worked_exercise import WorkedExercise
 
 RUNS = 3
 LIMIT = 60.0  # s
@@ -27,7 +27,7 @@ LIMIT = 60.0  # s
 def seconds(folder: Path) -> float:
     """Return how long a process takes that writes all exercises into a folder [s]."""
     start = time.perf_counter()
-    command = [sys.executable, "-m", "servobench", "lab", "--all", "--out", str(folder)]
+    command = [sys.executable, "-m", "servobench", "lab", "page", "--out", str(folder)]
     subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return time.perf_counter() - start
 
@@ -38,7 +38,7 @@ def alone(which: Sequence[Exercise]) -> dict[str, float]:
     for exercise in which:
         start = time.perf_counter()
         stand = stand_with(exercise, exercise.experiment.device)  # a new one, which remembers nothing
-        exercise_page(Worked(exercise=exercise, stand=stand, given={}), solution=True)
+        exercise_page(WorkedExercise(exercise=exercise, stand=stand, given={}), solution=True)
         taken[exercise.name] = time.perf_counter() - start
     return taken
 
@@ -53,7 +53,7 @@ def main() -> list[Figure]:
     slowest = max(taken, key=lambda name: taken[name])
     return [
         Figure(
-            what=f"servobench lab --all, {len(taken)} exercises, {pages} pages",
+            what=f"servobench lab page, {len(taken)} exercises, {pages} pages",
             value=statistics.median(times),
             half=(min(times), max(times)),
             unit="s",

@@ -68,10 +68,13 @@ ALIASES = (
 autodoc_type_aliases = {name: name for name in ALIASES}
 
 # What annotations name and has no page: those aliases, and other projects' names. All else of ours has to be on one.
-ELSEWHERE = r"(numpy|np|pydantic|pydantic_core|collections|pathlib|os|types|typing|scipy|control|abc|enum|NDArray|NoneType)"
+ELSEWHERE = (
+    r"(Axes|pandas|numpy|np|pydantic|pydantic_core|collections|pathlib|os|types|typing|"
+    r"scipy|control|abc|enum|NDArray|NoneType)"
+)
 nitpick_ignore = [("py:class", name) for name in ALIASES]
 nitpick_ignore_regex = [
     ("py:.*", ELSEWHERE + r"\b.*"),
     ("py:.*", r".*\.T"),
-    ("py:.*", r"(tuple|Mapping)\[.*"),
+    ("py:.*", r"(tuple|Mapping|dict)\[.*"),
 ]

@@ -14,6 +14,10 @@ ROOT = Path(__file__).resolve().parent.parent
 REAL_DATA = Path(os.environ.get("SERVOBENCH_REAL_DATA") or ROOT.parent / "shared" / "data")
 UNDER_CI = os.environ.get("CI", "").lower() in {"1", "true", "yes"}
 
+# Two tests run at a time. With a thread for each core in both, the linear algebra of 4 x 4 matrices would wait for the other one:
+# three quarters of a frequency response's fit. NumPy reads it when it is imported, here and in what is started.
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
 # A shell that starts something in the background has it ignore Ctrl-C, and nohup the end of the terminal. The processes that the
 # tests start would inherit that, and whoever ignores a signal can't be tested with it.
 for name in ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTERM"):

@@ -106,3 +106,59 @@ def test_every_path_on_the_page_is_there() -> None:
         )
     ]
     assert gone == []
+
+
+# A name is a noun for what a function returns, or an imperative for what it does: `required_fact`, `run_ticks`.
+PARTICIPLE = re.compile(
+    r"\w+(ed|en|ing)|told|known|drawn|held|seen|kept|made|said|shown|found|left|put|met|begun|gone|done|built|spent|sent|lost"
+)
+VERBS_AND_NOUNS = {
+    "anything", "between", "bring", "clipping", "codegen", "crossing", "drawing", "embed", "ending", "even", "finding",
+    "happen", "heading", "heed", "len", "listen", "mapping", "meaning", "nothing", "open", "opening", "pen", "put",
+    "reading", "recording", "rounding", "seed", "setting", "settling", "smoothing", "spacing", "speed", "swing",
+    "switching", "then", "timing", "tracking", "training", "warming", "warning", "weighting", "whiten", "widen", "winding",
+}  # fmt: skip
+BEFORE_A_NOUN = {
+    "closed", "damped", "expected", "filtered", "fixed", "leading", "measured", "missing", "moving", "operating",
+    "remaining", "required", "rounded", "sampled", "squared", "turning", "uncompressed",
+}  # fmt: skip
+INTERFACES = {
+    "compiled",
+    "elapsed",
+    "sliding",
+    "unmodelled",
+    "unsupported",
+}  # plug-ins and decorators are written with these
+
+
+def is_property(node: ast.FunctionDef | ast.AsyncFunctionDef) -> bool:
+    return any("property" in ast.unparse(decorator) for decorator in node.decorator_list)
+
+
+def begins_with_a_participle(name: str) -> bool:
+    first, *more = name.strip("_").split("_")
+    if first in VERBS_AND_NOUNS or name in INTERFACES or (more and first in BEFORE_A_NOUN):
+        return False
+    return PARTICIPLE.fullmatch(first) is not None
+
+
+@pytest.mark.parametrize(
+    "name", ["told", "_held", "known_values", "fitted", "searched", "filtered", "left_in"]
+)
+def test_a_participle_is_seen_in_a_name(name: str) -> None:
+    assert begins_with_a_participle(name)
+
+
+def test_a_function_is_named_after_what_it_returns_or_does() -> None:
+    found = [
+        f"{path.relative_to(PACKAGE)}:{node.lineno}: {node.name}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+        and not is_property(node)
+        and begins_with_a_participle(node.name)
+    ]
+
+    assert found == [], (
+        "a noun for the result or an imperative for the act, such as `required_fact` or `run_ticks`"
+    )

@@ -16,6 +16,7 @@ import numpy as np
 import pytest
 
 from servobench.rig.loop.schedule import HOW_TO_PERMIT
+from tests import forks
 
 ROOT = Path(__file__).resolve().parent.parent
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -81,8 +82,11 @@ def test_a_command_of_the_readme_runs(command: str, comment: str, folder: Path) 
         where = ROOT
     else:
         assert words[0] == "servobench"
-        words, where = [sys.executable, "-m", *words], folder
-    done = subprocess.run(words, cwd=where, capture_output=True, text=True, check=False)
+        words, where = ["-m", *words], folder
+    if words[0] == "-m":
+        done = forks.run(words, cwd=where)
+    else:
+        done = subprocess.run(words, cwd=where, capture_output=True, text=True, check=False)
     if "real_time" in command and done.returncode != expected:
         # A computer that doesn't keep up, as one that runs other tests beside this one, ends such a run, and says so.
         expected = 4
@@ -105,9 +109,7 @@ def test_what_the_guide_permits_is_what_the_loop_asks_for() -> None:
 
 def test_the_python_of_the_readme_runs(folder: Path) -> None:
     code = blocks("python")[0]
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=folder, capture_output=True, text=True, check=False
-    )
+    done = forks.run(["-c", code], cwd=folder)
     assert done.returncode == 0, done.stderr
     assert "gain" in done.stdout
     assert "trusted" in done.stdout
@@ -116,14 +118,8 @@ def test_the_python_of_the_readme_runs(folder: Path) -> None:
 
 def test_the_figures_of_the_readme_are_those_of_the_demo(folder: Path) -> None:
     """The table that the README shows is what a run prints, digit for digit."""
-    done = subprocess.run(
-        [sys.executable, "-m", "servobench", "run", "--out", "demo"],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=False,
-        env={**os.environ, "COLUMNS": "100"},
-    )
+    wide = {**os.environ, "COLUMNS": "100"}
+    done = forks.run(["-m", "servobench", "run", "--out", "demo"], cwd=folder, env=wide)
     shown = [line.split() for line in blocks("text")[0].splitlines() if line.strip()]
     printed = [line.split() for line in done.stdout.splitlines()]
     missing = [" ".join(row) for row in shown if row not in printed]
@@ -141,14 +137,10 @@ def test_the_file_that_the_readme_identifies_is_the_one_that_the_tool_makes() ->
 
 
 def identified(words: list[str], folder: Path) -> list[list[str]]:
-    done = subprocess.run(
-        [sys.executable, "-m", "servobench", "identify", *words],
-        cwd=folder,
-        capture_output=True,
-        text=True,
-        check=True,
-        env={**os.environ, "COLUMNS": "90"},
+    done = forks.run(
+        ["-m", "servobench", "identify", *words], cwd=folder, env={**os.environ, "COLUMNS": "90"}
     )
+    assert done.returncode == 0, done.stderr
     return [line.split() for line in done.stdout.splitlines()]
 
 

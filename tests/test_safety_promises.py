@@ -8,7 +8,7 @@ from servobench.rig.devices.guard.steps import _FASTER
 from servobench.rig.experiment import Limits
 from servobench.rig.experiment.limits import StallLimits, Watchdog
 from servobench.rig.loop.attendants import LOOK_EVERY, RECORDER_SILENT
-from servobench.rig.loop.missed import FEWEST_TICKS, MissedRule
+from servobench.rig.loop.missed_ticks import FEWEST_TICKS, MissedTickRule
 from servobench.rig.loop.process import LOOK_INTERVAL, SLOTS
 from servobench.rig.loop.recording_process import INTERVAL
 from tests.faults import test_row17_recorder_killed as row17
@@ -131,7 +131,7 @@ def test_the_figures_on_the_page_are_those_of_the_code_and_of_the_tests() -> Non
     timeouts = [0.02, 0.5]  # s; what is beyond is refused, as tests/rig/devices/test_guarded.py holds
     assert [Watchdog(timeout=timeout).timeout for timeout in timeouts] == timeouts
     least, most = (1000 * timeout for timeout in timeouts)
-    rule = MissedRule(0.002)  # 250 ticks are half a second
+    rule = MissedTickRule(0.002)  # 250 ticks are half a second
 
     for number, figure in (
         ("S2", f"`limits.voltage` ({Limits().voltage:g} V)"),

@@ -5,7 +5,9 @@ run `make generate`.
 """
 
 import sys
+from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import typer.main
 
@@ -16,14 +18,16 @@ FOLDER = Path(__file__).resolve().parent.parent / "src" / "servobench" / "cli" /
 
 def pages() -> dict[str, str]:
     """Return the help texts by the names of their files: of all commands together, and of each."""
-    everything = typer.main.get_command(app)
-    context = everything.make_context("servobench", [], resilient_parsing=True)
-    texts = {"servobench.txt": everything.get_help(context)}
-    for name in everything.list_commands(context):
-        command = everything.get_command(context, name)
-        inner = command.make_context(name, [], parent=context, resilient_parsing=True)
-        texts[f"servobench-{name}.txt"] = command.get_help(inner)
-    return {name: f"{text.rstrip()}\n" for name, text in texts.items()}
+    return dict(_pages(typer.main.get_command(app), "servobench"))
+
+
+def _pages(command: Any, name: str, parent: Any = None) -> Iterator[tuple[str, str]]:
+    """The text of a command and, where it is a group, those of its commands."""
+    word = name.rpartition("-")[2]
+    context = command.make_context(word, [], parent=parent, resilient_parsing=True)
+    yield f"{name}.txt", f"{command.get_help(context).rstrip()}\n"
+    for inner, each in getattr(command, "commands", {}).items():
+        yield from _pages(each, f"{name}-{inner}", context)
 
 
 def write(folder: Path = FOLDER) -> None:

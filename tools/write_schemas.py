@@ -20,10 +20,10 @@ them. `a.b` is the key `b` of the object `a`, and `a.*.b` that of each object in
 
 FROM = {
     "design-1": "[`servobench design --json`](commands.md#design)",
-    "handed-out-1": "[`servobench lab --assess ... --out --json`](commands.md#lab)",
+    "handed-out-1": "[`servobench lab assess --json`](commands.md#lab-assess)",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",
-    "lab-1": "[`servobench lab --json`](commands.md#lab)",
-    "marks-1": "[`servobench lab --assess ... --marks --json`](commands.md#lab)",
+    "lab-1": "[`servobench lab do --json`](commands.md#lab-do)",
+    "marks-1": "[`servobench lab mark --json`](commands.md#lab-mark)",
     "result-1": "results of earlier versions, which are still read",
     "result-2": "[`servobench run --json`](commands.md#run), [`identify --json`](commands.md#identify) and a run's `result.json`",
     "stability-1": "[`servobench stability --json`](commands.md#stability)",

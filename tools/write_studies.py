@@ -17,7 +17,7 @@ HEAD = """# The studies of exercises
 What an exercise computes and shows beside its text: `[studies.NAME]` in its front matter, with `type` and the settings
 below ([how to write an exercise](../how-to/exercise.md)). A number without a unit is in the unit that stands beside it, and a
 text may have another unit of the same quantity. Each study has the setting `paper` as well: the paper's numbers by the
-names of columns, a list with one for each row, `""` where it gives none. `servobench lab NAME --json` tells what the
+names of columns, a list with one for each row, `""` where it gives none. `servobench lab do NAME --json` tells what the
 columns of a study are called.
 """
 

@@ -66,7 +66,7 @@ Linear = Callable[[Array, Array, float], Answer]
 def time_constant_of(pole: complex, sample_time: float) -> float:
     """Return τ = -T/ln a of a discrete pole a [s]; raises `NoAnswer` for a pole that no lag of first order has."""
     if abs(pole.imag) > 1e-9 * abs(pole) or not 0.0 < pole.real < 1.0:
-        raise NoAnswer(f"the pole {pole:.4g} belongs to no lag of first order")
+        raise NoAnswer(f"the pole {pole:.4g} isn't a first-order lag")
     return -sample_time / math.log(pole.real)
 
 

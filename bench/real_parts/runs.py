@@ -15,7 +15,7 @@ from servobench.core.finding import Severity
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.identify import identify
 from servobench.identification.result import Result
-from servobench.identification.uncertainty.answers import State
+from servobench.identification.uncertainty.identifiability import State
 
 PARAMETERS = ("gain", "time_constant", "lag", "coulomb_voltage")
 _HELD_OUT = ("lag", "acceleration")  # combinations that are the same in all recordings of a motor

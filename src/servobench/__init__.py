@@ -11,13 +11,20 @@ from typing import TYPE_CHECKING
 from servobench._version import __version__
 
 if TYPE_CHECKING:
+    from servobench.export.summary import load_result
+    from servobench.identification.comparison import compare
+    from servobench.identification.design.planning import design
+    from servobench.identification.honest.repeatability import honest
     from servobench.identification.identify import identify
-    from servobench.identification.reconciliation.asking import reconcile, why
+    from servobench.identification.reconciliation.reconcile import reconcile
     from servobench.identification.result import Result
     from servobench.identification.simulation import predict, residuals, simulate
     from servobench.identification.trust.validation import validate
+    from servobench.identification.why import why
     from servobench.recordings.boundedness import bibo
-    from servobench.recordings.formats.base import load, save
+    from servobench.recordings.formats.base import save
+    from servobench.recordings.inspection import inspect
+    from servobench.recordings.loading.load import load
     from servobench.recordings.measurement.measure import measure
     from servobench.recordings.recording import Recording
     from servobench.report.document import Report
@@ -50,11 +57,16 @@ __all__ = [
     "TransferFunction",
     "__version__",
     "bibo",
+    "compare",
     "connect",
+    "design",
     "from_control",
     "from_scipy",
+    "honest",
     "identify",
+    "inspect",
     "load",
+    "load_result",
     "measure",
     "predict",
     "reconcile",
@@ -83,14 +95,19 @@ _HOMES = {
     "Step": "servobench.systems.signals.step",
     "TransferFunction": "servobench.systems.transfer_function",
     "bibo": "servobench.recordings.boundedness",
+    "compare": "servobench.identification.comparison",
     "connect": "servobench.rig.devices.base",
+    "design": "servobench.identification.design.planning",
     "from_control": "servobench.systems.interop",
     "from_scipy": "servobench.systems.interop",
+    "honest": "servobench.identification.honest.repeatability",
     "identify": "servobench.identification.identify",
-    "load": "servobench.recordings.formats.base",
+    "inspect": "servobench.recordings.inspection",
+    "load": "servobench.recordings.loading.load",
+    "load_result": "servobench.export.summary",
     "measure": "servobench.recordings.measurement.measure",
     "predict": "servobench.identification.simulation",
-    "reconcile": "servobench.identification.reconciliation.asking",
+    "reconcile": "servobench.identification.reconciliation.reconcile",
     "residuals": "servobench.identification.simulation",
     "run": "servobench.rig.loop.run",
     "save": "servobench.recordings.formats.base",
@@ -99,7 +116,7 @@ _HOMES = {
     "to_control": "servobench.systems.interop",
     "to_scipy": "servobench.systems.interop",
     "validate": "servobench.identification.trust.validation",
-    "why": "servobench.identification.reconciliation.asking",
+    "why": "servobench.identification.why",
 }
 
 

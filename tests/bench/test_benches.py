@@ -10,6 +10,8 @@ from types import ModuleType
 
 import pytest
 
+from tests import forks
+
 BENCH = Path(__file__).resolve().parent.parent.parent / "bench"
 
 
@@ -87,8 +89,7 @@ del sys.modules["run"], sys.modules["figures"]
 @pytest.mark.parametrize("program", runner.programs())
 def test_every_program_below_the_benches_runs_at_its_smallest_size(program: str) -> None:
     """What a change of the package breaks shows here, not months later: a bench that nobody runs is no bench."""
-    words = [sys.executable, str(BENCH / "run.py"), "--smallest", program]
-    done = subprocess.run(words, capture_output=True, text=True, timeout=1800)
+    done = forks.run([str(BENCH / "run.py"), "--smallest", program], cwd=Path.cwd(), timeout=1800)
     if "nothing was measured" in done.stderr:
         pytest.skip(done.stderr.strip().splitlines()[-1])
 

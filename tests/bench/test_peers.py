@@ -167,7 +167,7 @@ def test_the_speed_of_a_linear_motor_is_exactly_one_pole_and_two_terms(
 
 @pytest.mark.parametrize("pole", [-0.5, 1.01, 0.0, 0.9 + 0.1j])
 def test_a_pole_of_no_lag_is_no_answer(peers: SimpleNamespace, pole: complex) -> None:
-    with pytest.raises(peers.record.NoAnswer, match="no lag of first order"):
+    with pytest.raises(peers.record.NoAnswer, match="isn't a first-order lag"):
         peers.record.time_constant_of(complex(pole), 0.002)
 
 

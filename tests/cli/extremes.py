@@ -23,7 +23,7 @@ from servobench.core.channels import Array, Channel
 from servobench.recordings.formats.base import save
 from servobench.recordings.recording import Recording, Series, Source
 
-ENDINGS = (".csv", ".mat", ".mcap", ".parquet", ".arrow", ".wpilog")
+ENDINGS = (".csv", ".mat", ".mcap", ".parquet", ".arrow")
 OUTCOMES = (0, 2, 3)  # a result; wrong usage, or a file that can't be used; refused
 _SIZES = (
     1e308,

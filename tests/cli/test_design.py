@@ -22,7 +22,7 @@ def test_the_design_can_be_run_and_is_what_the_json_says(servobench: Command, tm
     jsonschema.Draft202012Validator.check_schema(schema)
     jsonschema.Draft202012Validator(schema).validate(told)
     assert told["experiment"] == file.read_text(encoding="utf-8")
-    assert "kept from telling more by: voltage and time" in made.err
+    assert "limited by: voltage and time" in made.err
 
     ran = servobench("run", file, "--out", tmp_path / "run", "--json")
     assert ran.status == 0

@@ -40,7 +40,7 @@ def test_a_refused_result_exports_nothing(servobench: Command, tmp_path: Path) -
     ended = servobench("export", refused, "--as", "json", "--out", tmp_path / "out.json")
 
     assert ended.status == 3
-    assert "there is no model to go on with" in ended.err
+    assert "it contains no model" in ended.err
     assert not (tmp_path / "out.json").exists()
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from servobench.cli.failures import failed
+from servobench.cli.failures import report_failure
 from servobench.cli.terminal import OutputGone
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import (
@@ -57,7 +57,7 @@ LOST = DeviceLost(
 def test_an_error_that_is_foreseen_is_a_sentence_and_a_status(
     error: Exception, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert failed(error) == status
+    assert report_failure(error) == status
 
     said = capsys.readouterr()
     assert said.out == ""
@@ -72,7 +72,7 @@ def test_an_error_that_is_foreseen_is_a_sentence_and_a_status(
 def test_who_has_left_is_told_nothing(
     error: BaseException, status: int, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    assert failed(error) == status
+    assert report_failure(error) == status
 
     assert capsys.readouterr() == ("", "")
 
@@ -83,7 +83,7 @@ def test_who_interrupts_a_command_is_told_so_in_a_sentence(
     def interrupted(*args: object, **settings: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr("servobench.recordings.formats.base.load", interrupted)
+    monkeypatch.setattr("servobench.recordings.loading.load.load", interrupted)
 
     ended = servobench("identify", tmp_path / "any.csv")
 

@@ -27,7 +27,7 @@ def test_inspect_tells_channels_times_and_what_it_can_support(servobench: Comman
     assert f"{foreign}: csv, 1 recording\n" in ended.out
     assert re.search(r"theta +deg +100 +0 +99 +1 not finite", ended.out)
     assert "every 0.01 s" in ended.out
-    assert "`servobench identify` can take it as it is: the output is a position in rad" in ended.out
+    assert "`servobench identify` can use it as it is: the output is a position in deg" in ended.out
 
 
 def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -> None:
@@ -37,7 +37,7 @@ def test_inspect_says_what_has_to_be_said(servobench: Command, tmp_path: Path) -
     ended = servobench("inspect", file)
 
     assert ended.status == 0
-    assert "no times that are recognised" in ended.out
+    assert "no times were recognised" in ended.out
     for option in ("--input", "--output", "--sample-time"):
         assert option in ended.out
 
@@ -207,7 +207,7 @@ def test_recover_never_replaces_a_recording_in_a_folder(
     ended = servobench("recover", killed_run)
 
     assert ended.status == 2
-    assert "is there as well as recording.mcap.part" in ended.err
+    assert "exists as well as recording.mcap.part" in ended.err
     assert (killed_run / "recording.mcap").read_bytes() == whole
     assert (killed_run / "recording.mcap.part").exists()
 
@@ -215,7 +215,7 @@ def test_recover_never_replaces_a_recording_in_a_folder(
 def test_recover_makes_a_folder_whole_where_it_is_and_no_other(
     servobench: Command, killed_run: Path, tmp_path: Path
 ) -> None:
-    assert "made whole where it is" in servobench("recover", killed_run, "--to", tmp_path / "b.mcap").err
+    assert "repaired in place" in servobench("recover", killed_run, "--to", tmp_path / "b.mcap").err
     assert "is no folder of a run" in servobench("recover", tmp_path).err
 
 

@@ -20,7 +20,7 @@ from tests.recordings.formats import bags
 LOGGER = Path(__file__).parents[2] / "examples" / "logger.csv"
 WRONG_USAGE = 2
 # What a file may cost: a row of text becomes a string, a list's entry and floats, about 15 bytes for each of its own. The
-# rest is Python with NumPy, SciPy and h5py (about 150 MB), and what content is read of any file, however small (32 MB, twice).
+# rest is Python with NumPy and ours (about 150 MB); libraries read what isn't text in a process of their own.
 FACTOR, BASE = 20, 300e6
 MOST_SECONDS = 30  # of CPU, for files that take one or two; it was a minute, or for ever
 
@@ -114,7 +114,7 @@ def test_quotes_that_stay_open_are_refused_at_the_first_look(tmp_path: Path) -> 
 
     said = refused("inspect", path, size=path.stat().st_size)
 
-    assert "a quote is opened and not closed in rows 2 to 800001" in said
+    assert "a quote isn't closed in rows 2 to 800001" in said
 
 
 @needs_linux

@@ -10,7 +10,7 @@ import pytest
 
 from servobench.lab.exercise_file import exercise, exercises
 from servobench.lab.page import exercise_page
-from servobench.lab.worked import Worked
+from servobench.lab.worked_exercise import WorkedExercise
 from tests.cli.conftest import Command, Ended
 
 MINE = """+++
@@ -79,7 +79,7 @@ def told(ended: Ended) -> dict[str, Any]:
 
 
 def test_the_exercises_are_listed_in_their_order(servobench: Command) -> None:
-    ended = servobench("lab")
+    ended = servobench("lab", "list")
 
     names = [line.split()[0] for line in ended.out.splitlines()[1:] if not line.startswith("   ")]
     assert ended.status == 0
@@ -91,7 +91,7 @@ def test_a_folder_of_ones_own_is_listed_and_a_mistake_is_told_with_its_line(
 ) -> None:
     (folder / "bad.md").write_text(MINE.replace('"2 s"', '"2 V"'), encoding="utf-8")
 
-    ended = servobench("lab", "--folder", folder)
+    ended = servobench("lab", "list", "--folder", folder)
 
     assert ended.status == 2
     assert "mine  Mine. One of my own." in ended.out
@@ -104,21 +104,21 @@ def test_a_device_that_is_not_here_is_told_with_the_file_that_names_it(
     text = MINE.replace("[signal]", '[device]\nname = "twn"\n\n[signal]', 1)
     (folder / "mine.md").write_text(text, encoding="utf-8")
 
-    ended = servobench("lab", "mine", "--folder", folder)
+    ended = servobench("lab", "do", "mine", "--folder", folder)
 
     assert ended.status == 2
     assert (
         f"{folder / 'mine.md'}: the table [device]: no device called 'twn' (did you mean 'twin'?)"
         in ended.err
     )
-    assert servobench("lab", "--folder", folder).status == 0  # another computer may have it
+    assert servobench("lab", "list", "--folder", folder).status == 0  # another computer may have it
 
 
 def test_what_comes_out_is_not_told_before_it_is_asked_for(servobench: Command, folder: Path) -> None:
-    ended = servobench("lab", folder / "mine.md")
+    ended = servobench("lab", "do", folder / "mine.md")
 
     assert ended.status == 0
-    assert "(what comes out here is shown by --studies)" in ended.out.splitlines()
+    assert "(--studies shows the results)" in ended.out.splitlines()
     assert "4096" not in ended.out
     assert "II.B" not in ended.out
 
@@ -126,7 +126,7 @@ def test_what_comes_out_is_not_told_before_it_is_asked_for(servobench: Command, 
 def test_an_exercise_shows_text_study_blanks_and_corrections_without_the_answers(
     servobench: Command, folder: Path
 ) -> None:
-    ended = servobench("lab", folder / "mine.md", "--studies")
+    ended = servobench("lab", "do", folder / "mine.md", "--studies")
 
     assert ended.status == 0
     lines = ended.out.splitlines()
@@ -144,14 +144,14 @@ def test_an_exercise_shows_text_study_blanks_and_corrections_without_the_answers
 
 
 def test_the_solution_is_told_when_it_is_asked_for(servobench: Command) -> None:
-    without, with_it = servobench("lab", "encoder"), servobench("lab", "encoder", "--solution")
+    without, with_it = servobench("lab", "do", "encoder"), servobench("lab", "do", "encoder", "--solution")
 
     assert "2048" not in without.out
     assert "2048 counts" in with_it.out.replace("\u00a0", " ")
 
 
 def test_answers_are_checked(servobench: Command) -> None:
-    ended = servobench("lab", "encoder", "--answers", "counts=2048", "--answers", "degrees = 0.3 deg")
+    ended = servobench("lab", "do", "encoder", "--answer", "counts=2048", "--answer", "degrees = 0.3 deg")
 
     assert ended.status == 0
     assert [line[2:] for line in ended.out.splitlines() if line.startswith("  ✓")] == [
@@ -162,7 +162,7 @@ def test_answers_are_checked(servobench: Command) -> None:
 
 
 def test_json_is_what_its_schema_says(servobench: Command, folder: Path) -> None:
-    asked = ("lab", "mine", "--folder", folder, "--answers", "turns=4095", "--json")
+    asked = ("lab", "do", "mine", "--folder", folder, "--answer", "turns=4095", "--json")
     (found,) = told(servobench(*asked))["exercises"]
 
     assert found["blanks"][0] | {"sentence": ""} == {
@@ -198,9 +198,9 @@ disc_inertia = "6e-5 kg*m^2"
     file.write_text(text, encoding="utf-8")
     assert servobench("run", file, "--out", tmp_path / "run").status == 0
 
-    given = ("--answers", "time_constant=0.0991")
-    own = servobench("lab", "step", "--recording", tmp_path / "run" / "recording.mcap", *given)
-    twin = servobench("lab", "step", *given)
+    given = ("--answer", "time_constant=0.0991")
+    own = servobench("lab", "do", "step", "--recording", tmp_path / "run" / "recording.mcap", *given)
+    twin = servobench("lab", "do", "step", *given)
 
     assert "✓ time_constant" in twin.out
     assert "✗ time_constant" in own.out
@@ -214,12 +214,12 @@ def test_a_recording_of_another_experiment_is_not_held_against_an_exercise(
     file.write_text(text, encoding="utf-8")
     assert servobench("run", file, "--out", tmp_path / "run").status == 0
 
-    ended = servobench("lab", "step", "--recording", tmp_path / "run" / "recording.mcap", "--solution")
+    ended = servobench("lab", "do", "step", "--recording", tmp_path / "run" / "recording.mcap", "--solution")
 
     assert ended.status == 2
     assert "its signal and sample time are not the exercise's" in ended.err
-    assert "servobench lab step --out PAGE.html" in ended.err
-    assert ended.err.startswith(f"Error: {tmp_path / 'run' / 'recording.mcap'} is of another experiment")
+    assert "servobench lab do step --page PAGE.html" in ended.err
+    assert ended.err.startswith(f"Error: {tmp_path / 'run' / 'recording.mcap'} comes from another experiment")
 
 
 def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
@@ -232,12 +232,12 @@ def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
     (tmp_path / "torn.mcap").write_bytes(whole[: len(whole) // 3])  # its end, and how the run ended, are lost
 
     told = {
-        name: servobench("lab", "step", "--recording", path, "--answers", "level=63.2 %").out
+        name: servobench("lab", "do", "step", "--recording", path, "--answer", "level=63.2 %").out
         for name, path in (("whole", tmp_path / "run" / "recording.mcap"), ("torn", tmp_path / "torn.mcap"))
     }
 
-    assert "ended before its time" not in told["whole"]
-    assert "ended before its time" in told["torn"]
+    assert "ended early" not in told["whole"]
+    assert "ended early" in told["torn"]
     assert all("✓ level" in said for said in told.values())
 
 
@@ -248,17 +248,17 @@ def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_i
     rows = "".join(f"{0.002 * k:.3f},{float(k > 20)},{k * k}\n" for k in range(200))
     file.write_text(f"time [s],voltage [V],position [counts]\n{rows}", encoding="utf-8")
 
-    ended = servobench("lab", "step", "--recording", file)
+    ended = servobench("lab", "do", "step", "--recording", file)
 
     assert ended.status == 2
-    assert "doesn't say which device it is of" in ended.err
-    assert f"`servobench identify {file}` tells" in ended.err
+    assert "doesn't name its device" in ended.err
+    assert f"`servobench identify {file}` finds" in ended.err
 
 
 def test_a_page_is_written_where_it_is_asked_for(servobench: Command, folder: Path, tmp_path: Path) -> None:
     page = tmp_path / "page.html"
 
-    ended = servobench("lab", "mine", "--folder", folder, "--out", page)
+    ended = servobench("lab", "do", "mine", "--folder", folder, "--page", page)
 
     assert ended.status == 0
     assert f"page: {page}" in ended.out
@@ -268,21 +268,34 @@ def test_a_page_is_written_where_it_is_asked_for(servobench: Command, folder: Pa
 def test_all_exercises_are_pages_in_a_folder(servobench: Command, folder: Path, tmp_path: Path) -> None:
     (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
 
-    ended = servobench("lab", "--all", "--folder", folder, "--out", tmp_path / "pages", "--json")
+    ended = servobench("lab", "page", "--folder", folder, "--out", tmp_path / "pages", "--json")
 
     assert ended.status == 0, ended.err
     assert [each["name"] for each in told(ended)["exercises"]] == ["mine", "other"]
     names = sorted(path.name for path in (tmp_path / "pages").iterdir())
     assert names == ["index.html", "mine.html", "other.html", "paper.html"]
-    again = servobench("lab", "--all", "--folder", folder, "--out", tmp_path / "pages")
+    again = servobench("lab", "page", "--folder", folder, "--out", tmp_path / "pages")
     assert (again.status, "isn't an empty folder" in again.err) == (2, True)
+
+
+def test_pages_are_of_the_exercises_that_are_named_each_once(
+    servobench: Command, folder: Path, tmp_path: Path
+) -> None:
+    (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
+
+    words = ("other", "other", "--folder", folder, "--out", tmp_path / "pages", "--json")
+    ended = servobench("lab", "page", *words)
+
+    assert [each["name"] for each in told(ended)["exercises"]] == ["other"]
+    assert not (tmp_path / "pages" / "mine.html").exists()
+    assert (tmp_path / "pages" / "other.html").exists()
 
 
 @pytest.mark.parametrize(
     ("done", "said"),
     [
         (0, "interrupted before the first of 2 exercises was done; there is no page in {}"),
-        (1, "interrupted: 1 of 2 exercises are in {}, whose index.html says which are missing"),
+        (1, "interrupted: 1 of 2 exercises are in {}, and its index.html lists the missing ones"),
     ],
 )
 def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
@@ -291,7 +304,7 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
     (folder / "other.md").write_text(MINE.replace('"Mine"', '"Other"'), encoding="utf-8")
     written = []
 
-    def page(worked: Worked, **settings: Any) -> str:
+    def page(worked: WorkedExercise, **settings: Any) -> str:
         written.append(worked)
         if len(written) == done + 1:
             raise KeyboardInterrupt
@@ -299,7 +312,7 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
 
     monkeypatch.setattr("servobench.lab.page.exercise_page", page)
     pages = tmp_path / "pages"
-    ended = servobench("lab", "--all", "--folder", folder, "--out", pages)
+    ended = servobench("lab", "page", "--folder", folder, "--out", pages)
 
     assert ended.status == 130
     assert said.format(pages) in ended.err
@@ -310,42 +323,71 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("nothing",), "no exercise called 'nothing'"),
-        (("encodr",), "did you mean 'encoder'?"),
-        (("encoder", "--all"), "don't go together"),
-        (("--all", "--answers", "a=1"), "--all goes with neither --recording nor --answers"),
+        (("do", "nothing"), "no exercise called 'nothing'"),
+        (("do", "encodr"), "did you mean 'encoder'?"),
+        (("page", "encoder", "nothing"), "no exercise called 'nothing'"),
+        (("do", "encoder", "--recording", "a.mcap", "--device", "twin"), "don't go together"),
+        (("do", "--json"), "Missing argument"),
+        (("do", "encoder", "--answer", "2048"), "'2048' is no answer"),
         (
-            ("encoder", "--recording", "a.mcap", "--device", "twin"),
-            "--recording and --device don't go together",
+            ("do", "encoder", "--answer", "counts=2048", "--answer", "counts = 512"),
+            "--answer has two for 'counts', '2048' and '512'",
         ),
-        (("--json",), "--json belongs to an exercise"),
-        (("--answers", "a=1"), "--answers belongs to an exercise"),
-        (("encoder", "--answers", "2048"), "'2048' is no answer"),
-        (
-            ("encoder", "--answers", "counts=2048", "--answers", "counts = 512"),
-            "--answers has two for 'counts', '2048' and '512'",
-        ),
-        (("encoder", "--answers", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
-        (("encoder", "--device", "nothing"), "no device called 'nothing'"),
-        (("encoder", "--device", "replay"), "--device replay: its setting 'file' is missing: a native file"),
-        (("encoder", "--device", "replay"), "--recording FILE"),
-        (
-            ("encoder", "--device", "assigned"),
-            "--device assigned: its setting 'student' is missing: whose motor",
-        ),
-        (("--all", "--device", "replay"), "--device replay: its setting 'file' is missing"),
-        (("encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),
-        (("encoder", "--out", "nowhere/page.html"), "--out nowhere"),
-        (("--folder", "nowhere"), "--folder nowhere: is no folder"),
-        (("nowhere.md",), "nowhere.md: can't be read"),
+        (("do", "encoder", "--answer", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
+        (("do", "encoder", "--device", "nothing"), "no device called 'nothing'"),
+        (("do", "encoder", "--device", "replay"), "--device replay: its setting 'file' is missing: a native"),
+        (("do", "encoder", "--device", "replay"), "--recording FILE"),
+        (("do", "encoder", "--device", "assigned"), "its setting 'student' is missing: whose motor"),
+        (("page", "--device", "replay"), "--device replay: its setting 'file' is missing"),
+        (("do", "encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),
+        (("do", "encoder", "--page", "nowhere/page.html"), "--page nowhere"),
+        (("list", "--folder", "nowhere"), "--folder nowhere: is no folder"),
+        (("page", "--folder", "nowhere"), "--folder nowhere: is no folder"),
+        (("do", "nowhere.md"), "nowhere.md: can't be read"),
     ],
 )
-def test_a_mistake_is_told(servobench: Command, words: tuple[str, ...], said: str) -> None:
+def test_a_mistake_is_told(
+    servobench: Command,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    words: tuple[str, ...],
+    said: str,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+
     ended = servobench("lab", *words)
 
     assert ended.status == 2
     assert said in ended.err
     assert "Traceback" not in ended.err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(
+    ("words", "new"),
+    [
+        ("", "list"),
+        ("--folder DIR", "list"),
+        ("step", "do step"),
+        ("step --solution", "do step"),
+        ("step --answers gain=3 --out page.html", "do step --answer BLANK=VALUE --page PAGE.html"),
+        ("--all --out pages", "page"),
+        ("step --assess r.csv --secret s --out d", "assess step ROSTER.csv --secret FILE"),
+        (
+            "mine.md --assess=r.csv --secret=s --answers=d --marks=m.csv",
+            "mark mine.md ROSTER.csv --secret FILE --forms DIR --marks MARKS.csv",
+        ),
+    ],
+)
+def test_a_form_from_when_lab_was_one_command_is_answered_by_the_new_one(
+    servobench: Command, words: str, new: str
+) -> None:
+    ended = servobench("lab", *words.split())
+
+    assert ended.status == 2
+    assert ended.err.startswith("Error: `servobench lab` is followed by list, do, page, assess, mark;")
+    assert ended.err.endswith(f"is now `servobench lab {new}`\n")
+    assert len(ended.err.splitlines()) == 1
 
 
 def test_a_run_that_a_fault_ended_is_told_and_ends_as_a_run_does(servobench: Command, folder: Path) -> None:
@@ -353,14 +395,14 @@ def test_a_run_that_a_fault_ended_is_told_and_ends_as_a_run_does(servobench: Com
     text = MINE.replace('final = "2 V"', 'final = "5 V"\n\n[limits]\nspeed = "50 rad/s"')
     (folder / "mine.md").write_text(text, encoding="utf-8")
 
-    ended = servobench("lab", "mine", "--folder", folder)
+    ended = servobench("lab", "do", "mine", "--folder", folder)
 
     assert ended.status == 4
-    assert "! the run ended before its time: " in ended.out
+    assert "! the run ended early: " in ended.out
 
 
 def test_an_empty_folder_is_told(servobench: Command, tmp_path: Path) -> None:
-    for words in ((), ("--all", "--out", tmp_path / "pages")):
-        ended = servobench("lab", "--folder", tmp_path, *words)
+    for words in (("list",), ("page", "--out", tmp_path / "pages")):
+        ended = servobench("lab", *words, "--folder", tmp_path)
         assert (ended.status, "there are no exercises" in ended.err) == (2, True)
     assert not (tmp_path / "pages").exists()

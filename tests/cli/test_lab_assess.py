@@ -1,4 +1,4 @@
-"""`servobench lab --assess`: a class gets its motors and its marks."""
+"""`servobench lab assess` and `lab mark`: a class gets its motors and its marks."""
 
 import csv
 import json
@@ -63,15 +63,15 @@ def told(ended: Ended, schema: str) -> dict[str, Any]:
     return found
 
 
-def handing(given: Path) -> tuple[object, ...]:
+def to_class(command: str, given: Path) -> tuple[object, ...]:
     roster, secret = given / "roster.csv", given / "secret"
-    return "lab", given / "mine.md", "--assess", roster, "--secret", secret
+    return "lab", command, given / "mine.md", roster, "--secret", secret
 
 
 def test_a_class_gets_its_folders_and_its_marks(servobench: Command, given: Path) -> None:
     hand, marks = given / "hand", given / "marks.csv"
 
-    handed = servobench(*handing(given), "--out", hand)
+    handed = servobench(*to_class("assess", given), "--out", hand)
 
     assert handed.status == 0, handed.err
     assert f"a new secret: {given / 'secret'}" in handed.out
@@ -93,7 +93,7 @@ def test_a_class_gets_its_folders_and_its_marks(servobench: Command, given: Path
     filled = form.replace("tau,,", f"tau,{1000 * tau:.5g} ms,").replace("turns,,", "turns,2048,")
     (ada / "answers.csv").write_text(filled, encoding="utf-8")
 
-    done = servobench(*handing(given), "--answers", hand, "--marks", marks)
+    done = servobench(*to_class("mark", given), "--forms", hand, "--marks", marks)
 
     assert done.status == 0, done.err
     with marks.open(encoding="utf-8-sig", newline="") as file:
@@ -110,8 +110,8 @@ def test_a_class_gets_its_folders_and_its_marks(servobench: Command, given: Path
 def test_what_comes_out_is_told_as_json(servobench: Command, given: Path) -> None:
     hand, marks = given / "hand", given / "marks.csv"
 
-    handed = told(servobench(*handing(given), "--out", hand, "--json"), "handed-out-1")
-    found = told(servobench(*handing(given), "--answers", hand, "--marks", marks, "--json"), "marks-1")
+    handed = told(servobench(*to_class("assess", given), "--out", hand, "--json"), "handed-out-1")
+    found = told(servobench(*to_class("mark", given), "--forms", hand, "--marks", marks, "--json"), "marks-1")
 
     assert [each["student"] for each in handed["students"]] == ["ada", "=blaise"]
     assert [(b["id"], b["asked_of"]) for b in handed["blanks"]] == [("tau", 2), ("turns", 2)]
@@ -126,10 +126,10 @@ def test_a_form_that_can_t_be_read_is_told_and_the_others_get_their_marks(
     servobench: Command, given: Path
 ) -> None:
     hand = given / "hand"
-    servobench(*handing(given), "--out", hand)
+    servobench(*to_class("assess", given), "--out", hand)
     (hand / "ada" / "answers.csv").write_bytes(b"PK\x03\x04")
 
-    ended = servobench(*handing(given), "--answers", hand, "--marks", given / "marks.csv")
+    ended = servobench(*to_class("mark", given), "--forms", hand, "--marks", given / "marks.csv")
 
     assert ended.status == 0
     assert "answers.csv: is a spreadsheet's own file; save it as CSV" in " ".join(ended.out.split())
@@ -139,26 +139,13 @@ def test_a_form_that_can_t_be_read_is_told_and_the_others_get_their_marks(
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (["lab", "--assess", "r.csv"], "--assess belongs to an exercise"),
-        (["lab", "step", "--secret", "s"], "--secret belongs to an assessment"),
-        (["lab", "step", "--marks", "m.csv"], "--marks belongs to an assessment"),
-        (["lab", "step", "--with-motor"], "--with-motor belongs to an assessment"),
-        (["lab", "step", "--assess", "r.csv"], "--assess needs --secret FILE"),
-        (
-            ["lab", "step", "--assess", "r.csv", "--secret", "s", "--solution"],
-            "--assess and --solution don't go",
-        ),
-        (
-            ["lab", "step", "--assess", "r.csv", "--secret", "s", "--marks", "m.csv"],
-            "--marks needs --answers DIR",
-        ),
-        (
-            ["lab", "step", "--assess", "r.csv", "--secret", "s", "--answers", "a=1"],
-            "--answers DIR goes with --marks",
-        ),
-        (["lab", "step", "--assess", "r.csv", "--secret", "s"], "r.csv: can't be read"),
-        (["lab", "stip", "--assess", "r.csv", "--secret", "s"], "no exercise called 'stip'"),
-        (["panel", "--secret", "s"], "--secret belongs to --assess STUDENT"),
+        (["lab", "assess", "step", "--secret", "s"], "Missing argument 'ROSTER.csv'"),
+        (["lab", "assess", "step", "r.csv"], "Missing option '--secret'"),
+        (["lab", "assess", "step", "r.csv", "--secret", "s"], "r.csv: can't be read"),
+        (["lab", "assess", "stip", "r.csv", "--secret", "s"], "no exercise called 'stip'"),
+        (["lab", "mark", "step", "r.csv", "--secret", "s", "--marks", "m.csv"], "Missing option '--forms'"),
+        (["lab", "mark", "step", "r.csv", "--secret", "s", "--forms", "."], "Missing option '--marks'"),
+        (["panel", "--secret", "s"], "--secret needs --assess STUDENT"),
         (["panel", "--assess", "ada"], "--assess needs --secret FILE and --exercise NAME"),
         (["panel", "--assess", "ada", "--secret", "s", "--exercise", "step"], "there is no secret"),
         (
@@ -181,16 +168,18 @@ def test_what_doesn_t_go_together_is_told(
 
 def test_marks_take_the_secret_that_the_motors_were_made_with(servobench: Command, given: Path) -> None:
     hand = given / "hand"
-    servobench(*handing(given), "--out", hand)
-    marking = ("lab", given / "mine.md", "--assess", given / "roster.csv", "--answers", hand, "--marks")
+    servobench(*to_class("assess", given), "--out", hand)
+    marking = ("lab", "mark", given / "mine.md", given / "roster.csv", "--forms", hand, "--marks")
 
     missing = servobench(*marking, given / "m.csv", "--secret", given / "gone")
     (given / "other").write_bytes(bytes(32))
     (given / "other").chmod(0o600)
     other = servobench(*marking, given / "m.csv", "--secret", given / "other")
     among = servobench(*marking, hand / "m.csv", "--secret", given / "secret")
+    nowhere = servobench(*to_class("mark", given), "--forms", given / "no", "--marks", given / "m.csv")
 
-    assert (missing.status, other.status, among.status) == (2, 2, 2)
+    assert (missing.status, other.status, among.status, nowhere.status) == (2, 2, 2, 2)
+    assert "is no folder; expected the one with the forms" in nowhere.err
     assert "there is no secret" in missing.err
     assert not (given / "gone").exists()
     assert "none of the 2 forms has a code of this class" in other.err
@@ -202,7 +191,7 @@ def test_what_is_handed_out_goes_into_a_new_folder(servobench: Command, given: P
     (given / "hand").mkdir()
     (given / "hand" / "old").touch()
 
-    ended = servobench(*handing(given), "--out", given / "hand")
+    ended = servobench(*to_class("assess", given), "--out", given / "hand")
 
     assert ended.status == 2
     assert "isn't an empty folder" in ended.err

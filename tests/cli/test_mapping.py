@@ -136,7 +136,7 @@ def test_a_mistake_in_a_mapping_names_the_file_the_key_and_what_was_expected(
 @pytest.mark.parametrize(
     ("words", "why"),
     [
-        (("--output", "wheel:furlong"), "'furlong' is no unit that is known"),
+        (("--output", "wheel:furlong"), "'furlong' isn't a known unit"),
         (("--output", "wheel:rads/s"), "did you mean rad/s"),
         (("--output", "t"), "`t` holds the times; the output is what was measured of the motor"),
         (("--output", "t:rad"), "`t` holds the times"),

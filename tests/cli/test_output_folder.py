@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from servobench.cli.output_folder import empty_folder, made_folder
+from servobench.cli.output_folder import empty_folder, make_folder
 from servobench.core.errors import StorageError, UsageError
 
 NOON = datetime(2024, 2, 29, 12, 0, 0)
@@ -53,4 +53,4 @@ def test_where_no_folder_can_be_made_it_is_a_storage_error(tmp_path: Path) -> No
 def test_a_name_that_is_a_file_is_taken_too(tmp_path: Path) -> None:
     (tmp_path / "lab-20240229-120000").touch()
 
-    assert made_folder("lab", NOON) == Path("lab-20240229-120000-2")
+    assert make_folder("lab", NOON) == Path("lab-20240229-120000-2")

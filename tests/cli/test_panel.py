@@ -11,7 +11,7 @@ import pytest
 from servobench.cli import main, panel
 from servobench.core.errors import UsageError
 from servobench.panel.library import Library
-from servobench.panel.server import PORT, listening
+from servobench.panel.server import PORT, listen
 
 
 def said(words: list[str], capsys: pytest.CaptureFixture[str]) -> str:
@@ -72,11 +72,11 @@ def test_a_mistake_is_told_before_anything_is_opened(
 
 
 def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alone() -> None:
-    with listening("127.0.0.1", 0) as taken:
+    with listen("127.0.0.1", 0) as taken:
         port = taken.getsockname()[1]
         with pytest.raises(UsageError, match=f"port {port}.*port=0"):
-            listening("127.0.0.1", port)
-    with listening("127.0.0.1", None) as first, listening("127.0.0.1", None) as second:
+            listen("127.0.0.1", port)
+    with listen("127.0.0.1", None) as first, listen("127.0.0.1", None) as second:
         assert first.getsockname()[1] != second.getsockname()[1]
         assert PORT not in (second.getsockname()[1],)
 
@@ -85,13 +85,13 @@ def test_a_port_that_is_taken_is_told_and_one_that_was_not_asked_for_is_left_alo
     sys.platform == "win32", reason="Windows frees a port at once, and has another meaning for the option"
 )
 def test_the_port_of_a_panel_that_was_killed_is_free_at_once() -> None:
-    with listening("127.0.0.1", 0) as first:
+    with listen("127.0.0.1", 0) as first:
         port = first.getsockname()[1]
         page = socket.create_connection(("127.0.0.1", port))
         served, _ = first.accept()
         served.close()  # the panel's end is closed first, as where it's killed; the line then lingers
         page.close()
-    with listening("127.0.0.1", port) as second:
+    with listen("127.0.0.1", port) as second:
         assert second.getsockname()[1] == port
 
 
@@ -101,20 +101,20 @@ def test_a_second_panel_on_the_same_folder_is_refused_and_told_where_the_first_i
     library = Library(tmp_path)
     library.prepare()
     words = ["panel", "--no-open", "--port", "0", "--folder", str(tmp_path)]
-    with library.held("http://127.0.0.1:8765/"):
+    with library.hold("http://127.0.0.1:8765/"):
         status = main(words)
 
     said = capsys.readouterr().err
     assert status == 2
     assert "in use by another panel (http://127.0.0.1:8765/)" in said
     assert "--folder" in said
-    with library.held("http://127.0.0.1:8766/"):  # it is free again
+    with library.hold("http://127.0.0.1:8766/"):  # it is free again
         assert library.list() == []
 
 
 def test_the_sockets_that_it_takes_are_of_tcp_by_their_own_word() -> None:
     # Or else asyncio leaves Nagle's wait on, and each frame comes 40 ms late.
-    with listening("127.0.0.1", 0) as found:
+    with listen("127.0.0.1", 0) as found:
         assert found.proto == socket.IPPROTO_TCP
 
 

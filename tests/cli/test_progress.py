@@ -6,7 +6,7 @@ from threading import Event
 import numba
 import pytest
 
-from servobench.cli.progress import Progress, duration, told_when_compiling
+from servobench.cli.progress import Progress, announce_compiling, duration
 
 
 class Clock:
@@ -28,7 +28,7 @@ def test_nothing_is_said_within_the_first_second(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("running")
     clock.time += 0.9
-    progress.reached(0.5)
+    progress.advance(0.5)
 
     assert progress.line() == ""
 
@@ -37,9 +37,9 @@ def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("running")
     clock.time += 3.0  # compiling; no part of the pace
-    progress.reached(0.0)
+    progress.advance(0.0)
     clock.time += 2.0
-    progress.reached(0.2)
+    progress.advance(0.2)
 
     assert progress.line() == "running, 20 %, 8 s left"
 
@@ -53,9 +53,9 @@ def test_the_time_left_is_told_from_the_pace_so_far(clock: Clock) -> None:
 def test_a_run_in_real_time_has_its_own_time_left_whatever_its_start_took(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("running")
-    progress.reached(0.0, 3.0)
+    progress.advance(0.0, 3.0)
     clock.time += 5.0  # a start, or a wait, that is no part of the run
-    progress.reached(0.17, 2.5)
+    progress.advance(0.17, 2.5)
 
     assert progress.line() == "running, 17 %, 2 s left"
 
@@ -64,7 +64,7 @@ def test_after_an_alarm_nothing_is_told_as_going_on(clock: Clock) -> None:
     stream = io.StringIO()
     progress = Progress(stream=stream, now=clock)
     progress.begin("running")
-    progress.reached(0.5, 10.0)
+    progress.advance(0.5, 10.0)
     clock.time += 2.0
     assert progress.line() == "running, 50 %, 10 s left"
 
@@ -80,7 +80,7 @@ def test_where_nothing_tells_the_pace_the_time_so_far_is_told(clock: Clock) -> N
 
     assert progress.line() == "identifying, 1 min 15 s so far"
 
-    progress.reached(0.0)
+    progress.advance(0.0)
     assert progress.line() == "identifying, 1 min 15 s so far"
 
 
@@ -89,7 +89,7 @@ def test_short_work_leaves_no_trace() -> None:
 
     with Progress(stream=stream) as progress:
         progress.begin("reading")
-        progress.reached(0.5)
+        progress.advance(0.5)
 
     assert stream.getvalue() == ""
 
@@ -116,7 +116,7 @@ def test_each_work_has_its_own_time(clock: Clock) -> None:
     progress = Progress(stream=io.StringIO(), now=clock)
     progress.begin("running")
     clock.time += 10.0
-    progress.reached(1.0)
+    progress.advance(1.0)
     progress.begin("identifying")
     assert progress.line() == ""
 
@@ -166,7 +166,7 @@ def test_a_terminal_that_is_gone_ends_no_work() -> None:
 
     with Progress(stream=screen) as progress:
         progress.begin("running")
-        progress.reached(1.0)
+        progress.advance(1.0)
 
 
 @pytest.mark.parametrize(
@@ -196,11 +196,11 @@ def test_compiling_is_told_once_and_only_when_something_is_compiled(
         return 3 * x
 
     progress = Progress(stream=io.StringIO())
-    with told_when_compiling(progress):
+    with announce_compiling(progress):
         twice(1.0)
         thrice(1.0)
     first = capsys.readouterr().err
-    with told_when_compiling(progress):
+    with announce_compiling(progress):
         twice(1.0)
 
     assert first.count("compiling") == 1

@@ -214,7 +214,7 @@ def test_the_running_current_says_that_the_encoder_s_scale_is_off(
     )
 
     (factor,) = [each for each in ended.result["findings"] if each["code"] == "factor-off"]
-    assert "nearly the factor 2 " in factor["sentence"]
+    assert "close to 2, the factor of " in factor["sentence"]
     assert ended.result["verdict"] == "doubtful"
 
 
@@ -299,7 +299,7 @@ def test_a_supply_at_half_the_voltage_is_named(servobench: Command, real_data: R
     ended = servobench("identify", *paths, *BY_SPEED)
 
     # 8.9 over 19.5 (rad/s)/V
-    assert "minifi_step6VPSU-1 moves as if its input were 0.46 times what it says" in " ".join(
+    assert "minifi_step6VPSU-1 moves as if its input were 0.46 times the recorded one" in " ".join(
         ended.out.split()
     )
     assert "trusted:" not in ended.out
@@ -310,7 +310,7 @@ def test_a_command_beyond_full_scale_is_found_in_a_ramp(servobench: Command, rea
 
     ended = servobench("identify", real_data("fra233_pwm/Ramp_25Percent_Rec1.mat"), *columns)
 
-    limit = re.search(r"Inputs beyond about (\S+) counts have no more effect", " ".join(ended.out.split()))
+    limit = re.search(r"Inputs beyond about (\S+) counts have no further effect", " ".join(ended.out.split()))
     assert limit is not None
     # Full scale is 65,535 counts; friction in the lowest part of the ramp moves what is found by a tenth.
     assert float(limit[1]) == pytest.approx(65535, rel=0.15)

@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -17,11 +18,20 @@ COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[
 
 
 def section(heading: str) -> str:
-    """Return the text below a heading, up to the next one."""
+    """Return the text below a heading, up to the next one; that of a command of a group has a lower heading."""
     text = PAGE.read_text(encoding="utf-8")
-    match = re.search(rf"^## {re.escape(heading)}$(.*?)(?=^## |\Z)", text, re.MULTILINE | re.DOTALL)
+    match = re.search(rf"^##+ {re.escape(heading)}$(.*?)(?=^##+ |\Z)", text, re.MULTILINE | re.DOTALL)
     assert match is not None, heading
     return match[1]
+
+
+def leaves(commands: dict[str, Any], group: str = "") -> Iterator[tuple[str, Any]]:
+    """Each command that is no group, by what is typed for it."""
+    for name, command in commands.items():
+        if hasattr(command, "commands"):
+            yield from leaves(command.commands, f"{name} ")
+        else:
+            yield f"{group}{name}", command
 
 
 def options(command: Any) -> set[str]:
@@ -39,15 +49,16 @@ def section_before_first() -> str:
 
 
 @pytest.mark.parametrize(
-    "name", [name for name in COMMANDS if name not in {"devices", "signals", "controllers"}]
+    ("name", "command"),
+    [each for each in leaves(COMMANDS) if each[0] not in {"devices", "signals", "controllers"}],
 )
-def test_every_option_of_a_command_is_described_and_no_other(name: str) -> None:
+def test_every_option_of_a_command_is_described_and_no_other(name: str, command: Any) -> None:
     items = [item for item in section(name).split("\n") if item.startswith("- `--")]
     described = {
         option for item in items for option in re.findall(r"`(--[a-z-]+)", item.partition(" names")[0])
     }
 
-    assert described == options(COMMANDS[name])
+    assert described == options(command)
 
 
 def test_the_options_without_a_command_are_described() -> None:

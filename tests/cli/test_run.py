@@ -245,7 +245,7 @@ def test_a_folder_is_one_run_s_from_its_beginning_to_its_last_file(tmp_path: Pat
                 folder.begin("")
                 folder.recording.write_bytes(b"\x89MCAP0\r\n")
             with (
-                pytest.raises(UsageError, match="is being written by a run that goes on"),
+                pytest.raises(UsageError, match="is being written by a running experiment"),
                 run_folder(out, datetime.now()),
             ):
                 pass
@@ -269,7 +269,7 @@ sys.exit(main(sys.argv[1:]))
 def test_a_run_under_a_limit_on_the_size_of_files_keeps_what_it_wrote(tmp_path: Path) -> None:
     file, folder = tmp_path / "run.toml", tmp_path / "run"
     for text, said in (
-        (HOST, "bytes of shared memory can't be had: File too large; allow larger files (ulimit -f)"),
+        (HOST, "bytes of shared memory aren't available: File too large; allow larger files (ulimit -f)"),
         (SHORT, "recording.mcap can't be written any further: File too large"),
     ):
         file.write_text(text)
@@ -373,7 +373,7 @@ def test_a_device_that_lacks_a_setting_in_a_file_is_told_with_what_it_is(
 
 
 @pytest.mark.parametrize("name", DEVICES.names())
-@pytest.mark.parametrize("command", [("panel", "--no-open"), ("honest",), ("run",), ("lab", "step")])
+@pytest.mark.parametrize("command", [("panel", "--no-open"), ("honest",), ("run",), ("lab", "do", "step")])
 def test_whatever_a_named_device_can_t_do_without_is_told(
     servobench: Command, tmp_path: Path, command: tuple[str, ...], name: str
 ) -> None:
@@ -506,7 +506,7 @@ def test_an_error_after_the_run_loses_nothing(
     servobench: Command, short: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("servobench.identification.identify.identify", lambda *_, **__: 1 / 0)
+    monkeypatch.setattr("servobench.identification.identify.identify_evidence", lambda *_, **__: 1 / 0)
 
     ended = servobench("run", short, "--out", tmp_path / "run")
 
@@ -551,7 +551,7 @@ def test_what_is_odd_about_an_experiment_is_said_before_it_runs(
 
     ended = servobench("run", short, "--out", tmp_path / "run")
 
-    assert ended.out.index("what is beyond is clipped") < ended.out.index("1500 samples")
+    assert ended.out.index("it is clipped at the limit") < ended.out.index("1500 samples")
 
 
 @pytest.mark.usefixtures("quick_report")
@@ -605,10 +605,10 @@ def test_a_wish_that_was_not_reached_is_told_and_an_empty_one_refused(
     assert ended.status == 0
     told = [each["sentence"] for each in ended.result["findings"] if each["code"] == "wish-not-reached"]
     assert len(told) == 1
-    assert told[0].startswith("The wished interval (gain=0.0000001%) was not reached: gain ± 0.")
-    assert "ran for 3 s, as asked; the wished interval (gain=0.0000001%) was not reached" in ended.err
+    assert told[0].startswith("The target interval (gain=0.0000001%) was not reached: gain ± 0.")
+    assert "ran for 3 s, as asked; the target interval (gain=0.0000001%) was not reached" in ended.err
 
     empty = servobench("run", short, "--until", "", "--out", tmp_path / "b")
     assert empty.status == 2
-    assert "expected such as time_constant=0.5%" in empty.err
+    assert "expected, for example, time_constant=0.5%" in empty.err
     assert not (tmp_path / "b").exists()

@@ -65,7 +65,10 @@ def test_a_recording_that_is_being_written_is_taken_away_by_nobody(host: Path, t
         ):
             ended = process(*words)
             assert ended.status == 2, ended
-            assert "recording.mcap.part is being written by a run that goes on: wait for its end" in ended.err
+            assert (
+                "recording.mcap.part is being written by a running experiment: wait until it ends"
+                in ended.err
+            )
             assert "servobench recover" not in ended.err
         child.send_signal(signal.SIGTERM)
         _, err = child.communicate(timeout=120)
@@ -85,7 +88,7 @@ def test_ctrl_c_before_a_run_begins_leaves_no_folder_and_says_so(host: Path, tmp
         _, err = child.communicate(timeout=120)
 
     assert child.returncode == 130, err
-    assert "stopped from the keyboard before it began; nothing was recorded" in err
+    assert "stopped from the keyboard before the run began; nothing was recorded" in err
     assert "Traceback" not in err
     assert "resource_tracker" not in err
     assert not (tmp_path / "run").exists()
@@ -99,7 +102,7 @@ def test_a_recorder_that_hangs_is_told_of_and_costs_nothing(host: Path, tmp_path
         _, err = child.communicate(timeout=120)
 
     assert child.returncode == 5, err
-    assert "the recorder has been silent for more than 5 s" in err
+    assert "no sign of the recorder for more than 5 s" in err
     assert "the motor is stopped; waiting for the recorder to finish the file (at most 10 s)" in err
     (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
     assert "recorder-died" in {each.code for each in recording.findings}
@@ -144,7 +147,7 @@ def test_a_folder_that_is_taken_away_in_a_run_costs_nothing_and_is_told(
     saved = tmp_path / "run-recording.mcap"
     assert child.returncode == 5, err
     assert f"{folder / 'recording.mcap'} was removed or renamed while it was written" in err
-    assert f"what was recorded is in {saved} (servobench identify {saved})" in err
+    assert f"the recording is in {saved} (servobench identify {saved})" in err
     assert not folder.exists()
     (recording,) = sb.load(saved)
     assert recording.stopped.sentence == "ran for 4 s, as asked"
@@ -187,10 +190,10 @@ def test_a_loop_that_is_killed_is_a_failure_with_a_warning_that_says_what_to_do(
         out, err = child.communicate(timeout=120)
 
     assert child.returncode == 4, err
-    assert "Error: the loop's process ended without a word" in err
+    assert "Error: the loop's process ended without a message" in err
     (recording,) = sb.load(tmp_path / "run" / "recording.mcap")
     (found,) = (each for each in recording.findings if each.code == "loop-died")
     assert found.severity is Severity.DANGER
-    assert "Switch off the supply, then look at the device's own watchdog" in found.sentence
+    assert "Switch off the supply, then check the device's own watchdog" in found.sentence
     if out:  # as much as was recorded until then may be too little for a result
         assert checked(json.loads(out))["verdict"] != "trusted"

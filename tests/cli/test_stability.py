@@ -46,7 +46,7 @@ def test_too_much_gain_is_unstable_as_it_runs(servobench: Command, finished_run:
         assert said.status == 0
         assert f"The position loop with {kp} V/rad, computed every 2 ms: {verdict}" in said.out
         words = " ".join(said.out.split())
-        assert ("goes round −1 twice, clockwise" in words) == (verdict == "unstable")
+        assert ("encircles −1 twice, clockwise" in words) == (verdict == "unstable")
 
 
 def told(text: str) -> dict[str, Any]:
@@ -55,7 +55,7 @@ def told(text: str) -> dict[str, Any]:
         files("servobench").joinpath("cli/schemas/stability-1.json").read_text(encoding="utf-8")
     )
     jsonschema.Draft202012Validator.check_schema(schema)
-    found: dict[str, Any] = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} is no JSON"))
+    found: dict[str, Any] = json.loads(text, parse_constant=lambda name: pytest.fail(f"{name} isn't JSON"))
     jsonschema.Draft202012Validator(schema).validate(found)
     return found
 
@@ -272,7 +272,7 @@ def test_what_is_not_known_is_not_judged(servobench: Command, finished_run: Path
     ended = servobench("stability", path)
 
     assert ended.status == 3
-    assert "don't tell the gain" in " ".join(ended.err.split())
+    assert "don't determine the gain" in " ".join(ended.err.split())
     assert "margin 1" not in ended.out
 
 
@@ -308,8 +308,8 @@ def test_only_a_stable_loop_has_margins(servobench: Command, finished_run: Path)
     assert "of this gain it would be stable" in much
     assert "Gain margin" not in much
     on_paper = servobench("stability", finished_run, "--continuous").out
-    assert "continuous loop's" in " ".join(on_paper.split())
-    assert "no gain of this sign makes this one stable" in " ".join(backwards.out.split())
+    assert "continuous loop" in " ".join(on_paper.split())
+    assert "no gain of this sign makes this loop stable" in " ".join(backwards.out.split())
 
 
 def test_the_gain_that_would_do_is_told_of_any_that_is_too_much(

@@ -50,7 +50,9 @@ def test_no_line_of_help_is_wider_than_a_terminal() -> None:
 
 
 @pytest.mark.parametrize(
-    "words", [["--version"], ["--help"], ["-h"], ["identify", "--help"], ["run", "-h"]], ids=" ".join
+    "words",
+    [["--version"], ["--help"], ["-h"], ["identify", "--help"], ["run", "-h"], ["lab", "do", "-h"]],
+    ids=" ".join,
 )
 def test_help_and_version_import_nothing_heavy(words: list[str]) -> None:
     script = (

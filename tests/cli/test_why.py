@@ -57,7 +57,7 @@ def test_the_paper_s_run_behind_its_filter_names_the_lag_and_how_much_it_explain
     assert first["explains"][0]["share"] == pytest.approx(0.75, abs=0.02)
     assert sum(each["probability"] for each in found["hypotheses"]) == pytest.approx(1.0)
     assert found["nearest_reading"] == "step_63"
-    assert "likeliest cause is the lag" in ended.err
+    assert "most likely cause is the lag" in ended.err
 
 
 def test_people_get_the_causes_the_readings_and_the_answer_in_words(
@@ -73,7 +73,7 @@ def test_people_get_the_causes_the_readings_and_the_answer_in_words(
         "0.1223 s",
         "(nearest)",
         "75 %",
-        "11 Ω in place of 8.4 Ω",
+        "11 Ω instead of 8.4 Ω",
         "raw counts",
         "probabilities rest on",
     ):

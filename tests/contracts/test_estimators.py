@@ -20,10 +20,10 @@ from servobench.core.errors import NotIdentifiable
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Estimator, Fit
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.uncertainty.bands import frequency_band
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
-from servobench.report.bands import frequency_band
 from tests.rig.motor.reference import Truth, march
 
 ROOT = Path(__file__).resolve().parent.parent.parent

@@ -1,6 +1,6 @@
 """Below the command line a message names a thing by Python's keyword: whoever uses Python or the panel has no options.
 
-`sample_time=0.02` in backticks is what `servobench.cli.wording` turns into `--sample-time 0.02`, and the panel into its field.
+`sample_time=0.02` in backticks is what `servobench.cli.option_names` turns into `--sample-time 0.02`, and the panel into a field.
 A whole command in backticks, such as `servobench identify FILE --json`, can be typed by anybody and stays.
 """
 

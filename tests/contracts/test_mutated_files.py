@@ -8,18 +8,19 @@ from typing import Any
 
 import pytest
 
-from servobench.recordings.formats.base import FORMATS, load
+from servobench.recordings.formats.base import FORMATS
+from servobench.recordings.loading.load import load
 from tests.recordings.formats.makers import MAKERS, make
 
-MUTATIONS = 1000
+COUNTS = [100, pytest.param(1000, marks=pytest.mark.long)]
 MOST_MEMORY = 1e9  # bytes, those of Python and the libraries included
 LONGEST = 500  # seconds; a thousand files take about ten, and a hang would take for ever
 
 
-def readings(path: Path, seed: int) -> dict[str, Any]:
-    """Damage the file 1,000 times, and return what came of it."""
+def readings(path: Path, seed: int, count: int) -> dict[str, Any]:
+    """Damage the file so many times, and return what came of it."""
     done = subprocess.run(
-        [sys.executable, "-m", "tests.recordings.formats.mutations", str(path), str(seed), str(MUTATIONS)],
+        [sys.executable, "-m", "tests.recordings.formats.mutations", str(path), str(seed), str(count)],
         capture_output=True,
         text=True,
         check=False,
@@ -32,29 +33,31 @@ def readings(path: Path, seed: int) -> dict[str, Any]:
     return report
 
 
-def check(report: dict[str, Any]) -> None:
+def check(report: dict[str, Any], count: int) -> None:
     unexpected = {
-        said: count for said, count in report["outcomes"].items() if said not in {"read", "refused"}
+        said: times for said, times in report["outcomes"].items() if said not in {"read", "refused"}
     }
-    assert not unexpected, "\n".join(f"{count} times {said}" for said, count in unexpected.items())
-    assert sum(report["outcomes"].values()) == MUTATIONS
+    assert not unexpected, "\n".join(f"{times} times {said}" for said, times in unexpected.items())
+    assert sum(report["outcomes"].values()) == count
     # Or else the mutations are so mild, or so rough, that they test nothing.
     assert min(report["outcomes"].get("read", 0), report["outcomes"].get("refused", 0)) > 0
     assert report["most_memory"] < MOST_MEMORY
 
 
+@pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("name", FORMATS.names())
-def test_a_thousand_damaged_files_of_ours_are_read_or_refused(name: str, tmp_path: Path) -> None:
+def test_damaged_files_of_ours_are_read_or_refused(name: str, count: int, tmp_path: Path) -> None:
     path = make(name, tmp_path)
     assert load(path)
 
-    check(readings(path, seed=1))
+    check(readings(path, 1, count), count)
 
 
+@pytest.mark.parametrize("count", COUNTS)
 @pytest.mark.parametrize("sort", [sort for sort in MAKERS if " " in sort])
-def test_a_thousand_damaged_files_of_others_are_read_or_refused(sort: str, tmp_path: Path) -> None:
+def test_damaged_files_of_others_are_read_or_refused(sort: str, count: int, tmp_path: Path) -> None:
     path = tmp_path / f"b{FORMATS[sort.split()[0]].suffixes[0]}"
     MAKERS[sort](path)
     assert load(path)
 
-    check(readings(path, seed=2))
+    check(readings(path, 2, count), count)

@@ -4,12 +4,14 @@ import pytest
 
 from servobench.core.rounding import (
     as_known,
-    counted,
+    count_text,
     handy_unit,
+    instead_of,
     percent,
     plain,
-    rounded,
+    round_value,
     rounded_interval,
+    share_explained,
     with_unit,
 )
 
@@ -32,11 +34,11 @@ from servobench.core.rounding import (
 def test_a_value_has_the_digits_that_its_interval_leaves_it(
     value: float, half: float, unit: str, text: str
 ) -> None:
-    assert str(rounded(value, half, unit)).replace("\u00a0", " ") == text
+    assert str(round_value(value, half, unit)).replace("\u00a0", " ") == text
 
 
 def test_both_ends_of_an_interval_have_the_decimals_of_the_value() -> None:
-    estimate = rounded(0.16, 0.000012, "V")
+    estimate = round_value(0.16, 0.000012, "V")
 
     assert (estimate.value, estimate.low, estimate.high) == ("0.160000", "0.159988", "0.160012")
 
@@ -75,7 +77,7 @@ def test_no_end_of_an_interval_is_rounded_past_its_value() -> None:
 
 
 def test_an_interval_below_the_precision_of_a_double_makes_no_digits_up() -> None:
-    assert rounded(23.7, 1e-18, "V").value == "23.70000000000"
+    assert round_value(23.7, 1e-18, "V").value == "23.70000000000"
 
 
 @pytest.mark.parametrize(
@@ -119,8 +121,8 @@ def test_a_unit_that_takes_no_prefix_gets_a_power_of_ten() -> None:
 
 def test_a_number_and_its_unit_stay_on_one_line() -> None:
     assert with_unit(0.0041, "s") == "4.1\u00a0ms"
-    assert counted(1, "lag") == "1 lag"
-    assert counted(24841, "sample") == "24\u202f841 samples"
+    assert count_text(1, "lag") == "1 lag"
+    assert count_text(24841, "sample") == "24\u202f841 samples"
 
 
 @pytest.mark.parametrize(
@@ -138,3 +140,22 @@ def test_a_number_and_its_unit_stay_on_one_line() -> None:
 )
 def test_a_value_is_shown_to_two_digits_of_its_interval(value: float, half: float, rounded_to: float) -> None:
     assert as_known(value, half) == pytest.approx(rounded_to, rel=1e-12)
+
+
+@pytest.mark.parametrize(("percent", "words"), [(42.3, "only 42 %"), (0.3, "nothing"), (-126.0, "nothing")])
+def test_a_simulation_never_explains_less_than_nothing(percent: float, words: str) -> None:
+    assert share_explained(percent) == words
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "words"),
+    [
+        (22.214, 22.212, "22.21 s either way"),
+        (22.21, 21.9, "22.21 s instead of 21.9 s"),
+        (4.619e7, 21.9, "4.619×10⁷ s instead of 21.9 s"),
+    ],
+)
+def test_a_number_is_not_held_against_one_that_is_printed_alike(
+    first: float, second: float, words: str
+) -> None:
+    assert instead_of(first, second, unit="s") == words

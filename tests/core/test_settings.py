@@ -45,8 +45,8 @@ def test_a_quantity_takes_a_number_in_si_or_a_text_with_its_unit() -> None:
     ("given", "expected"),
     [
         ({"voltage": "2 A"}, "voltage: Value error, '2 A' is a current; expected something in V"),
-        ({"voltage": True}, "voltage: Value error, True is no number with a unit"),
-        ({"voltage": None}, "voltage: Value error, None is no number with a unit"),
+        ({"voltage": True}, "voltage: Value error, True isn't a number with a unit"),
+        ({"voltage": None}, "voltage: Value error, None isn't a number with a unit"),
         ({"voltage": float("nan")}, "voltage: Input should be a finite number"),
         ({"delay": "-1 ms"}, "delay: Input should be greater than 0"),
         ({"delay": float("inf")}, "delay: Input should be a finite number"),
@@ -120,11 +120,11 @@ def test_a_member_is_given_as_itself_or_as_a_table_with_its_name() -> None:
     ("given", "where", "expected"),
     [
         ({"type": "dics"}, ("type",), "no shape called 'dics' (did you mean 'disc'?); known: disc"),
-        ({"type": 3}, ("type",), "3 is no name of a shape; known: disc"),
+        ({"type": 3}, ("type",), "3 isn't the name of a shape; known: disc"),
         ({}, ("type",), "is missing; expected the name of a shape; known: disc"),
         ({"type": "disc", "size": "2 V"}, ("size",), "'2 V' is a voltage"),
-        ("disc", (), "'disc' is no shape; expected a table with a type, one of disc"),
-        (Inner(), (), "is no shape; expected a table with a type"),
+        ("disc", (), "'disc' isn't a shape; expected a table with a type, one of disc"),
+        (Inner(), (), "isn't a shape; expected a table with a type"),
     ],
 )
 def test_what_is_no_member_is_told_where_it_stands(

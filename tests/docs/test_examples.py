@@ -38,8 +38,10 @@ def test_a_notebook_opens_as_one_with_the_same_cells(page: Path) -> None:
     assert cells == [block.text.strip() for block in blocks(page) if block.language == "python"]
 
 
-def test_there_are_two_notebooks() -> None:
-    assert [named(page) for page in NOTEBOOKS] == ["notebooks/design.md", "notebooks/identify.md"]
+def test_the_notebooks_are_listed_and_short() -> None:
+    assert [named(page) for page in NOTEBOOKS] == [
+        f"notebooks/{name}.md" for name in ("arrays", "design", "identify")
+    ]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=named)

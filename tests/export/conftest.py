@@ -4,7 +4,7 @@ from typing import Any
 
 import pytest
 
-from servobench.export.answer import Answer
+from servobench.export.summary import ResultSummary
 
 GAIN, TAU, DELAY, COULOMB = 23.7, 0.0992, 0.0004, 0.16
 SD = {"gain": 0.02, "time_constant": 0.0003, "coulomb_voltage": 0.002, "delay": 0.0001}
@@ -54,5 +54,5 @@ def document(**changed: Any) -> dict[str, Any]:
 
 
 @pytest.fixture
-def answer() -> Answer:
-    return Answer.from_document(document(), "the result")
+def answer() -> ResultSummary:
+    return ResultSummary.from_document(document(), "the result")

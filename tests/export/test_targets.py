@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from servobench.core.errors import UsageError
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes, export
 from servobench.export.first_order import first_order_motor
-from servobench.export.tuning import tuned
+from servobench.export.summary import ResultSummary
+from servobench.export.tuning import tune_loops
 from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document
 
 EVERYTHING = Wishes(
@@ -31,14 +31,14 @@ def wishes_of(target: str) -> Wishes:
     return Wishes(**{name: getattr(EVERYTHING, name) for name in TARGETS[target].wishes})
 
 
-def rendered(answer: Answer, target: str, wishes: Wishes | None = None) -> bytes:
+def rendered(answer: ResultSummary, target: str, wishes: Wishes | None = None) -> bytes:
     """Return the content of a target's first file."""
     return next(iter(TARGETS[target]().render(answer, wishes or wishes_of(target), "motor").values()))
 
 
 @pytest.mark.parametrize("target", TARGETS.names())
 def test_files_are_written_whole_under_the_names_asked_for(
-    answer: Answer, target: str, tmp_path: Path
+    answer: ResultSummary, target: str, tmp_path: Path
 ) -> None:
     written = export(answer, target, tmp_path / "mine", wishes_of(target))
 
@@ -48,7 +48,9 @@ def test_files_are_written_whole_under_the_names_asked_for(
 
 
 @pytest.mark.parametrize("target", TARGETS.names())
-def test_a_wish_that_a_target_can_t_follow_is_refused(answer: Answer, target: str, tmp_path: Path) -> None:
+def test_a_wish_that_a_target_can_t_follow_is_refused(
+    answer: ResultSummary, target: str, tmp_path: Path
+) -> None:
     if TARGETS[target].wishes >= {"unit", "inertia"}:
         pytest.fail("no target follows both; choose another pair")
     wish = "inertia" if "inertia" not in TARGETS[target].wishes else "unit"
@@ -59,23 +61,25 @@ def test_a_wish_that_a_target_can_t_follow_is_refused(answer: Answer, target: st
 
 
 @pytest.mark.parametrize("value", [0.0, -1.0, math.nan, math.inf])
-def test_a_number_that_can_t_be_is_refused(answer: Answer, value: float, tmp_path: Path) -> None:
+def test_a_number_that_can_t_be_is_refused(answer: ResultSummary, value: float, tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"`sample_time=\.\.\.` is .*expected a positive number"):
         export(answer, "wpilib", tmp_path / "m", Wishes(sample_time=value))
 
 
-def test_a_sample_time_longer_than_the_time_constant_is_refused(answer: Answer, tmp_path: Path) -> None:
+def test_a_sample_time_longer_than_the_time_constant_is_refused(
+    answer: ResultSummary, tmp_path: Path
+) -> None:
     wishes = Wishes(sample_time=1.0, voltage_limit=10.0)
 
     with pytest.raises(UsageError, match=r"`sample_time=1`: .* its time constant is 0\.0"):
         export(answer, "c", tmp_path / "m", wishes)
 
 
-def test_json_is_the_result(answer: Answer) -> None:
+def test_json_is_the_result(answer: ResultSummary) -> None:
     assert json.loads(rendered(answer, "json")) == document()
 
 
-def test_csv_has_a_row_for_each_parameter_and_no_formula(answer: Answer) -> None:
+def test_csv_has_a_row_for_each_parameter_and_no_formula(answer: ResultSummary) -> None:
     rows = list(csv.DictReader(io.StringIO(rendered(answer, "csv").decode())))
 
     assert [row["parameter"] for row in rows] == list(answer.estimates)
@@ -83,11 +87,11 @@ def test_csv_has_a_row_for_each_parameter_and_no_formula(answer: Answer) -> None
     assert float(rows[0]["high"]) - float(rows[0]["low"]) == pytest.approx(2 * 1.959964 * SD["gain"])
     odd = document()
     odd["parameters"]["delay"]["unit"] = "=HYPERLINK(1)"
-    table = rendered(Answer.from_document(odd, "x"), "csv").decode()
+    table = rendered(ResultSummary.from_document(odd, "x"), "csv").decode()
     assert not re.search(r"(^|,)[=+@-](?![0-9.])", table, re.MULTILINE)
 
 
-def test_python_control_gets_the_same_system(answer: Answer) -> None:
+def test_python_control_gets_the_same_system(answer: ResultSummary) -> None:
     names: dict[str, Any] = {}
     exec(compile(rendered(answer, "control"), "motor.py", "exec"), names)
 
@@ -100,7 +104,7 @@ def test_python_control_gets_the_same_system(answer: Answer) -> None:
     assert names["PARAMETERS"]["gain"][0] == GAIN
 
 
-def test_matlab_s_variables_come_back(answer: Answer, tmp_path: Path) -> None:
+def test_matlab_s_variables_come_back(answer: ResultSummary, tmp_path: Path) -> None:
     from scipy.io import loadmat
 
     export(answer, "matlab", tmp_path / "motor.m")
@@ -114,7 +118,7 @@ def test_matlab_s_variables_come_back(answer: Answer, tmp_path: Path) -> None:
     assert list(motor["covariance_of"]) == list(answer.estimates)
 
 
-def test_octave_runs_the_script(answer: Answer, tmp_path: Path) -> None:
+def test_octave_runs_the_script(answer: ResultSummary, tmp_path: Path) -> None:
     octave = shutil.which("octave-cli") or shutil.which("octave")
     if octave is None:
         pytest.skip("octave is absent: nothing here runs MATLAB's language")
@@ -132,13 +136,15 @@ def test_octave_runs_the_script(answer: Answer, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("name", ["1motor", "my-motor", "a b", "ä"])
-def test_names_that_a_language_can_t_have_are_refused(answer: Answer, name: str, tmp_path: Path) -> None:
+def test_names_that_a_language_can_t_have_are_refused(
+    answer: ResultSummary, name: str, tmp_path: Path
+) -> None:
     for target in ("matlab", "c"):
         with pytest.raises(UsageError, match="choose such a name"):
             export(answer, target, tmp_path / name, wishes_of(target))
 
 
-def test_wpilib_s_constants_drive_the_motor_as_it_moves(answer: Answer) -> None:
+def test_wpilib_s_constants_drive_the_motor_as_it_moves(answer: ResultSummary) -> None:
     told = json.loads(rendered(answer, "wpilib", Wishes(unit="rev")))["feedforward"]
 
     # dω/dt from kS + kV ω + kA a, put into τ dω/dt = -ω + K (u - u_c) by hand, in revolutions.
@@ -149,7 +155,7 @@ def test_wpilib_s_constants_drive_the_motor_as_it_moves(answer: Answer) -> None:
     assert told["kV"]["unit"] == "V·s/rev"
 
 
-def test_wpilib_s_intervals_are_those_of_draws(answer: Answer) -> None:
+def test_wpilib_s_intervals_are_those_of_draws(answer: ResultSummary) -> None:
     told = json.loads(rendered(answer, "wpilib"))["feedforward"]
     drawn = np.random.default_rng(3).multivariate_normal([GAIN, TAU], answer.covariance[:2, :2], size=200_000)
 
@@ -159,7 +165,7 @@ def test_wpilib_s_intervals_are_those_of_draws(answer: Answer) -> None:
         assert told[name]["interval"] == pytest.approx([low, high], abs=0.03 * told[name]["sd"])
 
 
-def test_the_margin_left_is_that_of_the_loop_as_it_runs(answer: Answer) -> None:
+def test_the_margin_left_is_that_of_the_loop_as_it_runs(answer: ResultSummary) -> None:
     told = json.loads(rendered(answer, "wpilib", Wishes(unit="rad")))["feedback"]
 
     # By python-control: the motor behind a hold of 20 ms and its delay as a part of a tick, the speed as a difference, a PI whose
@@ -179,11 +185,11 @@ def test_the_margin_left_is_that_of_the_loop_as_it_runs(answer: Answer) -> None:
     assert low < told["phase_margin"]["value"] < high
 
 
-def test_the_loop_of_the_c_controller_bears_the_delay_that_it_says(answer: Answer) -> None:
+def test_the_loop_of_the_c_controller_bears_the_delay_that_it_says(answer: ResultSummary) -> None:
     """Tick by tick with the law as the C text has it: filtered differences of counts, an integral that is added afterwards."""
     h, counts = 0.002, 4096 * 1e6
     motor = first_order_motor(answer, "c")
-    gains = tuned(motor, h, filtered=True, integral_lag=1)
+    gains = tune_loops(motor, h, filtered=True, integral_lag=1)
     share = 1 - math.exp(-h / gains.filter)
 
     def swings(delay: float) -> tuple[float, float]:
@@ -219,22 +225,22 @@ def test_a_delay_below_zero_or_that_may_be_none_is_left_out_in_a_sentence(target
         made = document()
         made["parameters"]["delay"] |= {"value": delay, "interval": interval}
         made["transfer_function"]["delay"] = delay
-        text = rendered(Answer.from_document(made, "the result"), target, wishes).decode()
+        text = rendered(ResultSummary.from_document(made, "the result"), target, wishes).decode()
         if delay < 0 or target in {"control", "matlab", "mujoco"}:
             low, high = (f"{1000 * end:.3g}" for end in interval)
-            assert f"is left out: its 95 % interval, {low} to {high} ms, holds zero." in text
+            assert f"is left out: its 95 % interval, {low} to {high} ms, includes zero." in text
         else:  # gains allow for the delay as it is estimated
             assert "is left out" not in text
-    plain = rendered(Answer.from_document(document(), "the result"), target, wishes).decode()
+    plain = rendered(ResultSummary.from_document(document(), "the result"), target, wishes).decode()
     assert "is left out" not in plain
 
 
-def test_a_loop_faster_than_the_dead_time_is_refused(answer: Answer) -> None:
+def test_a_loop_faster_than_the_dead_time_is_refused(answer: ResultSummary) -> None:
     with pytest.raises(UsageError, match="can't be faster"):
         rendered(answer, "wpilib", Wishes(closed_loop=0.01))
 
 
-def test_kg_is_there_only_where_an_offset_is(answer: Answer) -> None:
+def test_kg_is_there_only_where_an_offset_is(answer: ResultSummary) -> None:
     for offset, known in ((0.5, True), (0.0001, False)):
         loaded = document()
         loaded["parameters"]["offset_voltage"] = {
@@ -244,7 +250,7 @@ def test_kg_is_there_only_where_an_offset_is(answer: Answer) -> None:
             "parameters": list(loaded["parameters"]),
             "matrix": np.diag([*np.diag(answer.covariance), 1e-4]).tolist(),
         }
-        told = json.loads(rendered(Answer.from_document(loaded, "x"), "wpilib"))
+        told = json.loads(rendered(ResultSummary.from_document(loaded, "x"), "wpilib"))
         assert ("kG" in told["feedforward"]) is known
 
 
@@ -254,7 +260,7 @@ def test_an_input_that_is_no_voltage_is_refused() -> None:
 
     for target in ("wpilib", "mujoco", "c"):
         with pytest.raises(UsageError, match="input of this result is in %"):
-            rendered(Answer.from_document(duty, "x"), target)
+            rendered(ResultSummary.from_document(duty, "x"), target)
 
 
 def test_a_motor_of_higher_order_has_no_feedforward_of_the_first() -> None:
@@ -262,11 +268,11 @@ def test_a_motor_of_higher_order_has_no_feedforward_of_the_first() -> None:
     second["transfer_function"]["denominator"] = [1e-4, TAU, 1.0]
 
     with pytest.raises(UsageError, match="rational_2_0_integrator"):
-        rendered(Answer.from_document(second, "x"), "wpilib")
-    assert rendered(Answer.from_document(second, "x"), "control")
+        rendered(ResultSummary.from_document(second, "x"), "wpilib")
+    assert rendered(ResultSummary.from_document(second, "x"), "control")
 
 
-def test_mujoco_s_joint_moves_as_the_motor(answer: Answer) -> None:
+def test_mujoco_s_joint_moves_as_the_motor(answer: ResultSummary) -> None:
     import mujoco
 
     model = mujoco.MjModel.from_xml_string(
@@ -291,14 +297,14 @@ def test_mujoco_s_joint_moves_as_the_motor(answer: Answer) -> None:
     assert abs(float(data.sensor("speed").data[0])) < 0.01 * GAIN * COULOMB
 
 
-def test_mujoco_asks_for_the_inertia(answer: Answer) -> None:
+def test_mujoco_asks_for_the_inertia(answer: ResultSummary) -> None:
     with pytest.raises(UsageError, match="`inertia="):
         rendered(answer, "mujoco", Wishes())
 
 
 @pytest.mark.parametrize("counts", [None, 2048.0])
 def test_the_c_controller_does_what_its_vectors_say(
-    answer: Answer, counts: float | None, tmp_path: Path
+    answer: ResultSummary, counts: float | None, tmp_path: Path
 ) -> None:
     wishes = Wishes(sample_time=0.002, counts_per_rev=counts, voltage_limit=10.0)
     (file,) = export(answer, "c", tmp_path / "motor.c", wishes)
@@ -311,7 +317,7 @@ def test_the_c_controller_does_what_its_vectors_say(
     assert status == 1, said
 
 
-def test_the_c_controller_brings_the_motor_where_it_should_be(answer: Answer) -> None:
+def test_the_c_controller_brings_the_motor_where_it_should_be(answer: ResultSummary) -> None:
     text = rendered(answer, "c", Wishes(sample_time=0.002, voltage_limit=10.0)).decode()
     block = re.search(r"inputs\[240\]\[2\] = \{\n(.*?)\n\};", text, re.DOTALL)
     assert block is not None

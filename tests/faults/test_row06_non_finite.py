@@ -65,7 +65,7 @@ class Nobody:
     def began(self, call: Call) -> None:
         pass
 
-    def returned(self, call: Call) -> None:
+    def note_return(self, call: Call) -> None:
         pass
 
     def output(self, is_zero: bool) -> None:
@@ -185,7 +185,7 @@ def test_nothing_but_voltages_passes_out_of_a_controller() -> None:
         )
 
         assert recording.stopped.reason == "fault"
-        assert "which is no voltage" in recording.stopped.sentence
+        assert "which isn't a voltage" in recording.stopped.sentence
         assert recording["applied"].values.tolist() == [2.0] * at + [0.0]
         assert back_end.reached[:at] == [2.0] * at
         assert set(back_end.reached[at:]) == {0.0}
@@ -218,7 +218,7 @@ def test_the_run_ends_with_the_value_in_its_reason_and_may_not_go_on_without_a_w
     guarded = Guarded(back_end, Limits())
     guarded.start(0.01, 0)
     guarded.read()
-    with pytest.raises(RunEnded, match="nan is no voltage; expected a finite number in V") as ended:
+    with pytest.raises(RunEnded, match="nan isn't a voltage; expected a finite number in V") as ended:
         guarded.write(math.nan)
 
     assert ended.value.stopped.reason == "fault"
@@ -226,7 +226,7 @@ def test_the_run_ends_with_the_value_in_its_reason_and_may_not_go_on_without_a_w
     for again in (guarded.read, lambda: guarded.write(2.0)):
         with pytest.raises(RunEnded):
             again()
-    with pytest.raises(UsageError, match=r"a fault is latched: .* nan is no voltage.*acknowledge"):
+    with pytest.raises(UsageError, match=r"a fault is latched: .* nan isn't a voltage.*acknowledge"):
         guarded.start(0.01, 0)
     check_what_reached(back_end)
     guarded.acknowledge()
@@ -249,7 +249,7 @@ def test_a_device_that_answers_with_no_number_is_stopped() -> None:
     guarded.start(0.01, 0)
     guarded.read()
     with pytest.raises(
-        RunEnded, match=r"write\(\) of the device .* returned nan, where a finite number in V was expected"
+        RunEnded, match=r"write\(\) of the device .* returned nan; expected a finite number in V"
     ):
         guarded.write(2.0)
     assert back_end.reached == [2.0, 0.0]
@@ -259,14 +259,16 @@ def test_a_device_that_answers_with_no_number_is_stopped() -> None:
 @pytest.mark.parametrize(
     ("answer", "shown"),
     [
-        (None, "returned None, where a finite number in V"),
-        ("3.0", "returned '3.0' (of type str), where"),
-        (True, "returned True (of type bool), where"),
-        (1 + 2j, "returned (1+2j) (of type complex), where"),
-        ([3.0], "returned [3.0] (of type list), where"),
-        (np.array([3.0]), "returned array([3.]) (of type numpy.ndarray), where"),
-        pytest.param(10**400, f"returned 1{36 * '0'}... (of type int), where", id="huge"),
-        (-math.inf, "returned -inf, where"),
+        (None, "returned None; expected a finite number in V"),
+        ("3.0", "returned '3.0' (of type str); expected a finite number in V"),
+        (True, "returned True (of type bool); expected a finite number in V"),
+        (1 + 2j, "returned (1+2j) (of type complex); expected a finite number in V"),
+        ([3.0], "returned [3.0] (of type list); expected a finite number in V"),
+        (np.array([3.0]), "returned array([3.]) (of type numpy.ndarray); expected a finite number in V"),
+        pytest.param(
+            10**400, f"returned 1{36 * '0'}... (of type int); expected a finite number in V", id="huge"
+        ),
+        (-math.inf, "returned -inf; expected a finite number in V"),
         (2**70, f"returned {2**70} (of type int), beyond its range of -10 to 10 V"),
         (1e300, "returned 1e+300, beyond its range of -10 to 10 V"),
         (-25.0, "returned -25.0, beyond its range of -10 to 10 V"),
@@ -364,7 +366,7 @@ def test_counts_that_are_no_number_stop_the_motor_in_the_same_sample_and_are_rec
     assert recording.stopped.reason == "fault"
     assert recording.stopped.sentence.startswith("the motor was stopped at 0.05 s: the device gave ")
     assert f"{shown} as its counts" in recording.stopped.sentence
-    assert "look at its encoder, the cable, and the driver that reads it" in recording.stopped.sentence
+    assert "Check its encoder, the cable, and the driver that reads it" in recording.stopped.sentence
     assert recording["applied"].values.tolist() == [2.0] * 5 + [0.0]
     assert np.array_equal(recording["counts"].values, [0, 2, 4, 6, 8, recorded], equal_nan=True)
     assert back_end.reached[:5] == [2.0] * 5
@@ -386,7 +388,7 @@ def test_no_value_of_a_sample_may_be_anything_but_a_finite_number_with_or_withou
         for _ in range(5):
             guarded.read()
             guarded.write(2.0)
-        with pytest.raises(RunEnded, match=f"as its {field}, where a finite number was expected"):
+        with pytest.raises(RunEnded, match=f"as its {field}; expected a finite number"):
             guarded.read()
         assert guarded.fault is not None
         assert guarded.fault.code == "sample-not-finite"
@@ -458,7 +460,7 @@ def test_a_controller_is_told_what_it_returned_of_which_type_and_what_was_expect
     reason = recording.stopped.sentence
     assert recording.stopped.reason == "fault"
     assert "the controller returned " in reason
-    assert f"{shown}, which is no voltage; expected a finite number in V" in reason
+    assert f"{shown}, which isn't a voltage; expected a finite number in V" in reason
     assert "\n" not in reason
     assert len(reason) < 200
     assert recording["applied"].values.tolist() == [2.0] * 3 + [0.0]
@@ -476,7 +478,7 @@ def test_a_step_that_returns_no_pair_is_told_so(returned: Any, shown: str) -> No
     recording = run(odd(controller=Alone(lambda k: 0.0)), back_end)
 
     assert recording.stopped.reason == "fault"
-    assert f"the controller returned {shown}, which is no voltage; expected the pair (state, voltage)" in (
+    assert f"the controller returned {shown}, which isn't a voltage; expected the pair (state, voltage)" in (
         recording.stopped.sentence
     )
     assert back_end.voltage == 0.0

@@ -39,8 +39,8 @@ def flipped(experiment: Experiment, since: str = "0s", **settings: Any) -> Recor
 def ended(recording: Recording) -> float:
     """Return the time of the last sample before the stop [s]; the reason has to be the flipped encoder."""
     assert recording.stopped.reason == "fault", recording.stopped.sentence
-    assert "the shaft speeds up against the voltage" in recording.stopped.sentence
-    assert "swap its channels A and B, or the motor's leads, or the sign" in recording.stopped.sentence
+    assert "the shaft accelerates against the voltage" in recording.stopped.sentence
+    assert "swap its channels A and B, the motor's leads, or the sign" in recording.stopped.sentence
     assert "encoder-flipped" in {finding.code for finding in recording.findings}
     return float(recording["counts"].t[-1])  # type: ignore[index]
 

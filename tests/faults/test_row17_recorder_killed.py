@@ -15,7 +15,7 @@ from servobench.rig.experiment import DeviceChoice, Experiment
 from servobench.rig.loop.completion import complete
 from servobench.rig.loop.drain import ROWS_MISSED, Drain
 from servobench.rig.loop.process import LoopProcess
-from servobench.rig.loop.recording_process import INTERVAL, RECORDING, Recorded, RecorderProcess, record
+from servobench.rig.loop.recording_process import INTERVAL, RECORDING, RecorderProcess, RecorderResult, record
 from servobench.rig.loop.ring import RECORDER_STATE, ROWS_KEPT
 from tests.rig.loop.rings import RingLoop, ticks_of
 
@@ -62,12 +62,12 @@ def test_a_recorder_that_is_killed_at_a_random_time_loses_nothing_once_the_file_
                 went = recorder.wait(LONGEST)
             loop.run(3001)
 
-            assert went == Recorded(
+            assert went == RecorderResult(
                 path=None, rows=0, error="the recorder's process died (it was ended by signal 9)"
             )
             assert not path.exists()  # marked as not whole by its name
             assert path.with_name(f"{k}.mcap.part").exists()
-            assert complete(loop.spec, loop.rows, loop.events) == Recorded(path=str(path), rows=3000)
+            assert complete(loop.spec, loop.rows, loop.events) == RecorderResult(path=str(path), rows=3000)
 
         (recording,) = read(path)
         assert ticks_of(recording).tolist() == list(range(3000))
@@ -144,7 +144,7 @@ def test_a_recorder_whose_folder_was_removed_before_it_was_killed_leaves_what_me
         killed_after(loop, 10)
         shutil.rmtree(folder)
         loop.run(101)
-        with pytest.raises(StorageError, match=rf"what was recorded is in {tmp_path}/run-a\.mcap "):
+        with pytest.raises(StorageError, match=rf"the recording is in {tmp_path}/run-a\.mcap "):
             complete(loop.spec, loop.rows, loop.events)
 
     (recording,) = read(tmp_path / "run-a.mcap")
@@ -185,7 +185,7 @@ def test_a_recorder_that_had_finished_before_it_was_killed_is_left_alone(tmp_pat
         loop.open()
         record(loop.spec, loop.rows, loop.events, loop)
         before = path.read_bytes()
-        assert complete(loop.spec, loop.rows, loop.events) == Recorded(path=str(path), rows=100)
+        assert complete(loop.spec, loop.rows, loop.events) == RecorderResult(path=str(path), rows=100)
 
     assert path.read_bytes() == before
 

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from servobench.cli.run import ended_like_ctrl_c
+from servobench.cli.run import terminate_like_ctrl_c
 from servobench.core.errors import DeviceError
 from servobench.recordings.native.reader import read
 from servobench.rig.devices.twin import Twin
@@ -63,7 +63,7 @@ def test_the_shaft_coasts_from_within_20_ms_and_device_and_file_are_closed(
     asked = odd(
         controller=Controller(lambda k: what() if k == AT else 5.0), samples=1000, sample_time=SAMPLE_TIME
     )
-    with ended_like_ctrl_c(), Twin() as motor:
+    with terminate_like_ctrl_c(), Twin() as motor:
         if reason == "error":
             with pytest.raises(ZeroDivisionError):
                 run(asked, motor, to=tmp_path / "run.mcap")

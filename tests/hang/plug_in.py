@@ -58,20 +58,20 @@ class Hanging:
         )
 
     def __enter__(self) -> Any:
-        self._called("enter")
+        self._member_named("enter")
         return self
 
     def __exit__(self, *error: object) -> None:
-        self._called("exit")
+        self._member_named("exit")
 
     def start(self, sample_time: float, seed: int | None) -> None:
-        self._called("start")
+        self._member_named("start")
         self._index, self._began = -1, math.inf
 
     def read(self) -> Sample:
         if self._index < 0:
             self._began = self._last = time.monotonic()
-        self._called("read")
+        self._member_named("read")
         now = time.monotonic()
         self._angle += 20.0 * self._voltage * (now - self._last)
         self._last = now
@@ -80,20 +80,20 @@ class Hanging:
 
     def write(self, voltage: float) -> float:
         # Zero volts are taken at any time, unless the calls wait for each other: what hangs is a write that drives.
-        self._called("write" if voltage or self.settings.one_at_a_time else "zero", f"{voltage:.6f}")
+        self._member_named("write" if voltage or self.settings.one_at_a_time else "zero", f"{voltage:.6f}")
         self._voltage = voltage
         self._say("written", f"{voltage:.6f}")
         return voltage
 
     def stop(self) -> None:
-        self._called("stop")
+        self._member_named("stop")
         self._voltage = 0.0
         self._say("stopped")
 
     def _say(self, *words: str) -> None:
         os.write(self._journal, f"{time.monotonic():.6f} {os.getpid()} {' '.join(words)}\n".encode())
 
-    def _called(self, call: str, *words: str) -> None:
+    def _member_named(self, call: str, *words: str) -> None:
         self._say(call, *words)
         early = call in ("read", "write", "zero") and time.monotonic() - self._began < self.settings.after
         if call != self.settings.call or early:

@@ -50,11 +50,11 @@ def hanging(tmp_path: Path) -> Iterator[Bench]:
             "keeps the lock",
             UNKNOWN,
         ),  # nothing else in that process can run, so nobody can put out zero volts
-        ("write", "sleeps", CONFIRMED),
+        pytest.param("write", "sleeps", CONFIRMED, marks=pytest.mark.long),
         ("write", "blocks", CONFIRMED),
-        ("write", "keeps the lock", UNKNOWN),
+        pytest.param("write", "keeps the lock", UNKNOWN, marks=pytest.mark.long),
         ("start", "blocks", UNKNOWN),
-        ("enter", "blocks", UNKNOWN),
+        pytest.param("enter", "blocks", UNKNOWN, marks=pytest.mark.long),
         ("enter", "keeps the lock", UNKNOWN),
     ],
 )
@@ -84,7 +84,7 @@ def test_a_call_that_hangs_is_told_in_capitals_and_the_first_ctrl_c_ends_the_com
 
 
 @pytest.mark.promise("S42", "S43")
-@pytest.mark.parametrize("how", ["blocks", "keeps the lock"])
+@pytest.mark.parametrize("how", [pytest.param("blocks", marks=pytest.mark.long), "keeps the lock"])
 def test_a_stop_that_hangs_after_ctrl_c_is_told_and_ended_without_a_second_one(
     hanging: Bench, how: str
 ) -> None:
@@ -106,7 +106,7 @@ def test_a_stop_that_hangs_after_ctrl_c_is_told_and_ended_without_a_second_one(
 
 
 @pytest.mark.promise("S43")
-@pytest.mark.parametrize("call", ["start", "read"])
+@pytest.mark.parametrize("call", [pytest.param("start", marks=pytest.mark.long), "read"])
 def test_where_the_end_itself_wakes_the_device_the_last_word_says_what_is_known_of_the_motor(
     hanging: Bench, call: str
 ) -> None:
@@ -124,7 +124,7 @@ def test_where_the_end_itself_wakes_the_device_the_last_word_says_what_is_known_
 
 
 @pytest.mark.promise("S43")
-@pytest.mark.parametrize("request_to_end", ["SIGTERM", "SIGHUP"])
+@pytest.mark.parametrize("request_to_end", ["SIGTERM", pytest.param("SIGHUP", marks=pytest.mark.long)])
 def test_a_request_to_end_does_the_same_as_ctrl_c(hanging: Bench, request_to_end: str) -> None:
     hanging.begin(call="read", how="blocks")
     with Terminal(hanging, "run", hanging.experiment, "--out", hanging.out) as terminal:
@@ -181,7 +181,12 @@ def test_where_a_write_hangs_and_zero_volts_are_not_taken_either_the_device_is_t
 @pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells the children of a process")
 @pytest.mark.parametrize(
     ("call", "how"),
-    [("read", "blocks"), ("read", "keeps the lock"), ("enter", "blocks"), ("enter", "keeps the lock")],
+    [
+        pytest.param("read", "blocks", marks=pytest.mark.long),
+        ("read", "keeps the lock"),
+        ("enter", "blocks"),
+        pytest.param("enter", "keeps the lock", marks=pytest.mark.long),
+    ],
 )
 def test_no_process_survives_where_the_command_is_killed_while_the_loop_hangs(
     hanging: Bench, call: str, how: str

@@ -46,7 +46,7 @@ def test_ctrl_backslash_puts_out_zero_volts_as_ctrl_c_does(hanging: Bench, key: 
     assert ends_at_zero_volts(hanging), (hanging.lines()[-12:], terminal.said)
     assert status == 130, terminal.said
     known = re.search(
-        r"the motor is stopped \(zero volts from \d+\.\d\d s on\); saving and identifying what was recorded",
+        r"the motor is stopped \(zero volts from \d+\.\d\d s on\); saving and identifying the recording",
         terminal.said,
     )
     assert known, terminal.said

@@ -138,7 +138,7 @@ def test_what_cannot_be_fitted_together_is_said() -> None:
     data = dataset(seed=1, samples=500)
     with pytest.raises(UsageError, match="input units"):
         identify([data, replace(data, input_unit="%")])
-    with pytest.raises(UsageError, match="at least one"):
+    with pytest.raises(UsageError, match="data is an empty list"):
         identify([])
 
 
@@ -210,7 +210,7 @@ def test_a_time_column_in_milliseconds_that_nobody_named_is_doubted() -> None:
         data,
         t_input=data.t_input * 1000,
         t_output=data.t_output * 1000,
-        findings=(info("time-recognised", "`t` is taken as the time, in s."),),
+        findings=(info("time-recognised", "`t` is used as the time, in s."),),
     )
     assert "time-unit-doubtful" in codes(identify(slow))
     assert "time-unit-doubtful" not in codes(identify(replace(slow, findings=())))
@@ -279,7 +279,7 @@ def test_an_input_of_volts_that_were_taken_for_millivolts_is_asked_for_that() ->
     result = identify(replace(data, u=data.u / 1000))
 
     [asked] = [f.sentence for f in result.findings if f.code == "size-absurd"]
-    assert "V that were taken for mV?" in asked
+    assert "V read as mV?" in asked
 
 
 def test_the_sign_of_a_gain_that_nobody_knows_is_not_told() -> None:
@@ -325,5 +325,5 @@ def test_what_an_untold_filter_may_feign_is_no_doubt_of_its_own() -> None:
 
     assert feigned
     assert {finding.severity for finding in feigned} == {Severity.INFO}
-    assert all("filter of which nobody told" in finding.sentence for finding in feigned)
+    assert all("All of that may come from a filter" in finding.sentence for finding in feigned)
     assert "chain-unknown" in codes(untold)

@@ -59,9 +59,9 @@ def test_a_number_that_is_not_known_is_not_printed() -> None:
     assert result.fit is not None
     lines = str(result).splitlines()
 
-    assert [" ".join(line.split()) for line in lines if line.startswith(("gain", "coulomb"))] == [
+    assert [" ".join(line.split()) for line in lines if line.startswith(("gain", "Coulomb"))] == [
         "gain known together only",
-        "coulomb voltage known together only",
+        "Coulomb voltage known together only",
     ]
     assert result.equation.startswith("G(s) = K / (")
     assert f"{result.fit['gain'].value:.3g}"[:3] not in result.equation

@@ -68,13 +68,13 @@ class Course:
 
     def lowpass(self, cutoff: float) -> Array:
         """The speed behind ω/(s + ω) by Tustin's rule: (1 + 2/ωT) y + (1 - 2/ωT) y' = x + x'."""
-        return self._filtered(2 / (cutoff * self.sample_time), tustin=True)
+        return self._filter_columns(2 / (cutoff * self.sample_time), tustin=True)
 
     def euler(self, cutoff: float) -> Array:
         """The same by forward Euler: y = y' + ωT (x' - y')."""
-        return self._filtered(cutoff * self.sample_time, tustin=False)
+        return self._filter_columns(cutoff * self.sample_time, tustin=False)
 
-    def _filtered(self, a: float, *, tustin: bool) -> Array:
+    def _filter_columns(self, a: float, *, tustin: bool) -> Array:
         x, y = self.speed, np.zeros(len(self.t))
         for n in range(1, len(y)):
             if tustin:

@@ -20,17 +20,17 @@ import servobench as sb
 from servobench.core.errors import FormatError, NotIdentifiable, StorageError, UsageError
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import NAME, blank_form, forms_in, read_form
-from servobench.lab.assessment.handing_out import HandedOut, hand_out
-from servobench.lab.assessment.marking import Mark, Marked, Verdict, mark, marks_table
+from servobench.lab.assessment.handout import Handout, hand_out
+from servobench.lab.assessment.marking import Mark, StudentMarks, Verdict, mark, marks_table
 from servobench.lab.assessment.questions import (
     Question,
     all_passed_by_others,
-    passed_by_others,
+    pass_rates,
     questions,
     same_for_all,
 )
 from servobench.lab.assessment.roster import Student, read_roster
-from servobench.lab.assessment.tables import harmless, read_table, unquoted
+from servobench.lab.assessment.tables import harmless, read_table, strip_apostrophe
 from servobench.lab.exercise import Blank
 from servobench.lab.exercise_file import exercise, exercises, load_exercise
 from servobench.lab.stand import MotorStand
@@ -45,7 +45,7 @@ from servobench.rig.motor.individual import (
     Individual,
     individual,
 )
-from servobench.rig.motor.secret import keyed, new_secret, read_secret
+from servobench.rig.motor.secret import hash_words, new_secret, read_secret
 
 SECRET = bytes(range(32))
 FOR_EVER: dict[str, Any] = {
@@ -89,7 +89,7 @@ def secret(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def handed(secret: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[HandedOut, ...]]:
+def handed(secret: Path, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, tuple[Handout, ...]]:
     folder = tmp_path_factory.mktemp("class") / "hand"
     return folder, hand_out(assessment(secret), CLASS, folder)
 
@@ -112,7 +112,10 @@ def test_the_same_secret_and_student_give_the_same_motor_for_ever() -> None:
     own = individual(SECRET, "step", "Ada Lovelace")
 
     assert own == individual(SECRET, "step", "  ada\u00a0 LOVELACE ")
-    assert keyed(SECRET, "servobench.individual/1", "step", "ada lovelace", "gain").hex() == FOR_EVER["gain"]
+    assert (
+        hash_words(SECRET, "servobench.individual/1", "step", "ada lovelace", "gain").hex()
+        == FOR_EVER["gain"]
+    )
     assert own.resistance == pytest.approx(FOR_EVER["resistance"], rel=1e-12)
     assert own.motor_constant == pytest.approx(FOR_EVER["motor_constant"], rel=1e-12)
     assert own.inertia == pytest.approx(FOR_EVER["inertia"], rel=1e-12)
@@ -222,7 +225,7 @@ def spellings(value: float) -> set[bytes]:
 
 
 def test_nothing_that_a_student_gets_tells_parameters_seed_or_secret(
-    handed: tuple[Path, tuple[HandedOut, ...]], secret: Path
+    handed: tuple[Path, tuple[Handout, ...]], secret: Path
 ) -> None:
     folder, _ = handed
     hidden: set[bytes] = {SECRET, SECRET.hex().encode(), str(secret).encode(), secret.parent.name.encode()}
@@ -258,7 +261,7 @@ def test_the_search_finds_what_is_hidden_where_it_is_told(tmp_path: Path, secret
 
 @pytest.mark.parametrize("ending", ["mcap", "csv"])
 def test_a_recording_is_read_back_without_the_twins_settings_and_can_be_identified(
-    handed: tuple[Path, tuple[HandedOut, ...]], ending: str
+    handed: tuple[Path, tuple[Handout, ...]], ending: str
 ) -> None:
     folder, _ = handed
     (recording,) = sb.load(folder / "ada" / f"step.{ending}")
@@ -268,7 +271,7 @@ def test_a_recording_is_read_back_without_the_twins_settings_and_can_be_identifi
     assert (recording.events, recording.findings, dict(recording.versions)) == ((), (), {})
     assert "seed = 0" in recording.experiment
     assert "[device.settings]" not in recording.experiment
-    with pytest.raises(NotIdentifiable, match="nobody knows those of the motor in"):
+    with pytest.raises(NotIdentifiable, match="aren't known for the motor in"):
         truth_of(recording)
     found = sb.identify(sb.measure(recording)).fit
     assert found is not None
@@ -280,13 +283,13 @@ def test_a_recording_is_read_back_without_the_twins_settings_and_can_be_identifi
 
 
 def test_the_page_has_no_answers_and_no_studies_and_says_where_answers_go(
-    handed: tuple[Path, tuple[HandedOut, ...]],
+    handed: tuple[Path, tuple[Handout, ...]],
 ) -> None:
     folder, made = handed
     page = (folder / "ada" / "step.html").read_text(encoding="utf-8")
 
     assert 'class="study' not in page
-    assert "Where the paper errs" not in page
+    assert "Errors in the paper" not in page
     assert "<code>answers.csv</code>" in page
     assert "--answers" not in page  # which would check against another motor
     texts = set(re.findall(r"\d+\.\d{3,}", re.sub(r"(?s)<(svg|style|script).*?</\1>", "", page)))
@@ -294,7 +297,7 @@ def test_the_page_has_no_answers_and_no_studies_and_says_where_answers_go(
         assert f"{question.right:.4g}" not in texts
 
 
-def test_the_form_has_each_blank_and_no_answer(handed: tuple[Path, tuple[HandedOut, ...]]) -> None:
+def test_the_form_has_each_blank_and_no_answer(handed: tuple[Path, tuple[Handout, ...]]) -> None:
     folder, _ = handed
     form = read_form(folder / "ada" / NAME)
 
@@ -362,7 +365,7 @@ def test_what_only_the_true_parameters_tell_is_asked_of_nobody(secret: Path) -> 
     why = {q.blank.id: q.why_not for q in questions(made.exercise, made.stand("ada"))}
 
     sentence = why["honesty"]
-    assert "nobody knows those of the motor in" in sentence
+    assert "aren't known for the motor in" in sentence
     assert not any(word in sentence for word in ("assigned", ".md", "/", "twin"))  # a lecturer reads it
     assert why["gain"] == why["time_constant"] == ""
 
@@ -371,7 +374,7 @@ def test_an_exercise_on_another_device_is_told(secret: Path) -> None:
     step = exercise("step")
     elsewhere = step.experiment.model_copy(update={"device": DeviceChoice(name="replay")})
 
-    with pytest.raises(UsageError, match="done on the device 'replay'"):
+    with pytest.raises(UsageError, match="uses the device 'replay'"):
         Assessment(exercise=replace(step, experiment=elsewhere), secret_file=secret, secret=SECRET)
 
 
@@ -409,10 +412,10 @@ def test_a_neighbours_answers_seldom_pass(secret: Path) -> None:
     by_hand = sum(
         abs(a.right - b.right) <= a.allowed for a in time_constant for b in time_constant if a is not b
     )
-    passed = passed_by_others(asked)
+    passed = pass_rates(asked)
     assert passed["time_constant"] == by_hand / 6
     assert passed["lag"] == passed["level"] == 1.0  # which have nothing to do with the motor
-    assert math.isnan(passed_by_others(asked[:1])["lag"])
+    assert math.isnan(pass_rates(asked[:1])["lag"])
 
 
 def test_a_definition_is_everybodys_answer_and_a_measured_one_is_a_students_own(secret: Path) -> None:
@@ -504,9 +507,9 @@ def test_the_same_id_twice_is_told_with_both_lines(tmp_path: Path) -> None:
     ("content", "said"),
     [
         ("ada\nblaise\n", "there is no column `student`"),
-        ("student\n", "there is nobody in it"),
+        ("student\n", "it has no students"),
         ("", "is empty"),
-        ("student,x\n,1\n", r"r\.csv:2: '' is no id"),
+        ("student,x\n,1\n", r"r\.csv:2: '' isn't an id"),
         (b"PK\x03\x04rest", "save it as CSV"),
         (b"student\n\x00\x00", "is no text"),
     ],
@@ -548,7 +551,7 @@ def fill(
     path.write_bytes(text.getvalue().encode(encoding))
 
 
-def marked(made: Assessment, folder: Path, students: tuple[Student, ...] = CLASS) -> tuple[Marked, ...]:
+def marked(made: Assessment, folder: Path, students: tuple[Student, ...] = CLASS) -> tuple[StudentMarks, ...]:
     forms, _ = forms_in(folder)
     return mark(made, students, forms).students
 
@@ -595,7 +598,7 @@ def test_what_is_odd_gets_a_mark_and_a_reason(secret: Path, tmp_path: Path) -> N
     assert said["time_constant"][0] == "wrong"
     assert "10^3" in said["time_constant"][1]
     assert said["pole"][0] == "wrong"
-    assert ada.notes == ("Answers to what isn't asked: 'colour'.",)
+    assert ada.notes == ("Answers to questions that weren't asked: 'colour'.",)
     assert max(len(m.given) for m in ada.marks) <= 101
 
 
@@ -623,7 +626,7 @@ def test_a_decimal_comma_that_cuts_an_answer_in_two_is_noted(secret: Path, tmp_p
     (ada, *_) = marked(made, tmp_path)
 
     assert [note for note in ada.notes if "cell" in note] == [
-        "x.csv:2: this row has 1 cell too many, so that its answer may be '19' alone: was there a decimal comma? Write a point, "
+        "x.csv:2: this row has 1 cell too many, so its answer may be only '19': was there a decimal comma? Write a point, "
         "and mark again."
     ]
 
@@ -661,12 +664,12 @@ def test_forms_of_another_secret_are_told_before_anybody_gets_a_mark(secret: Pat
     made = assessment(secret)
     fill(tmp_path / "x.csv", {"lag": "20 ms"}, replace(made, secret=bytes(32)).code("ada"))
 
-    with pytest.raises(UsageError, match="handed out with another secret, for another exercise"):
+    with pytest.raises(UsageError, match="belong to another secret, exercise"):
         marked(made, tmp_path)
 
 
 def test_what_can_t_be_read_is_told_and_recordings_are_no_forms(
-    secret: Path, tmp_path: Path, handed: tuple[Path, tuple[HandedOut, ...]]
+    secret: Path, tmp_path: Path, handed: tuple[Path, tuple[Handout, ...]]
 ) -> None:
     (tmp_path / "a.xlsx").write_bytes(b"PK\x03\x04")
     (tmp_path / "b.csv").write_bytes(b"blank,answer\n\x00")
@@ -689,7 +692,9 @@ def test_marks_are_a_table_that_no_spreadsheet_computes(secret: Path, tmp_path: 
     text = marks_table(mark(made, students, forms))
     rows = list(csv.DictReader(io.StringIO(text.removeprefix("\ufeff"))))
 
-    assert [unquoted(row["student"]) for row in rows] == list(names)  # all of them, in the roster's order
+    assert [strip_apostrophe(row["student"]) for row in rows] == list(
+        names
+    )  # all of them, in the roster's order
     for row in rows:
         for cell in row.values():
             assert cell[:1] not in ("=", "+", "@", "\t", "\r", "\uff1d")
@@ -701,7 +706,7 @@ def test_marks_are_a_table_that_no_spreadsheet_computes(secret: Path, tmp_path: 
 @pytest.mark.parametrize("text", ["=1", "'=1", "''=1", "-1e3", "- a", "+3", "@", "", "'", "it's", "a=b"])
 def test_a_cell_comes_back_from_its_harmless_form(text: str) -> None:
     if text not in ("'=1", "''=1"):
-        assert unquoted(harmless(text)) == text
+        assert strip_apostrophe(harmless(text)) == text
     assert harmless(text)[:1] not in ("=", "@")
 
 
@@ -764,6 +769,6 @@ def test_a_blank_that_somebody_is_not_asked_keeps_no_form_apart() -> None:
 def test_points_are_out_of_what_was_asked() -> None:
     verdicts: tuple[Verdict, ...] = ("right", "wrong", "not asked", "missing")
     marks = tuple(Mark(blank=f"b{n}", verdict=each, given="", sentence="") for n, each in enumerate(verdicts))
-    marked = Marked(student="ada", marks=marks)
+    marked = StudentMarks(student="ada", marks=marks)
 
     assert (marked.points, marked.total) == (1, 3)

@@ -61,7 +61,7 @@ def stand(name: str) -> MotorStand:
 
 
 def column(name: str, study: str, wanted: str) -> Column:
-    tables = stand(name).shown(study).tables
+    tables = stand(name).study_result(study).tables
     return next(c for table in tables for c in table.columns if c.name == wanted)
 
 
@@ -188,7 +188,7 @@ def test_the_shaft_begins_to_move_where_friction_and_dead_band_are_made_up_for()
 
 def test_the_note_says_how_late_the_ramp_is_seen() -> None:
     # With the data sheet's gain and time constant: 9.6 mV, as with the motor's own to two digits.
-    assert f"Seen {1000 * (seen_at(0.0)):.1f}" in stand("driving").shown("breakaway").tables[0].note
+    assert f"Seen {1000 * (seen_at(0.0)):.1f}" in stand("driving").study_result("breakaway").tables[0].note
 
 
 def test_a_dead_band_of_the_newer_unit_holds_the_motor_at_half_a_volt() -> None:
@@ -210,7 +210,7 @@ def test_a_held_shaft_is_cut_off_after_the_time_of_its_monitor_and_not_below_its
     current = values("driving", "stall", "current")
     assert current == pytest.approx([u / R for u in volts], abs=3 / 4096)  # half a step of 6 A/2¹²
     assert values("driving", "stall", "heat") == pytest.approx([u * u / R for u in volts], abs=10 * 3 / 4096)
-    said = stand("driving").shown("stall").sentences
+    said = stand("driving").study_result("stall").sentences
     assert "as asked" in said[0]
     assert "more than 5 V, 3 s" in said[1]
     assert "more than 1 V, 10 s" in said[3]
@@ -429,7 +429,7 @@ def test_models_beside_the_recording_are_off_by_what_the_equations_say() -> None
     assert values("modelling", "beside", "fit") == pytest.approx(
         [100 * (1 - e / spread) for e in found], abs=0.01
     )
-    assert f"an error of {rounding:.2g} rad/s" in stand("modelling").shown("beside").tables[0].note
+    assert f"an error of {rounding:.2g} rad/s" in stand("modelling").study_result("beside").tables[0].note
 
 
 def test_the_step_responses_of_the_figure_are_those_of_the_transfer_functions() -> None:
@@ -463,7 +463,7 @@ def test_every_study_stands_in_the_text_and_its_figures_can_be_drawn(name: str) 
     found = exercise(name)
     assert [piece.study for piece in found.pieces if piece.study] == list(found.studies)
     for study in found.studies:
-        for figure in stand(name).shown(study).figures:
+        for figure in stand(name).study_result(study).figures:
             for width in (360, 720):
                 assert figure.draw(Style(width=width)).axes
             assert figure.caption.endswith(".")
@@ -474,9 +474,12 @@ def test_a_recording_alone_is_enough_for_what_reads_and_told_where_a_study_needs
     found = exercise("driving")
     alone = stand_of(found, stand("driving").recording)
 
-    assert alone.shown("levels").tables[0].columns[1].values == column("driving", "levels", "counts").values
-    with pytest.raises(NotIdentifiable, match="one recording alone"):
-        alone.shown("breakaway")
+    assert (
+        alone.study_result("levels").tables[0].columns[1].values
+        == column("driving", "levels", "counts").values
+    )
+    with pytest.raises(NotIdentifiable, match="a single recording"):
+        alone.study_result("breakaway")
 
 
 def test_what_does_not_fit_a_study_is_told() -> None:
@@ -507,7 +510,7 @@ def test_a_study_that_needs_a_data_sheet_says_so() -> None:
     with pytest.raises(
         UsageError, match=r'takes the gain of a data sheet, .* add nominal = "qube_servo_2" or'
     ):
-        stand_on_the_twin(found).shown("pulses")
+        stand_on_the_twin(found).study_result("pulses")
 
 
 def test_a_ramp_that_never_moves_the_shaft_gives_no_voltage() -> None:
@@ -543,7 +546,7 @@ def test_two_channels_are_decoded_to_the_counts_that_are_drawn() -> None:
 
 
 def test_a_line_of_the_disc_has_four_states_and_the_table_names_the_edge_between_them() -> None:
-    (table,) = stand("encoder").shown("channels").tables
+    (table,) = stand("encoder").study_result("channels").tables
     columns = {column.name: column.values for column in table.columns}
     states = list(zip(columns["a"], columns["b"], strict=True))
 

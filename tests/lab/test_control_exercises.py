@@ -21,7 +21,7 @@ from servobench.core.errors import UsageError
 from servobench.lab.exercise_file import exercise, read_exercise
 from servobench.lab.expression import Expression
 from servobench.lab.stand import MotorStand, stand_on_the_twin
-from servobench.lab.studies.base import Shown
+from servobench.lab.studies.base import StudyResult
 
 R, L, KM, J, B, COULOMB = 8.4, 1.16e-3, 0.042, 2.0952e-5, 1e-6, 8e-4
 J_SHEET = 4.0e-6 + 0.5 * 0.0106 * 0.0111**2 + 0.5 * 0.053 * 0.0248**2
@@ -43,7 +43,7 @@ def stand(name: str) -> MotorStand:
     return stand_on_the_twin(exercise(name))
 
 
-def columns(shown: Shown) -> dict[str, tuple[float | str, ...]]:
+def columns(shown: StudyResult) -> dict[str, tuple[float | str, ...]]:
     return {column.name: column.values for table in shown.tables for column in table.columns}
 
 
@@ -115,12 +115,12 @@ def reached(t: np.ndarray, y: np.ndarray, level: float) -> float:
 
 def test_the_poles_and_what_they_mean() -> None:
     at = stand("stability")
-    poles = columns(at.shown("poles"))
+    poles = columns(at.study_result("poles"))
     # Identified from the step, 0.5 % is what its interval allows with room.
     assert poles["pole"] == pytest.approx((-1 / TAU_TRUE,) * 2, rel=5e-3)
     assert poles["verdict"] == ("stable", "marginally stable")
     assert poles["bibo"] == ("stable", "unstable")
-    paper = {c.name: c.paper for t in at.shown("poles").tables for c in t.columns}
+    paper = {c.name: c.paper for t in at.study_result("poles").tables for c in t.columns}
     assert paper["pole"] == pytest.approx((-1 / 0.13,) * 2, abs=5e-5)
     assert (paper["verdict"], paper["bibo"]) == (poles["verdict"], poles["bibo"])  # the table 1-5 holds
     assert at.facts["poles_growth"].value == pytest.approx(GAIN_TRUE, rel=1e-3)
@@ -135,7 +135,7 @@ def test_the_four_experiments_are_those_of_the_motor_with_friction() -> None:
         "sinusoid": (lambda t: math.sin(0.8 * math.pi * t), 5.0),
         "sinusoid with an offset": (lambda t: 1 + math.sin(0.8 * math.pi * t), 5.0),
     }
-    found = columns(stand("stability").shown("four"))
+    found = columns(stand("stability").study_result("four"))
     for row, (name, (u, seconds)) in enumerate(inputs.items()):
         t, theta, omega = marched(lambda t, counts, u=u: u(t), seconds + 2 * H)
         assert found["input"][row] == name
@@ -166,7 +166,7 @@ def test_the_corrections_of_the_stability_section() -> None:
 
 def test_a_position_loops_frequency_damping_peak_and_overshoot() -> None:
     at = stand("second_order")
-    found = columns(at.shown("sweep"))
+    found = columns(at.study_result("sweep"))
     for row, kp in enumerate((1.0, 2.0, 4.0, 8.0)):
         poles = np.roots([TAU, 1, GAIN * kp])
         assert found["frequency"][row] == pytest.approx(abs(poles[0]), rel=1e-12)
@@ -186,7 +186,7 @@ def test_a_position_loops_frequency_damping_peak_and_overshoot() -> None:
 
 
 def test_the_margins_on_paper_and_as_it_runs() -> None:
-    found = columns(stand("second_order").shown("margins"))
+    found = columns(stand("second_order").study_result("margins"))
     omega = brentq(lambda w: 2 * GAIN / (w * math.hypot(1, w * TAU)) - 1, 1, 100)
     phase = 90 - math.degrees(math.atan(omega * TAU))
     assert found["crossover"][0] == pytest.approx(omega, rel=1e-9)
@@ -215,14 +215,14 @@ def test_the_margins_on_paper_and_as_it_runs() -> None:
 
 def test_how_a_pd_loop_follows_its_reference_is_told_beside_l_over_one_plus_l() -> None:
     """Θ/R = K kp/(τs² + (1 + K kd) s + K kp): |Θ/R|² = 1/2 at ω² = b + √(b² + a²), by algebra."""
-    shown = stand("pd").shown("margins")
+    shown = stand("pd").study_result("margins")
     a, c = GAIN * 4.36 / TAU, (1 + GAIN * 0.164) / TAU
     b = a - c * c / 2
     followed = math.sqrt(b + math.sqrt(b * b + a * a))
 
     assert columns(shown)["bandwidth"][0] > 1.5 * followed  # L/(1 + L) has the zero of kd s + kp
     assert f"from reference to output the bandwidth is {followed:.4g} rad/s" in shown.tables[0].note
-    assert "from reference to output" not in stand("second_order").shown("margins").tables[0].note
+    assert "from reference to output" not in stand("second_order").study_result("margins").tables[0].note
 
 
 def test_gain_margins_as_it_runs_are_those_of_the_sampled_loop() -> None:
@@ -238,7 +238,7 @@ def test_gain_margins_as_it_runs_are_those_of_the_sampled_loop() -> None:
     }
     for name, (above, under) in laws.items():
         exact = brentq(_outermost, 2.0, 100.0, (np.convolve(under, d), np.convolve(above, n[0])))
-        told = columns(stand(name).shown("margins"))["gain"][1]
+        told = columns(stand(name).study_result("margins"))["gain"][1]
         # Two roots near 1 make the polynomial's roots good to eight digits.
         assert told == pytest.approx(exact, rel=1e-6)
 
@@ -250,7 +250,7 @@ def _outermost(k: float, under: np.ndarray, above: np.ndarray) -> float:
 
 def test_pd_gains_follow_from_the_specification() -> None:
     at = stand("pd")
-    zeta, omega, kp, kd = (float(v) for v in columns(at.shown("wish"))["value"])
+    zeta, omega, kp, kd = (float(v) for v in columns(at.study_result("wish"))["value"])
     t, y = step_of(Lti([GAIN * kp], [TAU, 1 + GAIN * kd, GAIN * kp]), T=np.linspace(0, 1, 100_001))
     assert t[np.argmax(y)] == pytest.approx(0.15, abs=2e-5)
     assert y.max() - 1 == pytest.approx(0.025, abs=1e-6)
@@ -259,7 +259,7 @@ def test_pd_gains_follow_from_the_specification() -> None:
     # The gains in the file are these, to three digits.
     controller = at.exercise.experiment.controller
     assert (controller.kp, controller.kd) == pytest.approx((kp, kd), rel=2e-3)  # type: ignore[attr-defined]
-    found = columns(at.shown("tried"))
+    found = columns(at.study_result("tried"))
     assert found["overshoot"][2:] == (0.0, 0.0)  # friction stops it short
     assert all(0 < e <= HELD / 4.36 + COUNT for e in found["error"][2:])  # type: ignore[operator]
     t, theta, _ = marched(lambda t, counts: 4.36 * (1.5 * (t >= 0.1 - 1e-9) - counts * COUNT), 1.0)
@@ -275,7 +275,7 @@ def test_the_lead_is_put_where_it_was_wished() -> None:
     steps = dict(
         zip(
             ("left", "lost", "lead", "ratio", "zero", "pole", "gain"),
-            columns(at.shown("design"))["value"],
+            columns(at.study_result("design"))["value"],
             strict=True,
         )
     )
@@ -287,18 +287,18 @@ def test_the_lead_is_put_where_it_was_wished() -> None:
     assert steps["left"] == pytest.approx(90 - math.degrees(math.atan(60 * TAU)), rel=1e-12)
     assert steps["ratio"] == pytest.approx(pole / zero, rel=1e-12)
     # The rounded numbers in the file fulfil the wish, but for the peak time, as the text says.
-    margins = columns(at.shown("margins"))
+    margins = columns(at.study_result("margins"))
     assert margins["phase"][1] >= 75  # type: ignore[operator]
     assert margins["bandwidth"][1] >= 45  # type: ignore[operator]
-    found = columns(at.shown("step"))
+    found = columns(at.study_result("step"))
     assert found["overshoot"][0] <= 7.5  # type: ignore[operator]
     assert found["peak_linear"][0] > 0.05  # type: ignore[operator]
     assert found["voltage"][0] < 10  # type: ignore[operator]
     # The faster one has the peak in time without friction and limit, and asks for more than there is.
     names = ("left", "lost", "lead", "ratio", "zero", "pole", "gain")
-    faster = dict(zip(names, columns(at.shown("faster"))["value"], strict=True))
+    faster = dict(zip(names, columns(at.study_result("faster"))["value"], strict=True))
     assert faster["left"] == pytest.approx(faster["lost"], rel=1e-3)  # type: ignore[arg-type]
-    fast = columns(at.shown("fast"))
+    fast = columns(at.study_result("fast"))
     assert fast["controller"] == (
         f"lead, gain {faster['gain']:.2f}, zero {faster['zero']:.1f}, pole {faster['pole']:.0f}",
     )
@@ -323,7 +323,7 @@ def test_the_lead_loops_speed_is_that_of_the_loop_with_and_without_friction() ->
 
         return law
 
-    found = columns(stand("lead").shown("step"))
+    found = columns(stand("lead").study_result("step"))
     for name, (t, theta, *_), near in (
         (
             "_linear",
@@ -349,7 +349,7 @@ def test_the_lead_loops_speed_is_that_of_the_loop_with_and_without_friction() ->
 
 def test_the_errors_that_are_left() -> None:
     at = stand("steady_state_error")
-    found = columns(at.shown("errors"))
+    found = columns(at.study_result("errors"))
     # lim s (1 - T)/s² by its own series: numerators of 1 - T over s.
     for row, kd in ((3, 0.0), (4, 0.25)):
         s = 1e-7
@@ -371,7 +371,7 @@ def test_the_errors_that_are_left() -> None:
 def test_rouths_limit_and_the_one_that_was_tried() -> None:
     at = stand("routh")
     limit = 10 * (1 + 10 * TAU) / (TAU * GAIN)
-    table = columns(at.shown("table"))
+    table = columns(at.study_result("table"))
     assert answer(at, "limit") == pytest.approx(limit, rel=1e-9)
     assert answer(at, "square") == pytest.approx(1 + 10 * TAU, rel=1e-12)
     for row, k in enumerate((4.0, 8.0, 12.0)):
@@ -380,7 +380,7 @@ def test_rouths_limit_and_the_one_that_was_tried() -> None:
         assert table["rightmost"][row] == pytest.approx(roots.real.max(), rel=1e-6)
         first = table[f"k{k:g}_a"]
         assert first[2] == pytest.approx(10 - TAU * GAIN * k / (1 + 10 * TAU), rel=1e-9)
-    tried = columns(at.shown("tried"))
+    tried = columns(at.study_result("tried"))
 
     def growth(k: float) -> float:
         """Of the sampled loop: the largest eigenvalue of what a tick makes of current, speed, angle and the law's states."""
@@ -446,13 +446,17 @@ STEP, PID = '[signal]\ntype = "step"\n', '[controller]\ntype = "pid"\n'
     ("signal", "study", "said"),
     [
         (STEP, 'type = "step_responses"\ncontrollers = [{type = "pid"}]', "reads a step response"),
-        (STEP + PID, 'type = "step_responses"\ncontrollers = [{type = "open_loop"}]', "no feedback law"),
+        (
+            STEP + PID,
+            'type = "step_responses"\ncontrollers = [{type = "open_loop"}]',
+            "isn't a supported feedback law",
+        ),
         (
             STEP + PID,
             'type = "step_responses"\ncontrollers = [{type = "pid", output = "speed"}]',
-            "have to follow",
+            "must control the same output",
         ),
-        (STEP, 'type = "loop_margins"', "no feedback law"),
+        (STEP, 'type = "loop_margins"', "isn't a supported feedback law"),
         (
             SQUARE,
             'type = "loop_margins"\ngain = "nothing"\ncontroller = {type = "pid"}',
@@ -471,7 +475,7 @@ STEP, PID = '[signal]\ntype = "step"\n', '[controller]\ntype = "pid"\n'
 def test_a_study_that_doesnt_fit_says_what_it_takes(signal: str, study: str, said: str) -> None:
     found = read_exercise(FILE.format(signal=signal, study=study), "mine", "mine.md")
     with pytest.raises(UsageError, match=said) as caught:
-        stand_on_the_twin(found).shown("it")
+        stand_on_the_twin(found).study_result("it")
     assert "mine.md:" in str(caught.value)
 
 
@@ -482,7 +486,7 @@ def test_every_figure_can_be_drawn() -> None:
     for name in names:
         at = stand(name)
         for study in at.exercise.studies:
-            for figure in at.shown(study).figures:
+            for figure in at.study_result(study).figures:
                 drawn = figure.draw(Style(width=480.0))
                 assert drawn.axes
                 assert figure.caption

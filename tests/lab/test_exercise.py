@@ -79,13 +79,13 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
     [
         ("+++\ntitle", "title", r"mine\.md:1: expected a line `\+\+\+`"),
         ('"exact"\n+++', '"exact"', r"mine\.md:27: the TOML isn't ended"),
-        ('title = "Mine"', "title = Mine", r"mine\.md:2: this is no TOML"),
+        ('title = "Mine"', "title = Mine", r"mine\.md:2: this isn't TOML"),
         ('title = "Mine"', 'titel = "Mine"', r"mine\.md:2: titel: not known here \(did you mean 'title'\?\)"),
         ('title = "Mine"\n', "", r"mine\.md:1: title: is missing; expected title ="),
         (
             'title = "Mine"',
             "title = “Mine”",
-            r"mine\.md:2: .*`title = “Mine”`; texts stand between straight quotes",
+            r"mine\.md:2: .*`title = “Mine”`; texts need straight quotes",
         ),
         ('title = "Mine"', 'title = "  "', r"mine\.md:2: title"),
         ("[[blanks]]", "[blanks]", r"mine\.md"),
@@ -114,18 +114,18 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
             r"mine\.md:29: the formula that begins with `\$K/\(τs \+ 1\) here\. No",
         ),
         ("Nothing", "With $K $ nothing", r"mine\.md:27: the formula that begins with `\$K \$ nothing"),
-        ("Nothing", "\n{{ way }\n\nNothing", r"mine\.md:28: `{{ way }` begins with {{ and doesn't end"),
+        ("Nothing", "\n{{ way }\n\nNothing", r"mine\.md:28: `{{ way }` starts with {{ and doesn't end"),
         (
             "[signal]",
             "[studies.Way]\ntype = 'values'\n\n[signal]",
-            r"mine\.md:8: studies\.Way: 'Way' is no name of a study",
+            r"mine\.md:8: studies\.Way: 'Way' isn't the name of a study",
         ),
         ('type = "step"', 'type = "stepp"', r"mine\.md:9: signal\.type: no signal called 'stepp'"),
         ('duration = "2 s"', 'duration = "2 V"', r"mine\.md:6: .*'2 V' is a voltage"),
         (
             'id = "gain"',
             'id = "Gain!"',
-            r"mine\.md:12: blanks\[0\]\.id: 'Gain!' is no name of a blank; expected",
+            r"mine\.md:12: blanks\[0\]\.id: 'Gain!' isn't the name of a blank; expected",
         ),
         ('id = "other"', 'id = "gain"', r"mine\.md:18: two blanks have the id 'gain', the other in line 11"),
         ('answer = "read_gain"', 'answer = "import os"', r"mine\.md:11: blanks\[0\]: .*is no expression"),
@@ -151,8 +151,8 @@ def test_a_file_that_was_changed_is_read_again(tmp_path: Path) -> None:
         ),
         ('tolerance = "5 %"', 'tolerence = "5 %"', r"mine\.md:16: .*did you mean 'tolerance'"),
         ('label = "Gain"\n', "", r"mine\.md:11: blanks\[0\]\.label: is missing"),
-        ('duration = "2 s"', 'duration = "endless"', r"mine\.md:6: the experiment has to end within 600 s"),
-        ('duration = "2 s"', 'duration = "601 s"', r"mine\.md:6: the experiment has to end within 600 s"),
+        ('duration = "2 s"', 'duration = "endless"', r"mine\.md:6: the experiment must end within 600 s"),
+        ('duration = "2 s"', 'duration = "601 s"', r"mine\.md:6: the experiment must end within 600 s"),
         ("# What to do\n\nNothing +++ but this.\n", "", r"mine\.md:23: there is no text"),
     ],
 )
@@ -237,9 +237,13 @@ def test_a_unit_that_cannot_fit_is_refused(answer: str, unit: str, comes_out_in:
         (
             "time_constant + gain",
             "s",
-            "`time_constant` is in s and `gain` in rad/(s·V); what differs in kind",
+            "`time_constant` is in s and `gain` in rad/(s·V); different quantities",
         ),
-        ("coulomb_voltage - gain", "s", "`coulomb_voltage` is in V and `gain` in rad/(s·V); what differs"),
+        (
+            "coulomb_voltage - gain",
+            "s",
+            "`coulomb_voltage` is in V and `gain` in rad/(s·V); different quantities",
+        ),
     ],
 )
 def test_facts_without_a_number_are_in_si_units_and_sums_of_one_kind(
@@ -304,12 +308,12 @@ def test_a_name_is_never_a_path(tmp_path: Path) -> None:
 def test_a_file_that_is_no_text_is_told(tmp_path: Path) -> None:
     (tmp_path / "bad.md").write_bytes(b"+++\n\xff\n")
 
-    with pytest.raises(FormatError, match=r"bad\.md:2: this is no UTF-8"):
+    with pytest.raises(FormatError, match=r"bad\.md:2: this isn't UTF-8"):
         load_exercise(tmp_path / "bad.md")
     with pytest.raises(FormatError, match="can't be read"):
         load_exercise(tmp_path / "missing.md")
 
 
 def test_a_file_that_is_nested_too_deeply_is_told() -> None:
-    with pytest.raises(UsageError, match=r"mine\.md: arrays or tables are nested too deeply"):
+    with pytest.raises(UsageError, match=r"mine\.md: its arrays or tables are nested too deeply"):
         read(GOOD.replace('title = "Mine"', f"title = {'[' * 5000}{']' * 5000}"))

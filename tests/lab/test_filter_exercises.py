@@ -30,7 +30,7 @@ def steady(voltage: float) -> float:
 
 @lru_cache
 def columns(name: str, study: str) -> dict[str, Column]:
-    shown = stand_on_the_twin(exercise(name)).shown(study)
+    shown = stand_on_the_twin(exercise(name)).study_result(study)
     return {column.name: column for table in shown.tables for column in table.columns}
 
 

@@ -16,7 +16,7 @@ from servobench.lab.filter_reading import (
     edge_reading_error,
     filtered_derivative,
     nearby,
-    pooled,
+    pool_errors,
     reading_error,
 )
 from servobench.recordings.measurement.base import Chain
@@ -80,7 +80,7 @@ def test_bias_and_scatter_are_those_of_runs_that_start_anywhere(cutoff: float) -
     runs = 1500
     errors = read_by_hand(cutoff, runs, seed=7)
 
-    found = pooled(
+    found = pool_errors(
         [reading_error(filtered_derivative(cutoff), each, T, STEP) for each in nearby(RISE, T, STEP, 32)]
     )
 
@@ -113,7 +113,7 @@ def test_as_good_as_the_best_are_cutoffs_with_a_tenth_more_error_at_most() -> No
     best = best_cutoff(RISE, T, STEP, cutoffs=tried)
 
     sizes = {
-        cutoff: pooled(
+        cutoff: pool_errors(
             [reading_error(filtered_derivative(cutoff), each, T, STEP, 16) for each in nearby(RISE, T, STEP)]
         ).rms
         for cutoff in tried
@@ -132,7 +132,7 @@ def test_without_steps_the_highest_cutoff_that_doesnt_ring_is_the_best(
 
 
 def test_pooled_errors_keep_the_scatter_between_cases() -> None:
-    found = pooled([ReadingError(bias=1, sd=0.3), ReadingError(bias=3, sd=0.4)])
+    found = pool_errors([ReadingError(bias=1, sd=0.3), ReadingError(bias=3, sd=0.4)])
 
     assert found.bias == 2
     assert found.sd == pytest.approx(math.sqrt((0.09 + 0.16) / 2 + 1))

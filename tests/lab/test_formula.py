@@ -84,8 +84,8 @@ def test_a_formula_is_a_line_of_text_in_a_terminal(source: str, text: str) -> No
     [
         ("K/(τs + 1", "expected ')'"),
         ("K/", "both sides of '/'"),
-        ("a/b/c", "set brackets"),
-        ("a/b·c", "set brackets"),
+        ("a/b/c", "add brackets"),
+        ("a/b·c", "add brackets"),
         ("½ x", "'½' has no meaning"),
         ("x^", "it ends too early"),
         ("a + )", "can't stand there"),

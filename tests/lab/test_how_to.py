@@ -80,16 +80,16 @@ def test_the_page_on_studies_is_what_they_say_of_themselves() -> None:
 
 
 def test_the_example_shows_its_study_and_its_correction() -> None:
-    from servobench.lab.worked import Worked
+    from servobench.lab.worked_exercise import WorkedExercise
 
     text = PAGE.read_text(encoding="utf-8")
     example = re.search(r"```markdown\n(.*?)```", text, re.DOTALL)
     assert example is not None
     found = read_exercise(example[1], "half", "half.md")
-    shown = Worked(exercise=found, stand=stand_on_the_twin(found), given={})
+    shown = WorkedExercise(exercise=found, stand=stand_on_the_twin(found), given={})
 
     # The time constant of the simulated motor: R J / (R b + k²).
     tau = 8.4 * 2.0952e-5 / (8.4 * 1e-6 + 0.042**2)
     assert shown.corrections[0].value is not None
     assert abs(shown.corrections[0].value / (1000 * tau) - 1) < 5e-3  # as of a step, see test_exercises.py
-    assert shown.shown("way").tables[0].columns[1].paper == (130.0,)
+    assert shown.study_result("way").tables[0].columns[1].paper == (130.0,)

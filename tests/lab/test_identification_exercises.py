@@ -66,7 +66,7 @@ def stand(name: str) -> MotorStand:
 
 
 def column(name: str, study: str, wanted: str) -> Column:
-    shown = stand(name).shown(study)
+    shown = stand(name).study_result(study)
     return next(c for table in shown.tables for c in table.columns if c.name == wanted)
 
 
@@ -131,7 +131,7 @@ def test_the_truth_is_that_of_the_motor_behind_the_recording_not_of_the_exercise
 def test_of_a_motor_that_isnt_simulated_nobody_knows_the_truth() -> None:
     recording = stand("identification").recording
     assert recording.info is not None
-    with pytest.raises(NotIdentifiable, match="nobody knows those of the motor in"):
+    with pytest.raises(NotIdentifiable, match="aren't known for the motor in"):
         truth_of(replace(recording, info=replace(recording.info, name="qube")))
 
 
@@ -244,12 +244,12 @@ def test_the_likeliest_cause_of_0_13_s_is_a_lag_and_friction_is_none() -> None:
     told = re.match(r"a filter of (\d+) rad/s", str(needed[0]))
     assert told
     assert float(told[1]) == pytest.approx(cutoff, abs=1.0)
-    resistance = re.match(r"([\d.]+) Ω in place of 8.4 Ω", str(needed[causes.index("series resistance")]))
+    resistance = re.match(r"([\d.]+) Ω instead of 8.4 Ω", str(needed[causes.index("series resistance")]))
     assert resistance
     # R b is part of the drag: (R b + k²)/R = J/τ. It is told in two or three digits.
     assert float(resistance[1]) == pytest.approx(K * K / (J / 0.13 - B), rel=0.02)
     against = column("identification", "claim", "against").values
-    assert "less than there is" in str(against[causes.index("viscous friction")])
+    assert "below its smallest possible value" in str(against[causes.index("viscous friction")])
     assert probability[causes.index("viscous friction")] == "—"  # what is ruled out has no probability
 
 
@@ -362,7 +362,7 @@ def test_the_wrong_model_does_worse_on_what_it_hasnt_seen_and_the_right_one_as_f
     assert unseen[1] == pytest.approx(unseen[2], rel=0.05)  # the inductance foretells nothing more
     assert beyond[tried != "first_order"].max() < 1.1
     assert numbers("validation", "models", "outside")[0] == 30
-    (sentence,) = stand("validation").shown("models").sentences
+    (sentence,) = stand("validation").study_result("models").sentences
     assert sentence.startswith("first_order_coulomb misses 0.0077 %")  # of two that do the same the smaller
 
 
@@ -651,7 +651,7 @@ def test_studies_say_what_they_cant_do() -> None:
         SineSweep(frequencies=(2.0, 1.0))(own)
     with pytest.raises(NotIdentifiable, match="doesn't fall by 3 dB"):
         SineSweep(frequencies=(0.4, 0.5))(own)
-    with pytest.raises(UsageError, match="hold 0 V"):
+    with pytest.raises(UsageError, match="include 0 V"):
         StallTable(voltages=(0.0, 1.0))(own)
     with pytest.raises(UsageError, match=r"stands still at 0\.1 V"):
         SpinTable(resistance="8.4", voltages=(0.1, 1.0, 2.0, 3.0), dwell=0.5)(own)
@@ -706,7 +706,7 @@ def test_methods_of_another_motor_are_held_against_its_own_truth() -> None:
 def test_figures_are_drawn_wide_and_narrow_and_told_in_words(name: str) -> None:
     found = exercise(name)
     for study in found.studies:
-        for figure in stand(name).shown(study).figures:
+        for figure in stand(name).study_result(study).figures:
             assert figure.description
             for width in (720.0, 360.0):
                 assert figure.draw(Style(width=width)).axes

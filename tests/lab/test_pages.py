@@ -15,8 +15,8 @@ from servobench.lab.exercise_file import exercises, read_exercise
 from servobench.lab.expression import Expression
 from servobench.lab.page import INDEX, PAPERS, Block, InPart, exercise_page, page_of, papers_page, write_lab
 from servobench.lab.stand import stand_on_the_twin
-from servobench.lab.told import Told, told
-from servobench.lab.worked import Worked
+from servobench.lab.table_text import TextColumn, text_columns
+from servobench.lab.worked_exercise import WorkedExercise
 from servobench.report.tables import capital
 from tests.report.test_page import Page
 
@@ -70,8 +70,8 @@ Then think.
 """
 
 
-def worked(exercise: Exercise, **given: str) -> Worked:
-    return Worked(exercise=exercise, stand=stand_on_the_twin(exercise), given=given)
+def worked(exercise: Exercise, **given: str) -> WorkedExercise:
+    return WorkedExercise(exercise=exercise, stand=stand_on_the_twin(exercise), given=given)
 
 
 @lru_cache(maxsize=64)
@@ -119,10 +119,10 @@ def test_a_page_shows_all_that_its_exercise_has(found: Exercise) -> None:
     for piece in found.pieces:
         if not piece.study:
             continue
-        shown = stand.shown(piece.study)
+        shown = stand.study_result(piece.study)
         for table in shown.tables:
             assert shows(table.title)
-            assert all(shows(text) for column in told(table) for text in column.texts)
+            assert all(shows(text) for column in text_columns(table) for text in column.texts)
         assert all(shows(figure.caption) for figure in shown.figures)
 
 
@@ -235,7 +235,7 @@ def test_pages_that_are_interrupted_lead_to_each_other_and_say_what_is_missing(
     assert set(filter(None, links)) <= set(pages)
     assert pages[INDEX].words.count(" missing") == 3 - done + (done < 3)  # each of them, and the note
     assert (f"Only {done} of 3 are here" in pages[INDEX].words) == (done < 3)
-    assert ("This page isn’t whole" in pages[PAPERS].words) == (done < 3)
+    assert ("This page is incomplete" in pages[PAPERS].words) == (done < 3)
     assert "1 of 3" in pages["first.html"].words
 
 
@@ -250,7 +250,7 @@ def test_pages_that_are_interrupted_before_the_first_is_done_leave_an_empty_fold
     assert list((tmp_path / "pages").iterdir()) == []
 
 
-def replaced_name(made: Worked, name: str) -> Worked:
+def replaced_name(made: WorkedExercise, name: str) -> WorkedExercise:
     return replace(made, exercise=replace(made.exercise, name=name, title=name))
 
 
@@ -272,7 +272,7 @@ def test_the_page_on_the_paper_has_all_corrections_and_each_of_its_numbers(tmp_p
     write_lab(tmp_path, lab, solution=False, begun=lambda *_: None)
     words = Page((tmp_path / PAPERS).read_text(encoding="utf-8")).words
     assert "by Meshari J. Al Jandal, Khaled S. Al Rasheed and Muhammad R. Jamal" in words
-    assert "names neither a year nor where it was published" in words
+    assert "names neither a year nor a publisher" in words
     assert "worked out from what is found there" in words
 
     assert "II.E The paper 1/0.13 is −7.69. Here The pole is at −10 rad/s." in words
@@ -283,19 +283,19 @@ def test_a_recording_alone_has_a_page_that_says_what_it_cannot_show() -> None:
     from dataclasses import replace
 
     from servobench.lab.stand import stand_of
-    from servobench.lab.studies.base import Shown, Stand
+    from servobench.lab.studies.base import Stand, StudyResult
 
     class Runs:
         paper: dict[str, tuple[float, ...]] = {}  # noqa: RUF012
 
-        def __call__(self, stand: Stand) -> Shown:
+        def __call__(self, stand: Stand) -> StudyResult:
             stand.run(stand.experiment)
-            return Shown()
+            return StudyResult()
 
     found = replace(corrected(), studies={"inertias": Runs()}, corrections=(), correction_lines=())
     stand = stand_of(found, stand_on_the_twin(corrected()).recording)
 
-    words = Page(exercise_page(Worked(exercise=found, stand=stand, given={}), solution=False)).words
+    words = Page(exercise_page(WorkedExercise(exercise=found, stand=stand, given={}), solution=False)).words
 
     assert "Nothing can be shown here: the study 'inertias': this takes further runs of the motor" in words
 
@@ -310,5 +310,7 @@ def test_a_recording_alone_has_a_page_that_says_what_it_cannot_show() -> None:
     ],  # with 2 between columns, 62 is the width of the text
 )
 def test_a_table_is_broad_by_its_columns_or_by_its_numbers(columns: int, width: int, broad: bool) -> None:
-    table = tuple(Told(heading="x", unit="", kind="number", texts=("9" * width,)) for _ in range(columns))
+    table = tuple(
+        TextColumn(heading="x", unit="", kind="number", texts=("9" * width,)) for _ in range(columns)
+    )
     assert Block(tables=(("", table, ""),)).is_broad is broad

@@ -16,7 +16,7 @@ from scipy.signal import cont2discrete, lfilter
 from servobench.lab.exercise import Correction, Exercise
 from servobench.lab.exercise_file import exercises
 from servobench.lab.stand import stand_on_the_twin
-from servobench.lab.worked import Corrected, Worked
+from servobench.lab.worked_exercise import EvaluatedCorrection, WorkedExercise
 
 # Table 1 of the paper.
 R, K, L, ROTOR = 8.4, 0.042, 1.16e-3, 4.0e-6
@@ -86,7 +86,7 @@ PLACES = {
     "5 -3 dB": Place("filter", "II.D", "50 %", 100 / math.sqrt(2)),
     "6 table 1-4": Place("filter", "Table 1-4", "0.006 s", 1 / 150),
     "6 the encoder's gain": Place("encoder", "gain of the encoder", "0.175778125", 360 / 2048, 1e-9),
-    "7 a sinusoid without a mean": Place("stability", "sinusoid", "unstable"),
+    "7 a zero-mean sinusoid": Place("stability", "sinusoid", "unstable"),
     "7 a pulse that settles": Place("stability", "pulse", "stable"),
     "8 Euler with L": Place("sampling", "II.A", "0.002 s", 1 - 0.002 / FAST),
     "9 the noise depends on the speed": Place("speed", "Figure 1-16", "random", _noise(47.6, 0.001) / _noise(47.6, 0.002)),
@@ -110,9 +110,9 @@ def lab() -> dict[str, Exercise]:
 
 
 @cache
-def worked_out(name: str) -> tuple[Corrected, ...]:
+def worked_out(name: str) -> tuple[EvaluatedCorrection, ...]:
     exercise = lab()[name]
-    return Worked(exercise=exercise, stand=stand_on_the_twin(exercise), given={}).corrections
+    return WorkedExercise(exercise=exercise, stand=stand_on_the_twin(exercise), given={}).corrections
 
 
 def corrections(place: Place) -> list[Correction]:
@@ -292,5 +292,5 @@ def test_a_study_that_is_said_to_show_an_item_shows_a_table_or_a_figure() -> Non
         stand = stand_on_the_twin(lab()[name])
         for each in lab()[name].paper:
             if each.study:
-                shown = stand.shown(each.study)
+                shown = stand.study_result(each.study)
                 assert shown.tables or shown.figures, each

@@ -14,10 +14,10 @@ from servobench.identification.models.base import STRUCTURES
 from servobench.lab.exercise import Exercise, Piece
 from servobench.lab.exercise_file import exercises, read_exercise
 from servobench.lab.expression import Expression, Fact
-from servobench.lab.runs import simulated
+from servobench.lab.runs import simulate_run
 from servobench.lab.stand import MotorStand, stand_of, stand_on_the_twin, stand_with
-from servobench.lab.studies.base import Column, Shown, Stand, Table
-from servobench.lab.worked import Worked
+from servobench.lab.studies.base import Column, Stand, StudyResult, Table
+from servobench.lab.worked_exercise import WorkedExercise
 from servobench.rig.experiment.experiment import DeviceChoice
 
 FILE = """+++
@@ -76,13 +76,15 @@ def value(text: str, facts: Mapping[str, Fact]) -> float:
     return Expression(text).evaluate(facts).value
 
 
-def speed_table(stand: Stand) -> Shown:
+def speed_table(stand: Stand) -> StudyResult:
     """A study that runs the exercise's experiment at two levels, and tells the counts at the end."""
     ends = []
     for level in (2.0, 4.0):
         recording = stand.run(stand.experiment.model_copy(update={"signal": sb.Constant(value=level)}))
         ends.append(float(recording["counts"].values[-1]))
-    return Shown(tables=(Table(title="", columns=(Column(name="end", heading="end", values=tuple(ends)),)),))
+    return StudyResult(
+        tables=(Table(title="", columns=(Column(name="end", heading="end", values=tuple(ends)),)),)
+    )
 
 
 class Once:
@@ -93,7 +95,7 @@ class Once:
     def __init__(self, found: Any) -> None:
         self.found, self.times = found, 0
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         self.times += 1
         return self.found(stand)  # type: ignore[no-any-return]
 
@@ -111,7 +113,7 @@ def test_a_study_and_a_rule_may_use_what_other_studies_found() -> None:
 
 
 def test_a_corrections_figure_comes_from_the_studies_that_it_names_and_no_other() -> None:
-    [corrected] = Worked(exercise=read(), stand=stand_on_the_twin(read()), given={}).corrections
+    [corrected] = WorkedExercise(exercise=read(), stand=stand_on_the_twin(read()), given={}).corrections
 
     assert (corrected.value, corrected.studies) == (4 * 2048, ("second",))
 
@@ -129,14 +131,14 @@ def test_a_study_runs_the_exercises_own_motor_in_virtual_time() -> None:
     """The dead band of the exercise's motor is there in the runs of its studies, and what a study sets comes on top."""
     asked: list[sb.Recording] = []
 
-    def plain(stand: Stand) -> Shown:
+    def plain(stand: Stand) -> StudyResult:
         asked.append(stand.run(sb.Experiment(signal=sb.Constant(value=1.0), duration=0.5)))
         other = DeviceChoice(name="twin", settings={"dead_band": 0.0})
         asked.append(stand.run(sb.Experiment(signal=sb.Constant(value=1.0), duration=0.5, device=other)))
-        return Shown()
+        return StudyResult()
 
     found = with_studies(dead=plain)
-    stand_with(found, DeviceChoice(name="twin", settings={"dead_band": 2.0})).shown("dead")
+    stand_with(found, DeviceChoice(name="twin", settings={"dead_band": 2.0})).study_result("dead")
 
     still, turning = (np.ptp(recording["counts"].values) for recording in asked)
     assert still == 0
@@ -148,7 +150,7 @@ def test_studies_that_need_each_other_are_a_mistake_with_its_line() -> None:
     text = FILE.replace("2 * counts_per_rev", "second_value_1")
 
     with pytest.raises(UsageError, match=r"two\.md:12: .*needs its own facts.*first → second → first"):
-        stand_on_the_twin(read(text)).shown("first")
+        stand_on_the_twin(read(text)).study_result("first")
 
 
 def test_a_mistake_in_a_study_is_told_with_its_line_and_the_names_that_there_are() -> None:
@@ -158,12 +160,12 @@ def test_a_mistake_in_a_study_is_told_with_its_line_and_the_names_that_there_are
         UsageError,
         match=r"two\.md:19: the study 'second': no fact called 'first_valeu_1' \(did you mean 'first_value_1'\?\)",
     ):
-        stand_on_the_twin(read(text)).shown("second")
+        stand_on_the_twin(read(text)).study_result("second")
 
 
 def test_a_study_that_is_not_there_is_told() -> None:
     with pytest.raises(UnknownName, match="no study called 'frist'"):
-        stand_on_the_twin(read()).shown("frist")
+        stand_on_the_twin(read()).study_result("frist")
 
 
 def test_a_recording_alone_tells_what_it_can() -> None:
@@ -174,15 +176,13 @@ def test_a_recording_alone_tells_what_it_can() -> None:
     assert value("counts_per_rev", stand.facts) == 2048
     assert stand.recording is recording
     with pytest.raises(NotIdentifiable, match="the study 'runs': this takes further runs of the motor"):
-        stand.shown("runs")
+        stand.study_result("runs")
 
 
 def test_a_recording_that_says_nothing_of_its_device_is_not_enough() -> None:
     recording = replace(stand_on_the_twin(read()).recording, info=None)
 
-    with pytest.raises(
-        UsageError, match=r"doesn't say which device it is of.*expected a recording that servobench made"
-    ):
+    with pytest.raises(UsageError, match=r"doesn't name its device.*expected a recording made by"):
         stand_of(read(), recording)
 
 
@@ -247,7 +247,7 @@ def test_the_text_is_cut_where_studies_stand() -> None:
     [
         ("{{ first }}", "{{ frist }}", r"two\.md:42: no study called 'frist' \(did you mean 'first'\?\)"),
         ("{{ first }}", "{{ }}", r"two\.md:42: no study called ''"),
-        ("{{ first }}", "Here: {{ first }}", r"two\.md:42: .*in a line of its own"),
+        ("{{ first }}", "Here: {{ first }}", r"two\.md:42: .*on a line of its own"),
         ("{{second}}", "{{ first }}", r"two\.md:45: the study 'first' stands in line 42 already"),
     ],
 )
@@ -282,7 +282,7 @@ def test_all_studies_and_corrections_of_an_exercise_have_their_figures(found: Ex
     stand: MotorStand = stand_on_the_twin(found)
 
     for name in found.studies:
-        shown = stand.shown(name)
+        shown = stand.study_result(name)
         assert shown.tables or shown.figures or shown.facts, name
     for correction in found.corrections:
         if correction.answer:
@@ -294,7 +294,7 @@ def test_a_run_beside_the_exercises_own_takes_its_own_settings_before_the_experi
     device = DeviceChoice(
         name="twin", settings={"counts_per_rev": 500, "coulomb_torque": 0.0, "timing": "host"}
     )
-    found = simulated(asked.model_copy(update={"device": device, "duration": 0.1}), counts_per_rev=4096)
+    found = simulate_run(asked.model_copy(update={"device": device, "duration": 0.1}), counts_per_rev=4096)
 
     assert found["counts"].channel.counts_per_rev == 4096
     assert found.info is not None

@@ -18,7 +18,7 @@ from starlette.types import ASGIApp
 from servobench.panel.keys import Keys, Session
 from servobench.panel.library import Library
 from servobench.panel.pages import Panel
-from servobench.panel.server import app, door_for, listening, settings
+from servobench.panel.server import app, door_for, listen, settings
 from servobench.panel.session import MotorSession
 from servobench.rig.experiment import Experiment
 from tests.panel.doubles import LoopDouble, unidentified
@@ -105,7 +105,7 @@ def serving(folder: Path, around: Callable[[ASGIApp], ASGIApp] = lambda inner: i
 
     clock = Clock()
     keys, library = Keys(clock), Library(folder)
-    with listening("127.0.0.1", 0) as listener:
+    with listen("127.0.0.1", 0) as listener:
         port = listener.getsockname()[1]
         door = door_for(["127.0.0.1", "localhost"], port, "http", keys)
         panel = Panel(

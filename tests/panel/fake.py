@@ -26,9 +26,9 @@ from starlette.routing import Route, WebSocketRoute
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from servobench.core.errors import UsageError
-from servobench.panel.asked import told
 from servobench.panel.catalogue import catalogue
-from servobench.panel.preview import previewed
+from servobench.panel.commands import settings_error_text
+from servobench.panel.preview import preview_signal
 from servobench.rig.experiment import Experiment
 from servobench.systems.signals.base import SIGNALS
 from servobench.systems.signals.square import Square
@@ -199,7 +199,7 @@ class Bench:
         if do == "stop":
             if self.deaf:
                 return {"ok": True, "number": 10**6}  # the server told the loop, which says nothing
-            self.stopped = "STOP was pressed; zero volts are put out"
+            self.stopped = "STOP was pressed; the voltage is zero"
             self.motor.number += 1
             self.motor.enabled = False
             self.acknowledge({"enabled": False})
@@ -243,7 +243,7 @@ class Bench:
                 self.motor.signal = SIGNALS[given.pop("type")](**given)
                 self.signal, self.motor.since = asked["signal"], self.motor.tick
             except ValidationError as error:
-                return {"ok": False, "error": told(error)}
+                return {"ok": False, "error": settings_error_text(error)}
         if "controller" in asked and accepted:
             what, self.controller = "controller", asked["controller"]
         if "chain" in asked and accepted:
@@ -277,7 +277,7 @@ class Bench:
             "deleted": False,
         }
         wanted, self.recording = (self.recording or {}).get("duration"), None
-        early = "it was ended by hand" if wanted and seconds < wanted else ""
+        early = "it was stopped by hand" if wanted and seconds < wanted else ""
         return {"name": name, "length": seconds, "duration": wanted, "early": early}
 
     async def run(self) -> None:
@@ -341,7 +341,7 @@ def app() -> Starlette:
     async def preview(request: Request) -> Response:
         experiment = Experiment(controller=bench.controller, sample_time=SAMPLE_TIME)
         try:
-            return JSONResponse(previewed(await request.json(), experiment))
+            return JSONResponse(preview_signal(await request.json(), experiment))
         except UsageError as error:
             return JSONResponse({"error": str(error)}, status_code=400)
 
@@ -404,7 +404,7 @@ def app() -> Starlette:
     async def rows(request: Request) -> Response:
         name = request.path_params["name"]
         if name in bench.spoilt:
-            return JSONResponse({"error": f"{name} is no MCAP file"}, status_code=422)
+            return JSONResponse({"error": f"{name} isn't an MCAP file"}, status_code=422)
         return Response(frame(0, bench.kept), media_type="application/octet-stream")
 
     async def download(request: Request) -> Response:
@@ -454,7 +454,7 @@ def app() -> Starlette:
         code = request.query_params.get("code", "stall")
         sentence = {
             "stall": "the shaft stood still for 1 s at 6 V; free it, then acknowledge",
-            "ticks-missed": "60 of the last 500 ticks were missed; zero volts are put out",
+            "ticks-missed": "60 of the last 500 ticks were missed; the voltage is zero",
         }[code]
         bench.fault, bench.motor.enabled = {"code": code, "sentence": sentence}, False
         await bench.tell({"kind": "fault", **bench.fault})

@@ -43,17 +43,17 @@ def fed(history: History, clock: Clock, seconds: float, page: Attention, behind:
     for _ in range(round(30 * seconds)):
         clock.now += 1 / 30
         history.add(history.next, rows(history.next, 16))
-        page.beat(max(history.next - behind, 0))
+        page.heartbeat(max(history.next - behind, 0))
 
 
 def test_a_page_that_draws_what_comes_lacks_nothing_and_one_that_falls_silent_does(clock: Clock) -> None:
     history, page = History(), Attention()
-    assert page.lacking(history)  # nothing was heard of it yet
+    assert page.reason_unseen(history)  # nothing was heard of it yet
     fed(history, clock, 3.0, page)
     clock.now += 0.99 * SILENCE
-    assert page.lacking(history) == ""
+    assert page.reason_unseen(history) == ""
     clock.now += 0.02 * SILENCE
-    assert "has drawn nothing" in page.lacking(history)
+    assert "has drawn nothing" in page.reason_unseen(history)
 
 
 @pytest.mark.parametrize("behind", [0.9 * LAG, 1.2 * LAG, 2.0])
@@ -61,7 +61,7 @@ def test_a_page_that_says_much_of_what_is_long_past_is_too_late(clock: Clock, be
     history, page = History(), Attention()
     fed(history, clock, 5.0, page, behind=round(behind * 30 * 16))
 
-    assert bool("late" in page.lacking(history)) == (behind > LAG)
+    assert bool("late" in page.reason_unseen(history)) == (behind > LAG)
 
 
 def test_a_page_that_draws_a_run_that_is_over_is_late_for_the_next_one(clock: Clock) -> None:
@@ -70,9 +70,9 @@ def test_a_page_that_draws_a_run_that_is_over_is_late_for_the_next_one(clock: Cl
     for _ in range(30):
         clock.now += 1 / 30
         after.add(after.next, rows(after.next, 16))
-        page.beat(before.next)
+        page.heartbeat(before.next)
 
-    assert "late" in page.lacking(after)
+    assert "late" in page.reason_unseen(after)
 
 
 def test_a_row_is_known_by_when_it_came(clock: Clock) -> None:
@@ -208,17 +208,17 @@ def test_a_beat_that_says_no_row_is_refused(tmp_path: Path, row: object) -> None
     async def story(room: Room) -> None:
         page = await driving(room)
         answer = await room.say(page, do="beat", row=row)
-        assert "no row" in answer["error"]
+        assert "isn't a row" in answer["error"]
 
     played(tmp_path, story)
 
 
 async def said(room: Room, page: Any, **what: object) -> None:
     """Say what nobody answers."""
-    from servobench.panel.socket import _answered
+    from servobench.panel.socket import _answer
     from servobench.panel.viewers import as_text
 
-    await _answered(as_text({"id": 7, **what}), page, room.motor)
+    await _answer(as_text({"id": 7, **what}), page, room.motor)
     assert not [text for text in page._texts if '"kind":"answer"' in text]
 
 

@@ -10,7 +10,7 @@ from collections.abc import Iterator
 
 import pytest
 
-from servobench.panel.bodies import LARGEST_JSON, LARGEST_UPLOAD, parsed
+from servobench.panel.bodies import LARGEST_JSON, LARGEST_UPLOAD, parse_object
 from servobench.panel.gate import Refused
 from servobench.panel.routes import TABLE
 from tests.panel.conftest import Served, wait_for
@@ -162,6 +162,6 @@ def test_a_bomb_is_refused_and_the_loop_does_not_notice(served: Served, name: st
 
 
 def test_numbers_are_finite_and_texts_are_texts() -> None:
-    assert parsed('{"a": 1.5, "b": "ü"}') == {"a": 1.5, "b": "ü"}
+    assert parse_object('{"a": 1.5, "b": "ü"}') == {"a": 1.5, "b": "ü"}
     with pytest.raises(Refused, match="too large"):
-        parsed('{"a": 1e400}')
+        parse_object('{"a": 1e400}')

@@ -13,7 +13,7 @@ import pytest
 import servobench as sb
 from servobench.core.errors import ServobenchError
 from servobench.panel.columns import mapping_of, questions
-from servobench.panel.library import Library, about_in, fitting_name
+from servobench.panel.library import Library, about_in, nearest_name
 from servobench.recordings.formats.mapping import assign
 from tests.panel.conftest import Served
 
@@ -57,8 +57,8 @@ def test_a_time_that_is_not_recognised_is_asked_for(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("given", "told"),
     [
-        ({"output": "y:deg"}, "the input isn't said"),
-        ({"input": "u:V", "output": " "}, "the output isn't said"),
+        ({"output": "y:deg"}, "the input is missing"),
+        ({"input": "u:V", "output": " "}, "the output is missing"),
         ({"input": "u:V", "output": "y"}, "unit of the output"),
         ({"input": "u:V", "output": "y:deg", "time": "t"}, "unit of the time"),
         ({"input": "u:V", "output": "y:deg", "sample_time": "soon"}, "soon"),
@@ -181,7 +181,7 @@ def test_a_second_file_of_a_name_gets_a_number_and_an_odd_name_is_made_to_fit(se
     ],
 )
 def test_a_name_is_made_to_fit(text: str, name: str) -> None:
-    assert fitting_name(text) == name
+    assert nearest_name(text) == name
 
 
 def test_a_deleted_recording_keeps_its_name(tmp_path: Path) -> None:

@@ -324,11 +324,11 @@ def test_what_studies_find_is_shown_in_its_place_when_it_is_asked_for(opened: An
     page.wait_for_selector("form")
     assert page.locator(".exercises-text > *").all_text_contents() == [
         "Before.",
-        "Show what comes out",
+        "Show the results",
         "After.",
     ]
 
-    page.get_by_role("button", name="Show what comes out").click()
+    page.get_by_role("button", name="Show the results").click()
     page.wait_for_selector(".exercises-study table")
 
     cells = page.locator(".exercises-study :is(th, td)").all_text_contents()
@@ -342,10 +342,10 @@ def test_what_studies_find_is_shown_in_its_place_when_it_is_asked_for(opened: An
 def test_what_can_not_be_shown_is_told_and_can_be_asked_for_again(opened: Any) -> None:
     page = opened("exercises", STUDIED | {"/api/exercises/step/results": None})
     page.get_by_role("button", name=SHOWN.title).click()
-    page.get_by_role("button", name="Show what comes out").click()
+    page.get_by_role("button", name="Show the results").click()
     page.get_by_text("It can't be shown").wait_for()
 
-    assert page.get_by_role("button", name="Show what comes out").is_enabled()
+    assert page.get_by_role("button", name="Show the results").is_enabled()
 
 
 @pytest.mark.parametrize("scheme", ["light", "dark"])
@@ -365,6 +365,6 @@ def test_both_are_accessible(opened: Any, scheme: str) -> None:
 
     page = opened("exercises", STUDIED, **options)
     page.get_by_role("button", name=SHOWN.title).click()
-    page.get_by_role("button", name="Show what comes out").click()
+    page.get_by_role("button", name="Show the results").click()
     page.wait_for_selector(".exercises-study table")
     assert serious(page) == []

@@ -12,7 +12,7 @@ import servobench as sb
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.panel.frames import COLUMNS, MAGIC, History, Scope, encode, speed_chain
-from servobench.panel.replayed import shown, thinned
+from servobench.panel.replay import scope_rows, thin_rows
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.recording import Recording, Series
 
@@ -191,7 +191,7 @@ def test_a_long_recording_is_thinned_and_keeps_its_extremes() -> None:
     values[12_345, 6] = 99.0
     values[40_000, 7] = -99.0
 
-    out = thinned(values)
+    out = thin_rows(values)
 
     assert len(out) == 20_000
     np.testing.assert_array_equal(np.nanmax(out[:, 6]), 99.0)
@@ -199,7 +199,7 @@ def test_a_long_recording_is_thinned_and_keeps_its_extremes() -> None:
     assert np.all(np.diff(out[:, 0]) > 0)
     assert (out[0, 0], out[-1, 0]) == (0.0, 50_000.0)
     assert np.isnan(out[:, 8]).all()
-    np.testing.assert_array_equal(thinned(values[:100]), values[:100])
+    np.testing.assert_array_equal(thin_rows(values[:100]), values[:100])
 
 
 def test_somebody_elses_recording_shows_what_it_has(recording: Recording) -> None:
@@ -219,7 +219,7 @@ def test_somebody_elses_recording_shows_what_it_has(recording: Recording) -> Non
         output="w",
     )
 
-    values = shown(theirs)
+    values = scope_rows(theirs)
 
     np.testing.assert_array_equal(column(values, "applied"), recording["applied"].values)
     np.testing.assert_allclose(column(values, "speed"), speed.y * np.pi / 30)

@@ -411,7 +411,7 @@ def test_a_used_link_says_what_to_do_and_leads_the_browser_that_used_it_back(ser
         assert (back.status_code, back.headers["location"]) == (303, "/")
         refused = other.get(f"/?token={key}", headers={"accept": "text/html"})
         assert refused.status_code == 401
-        assert "a fresh one stands in the panel&#x27;s terminal" in refused.text
+        assert "there is a new one in the panel&#x27;s terminal" in refused.text
         watching = served.headers(served.session("viewer"))
         assert other.get(f"/?token={key}", headers={"cookie": watching["cookie"]}).status_code == 401
 

@@ -13,8 +13,8 @@ import pytest
 import servobench as sb
 from servobench.core.errors import FormatError, NotIdentifiable, UnknownName, UsageError
 from servobench.panel import jobs, work
-from servobench.panel.jobs import Ended, Jobs
-from servobench.panel.work import COMPILING, IDENTIFYING, PIECES, STAGES, done_elsewhere
+from servobench.panel.jobs import JobEnded, Jobs
+from servobench.panel.work import COMPILING, IDENTIFYING, PIECES, STAGES, do_elsewhere
 from servobench.recordings.formats.base import save
 
 
@@ -116,12 +116,12 @@ def test_one_that_is_ended_says_so_and_can_be_begun_again(clock: Clock) -> None:
         room = Room(clock)
         going = asyncio.create_task(room.done(LASTS))
         await asyncio.sleep(0.005)
-        with pytest.raises(Ended, match="first is being identified already"):
+        with pytest.raises(JobEnded, match="first is already being identified"):
             await room.done(LASTS)
         room.jobs.end("first")
-        with pytest.raises(Ended, match="was ended"):
+        with pytest.raises(JobEnded, match="was ended"):
             await going
-        with pytest.raises(UnknownName, match="identification that goes on"):
+        with pytest.raises(UnknownName, match="identification in progress"):
             room.jobs.end("first")
         assert await room.done(LASTS) == {"result": "first"}
 
@@ -173,7 +173,10 @@ def asked(recorded: Path) -> dict[str, Any]:
     }
 
 
-def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded: Path) -> None:
+def test_work_is_done_by_one_thread_of_low_priority_in_another_process(
+    recorded: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
     seen: dict[str, tuple[int, str]] = {}
 
     def said(doing: str) -> None:
@@ -182,7 +185,7 @@ def test_work_is_done_by_one_thread_of_low_priority_in_another_process(recorded:
             threads = next((each for each in surroundings if each.startswith("OMP_NUM_THREADS=")), "")
             seen[doing] = (os.getpriority(os.PRIO_PROCESS, process), threads)
 
-    answer = asyncio.run(done_elsewhere(asked(recorded), said))
+    answer = asyncio.run(do_elsewhere(asked(recorded), said))
 
     assert answer["result"]["schema"] == "servobench.result/2"
     expected = min(19, os.getpriority(os.PRIO_PROCESS, 0) + 10)
@@ -221,7 +224,7 @@ def test_where_nothing_is_compiled_yet_that_is_told(
             if doing in STAGES and told.count(doing) > 1:
                 seen.set()
 
-        task = asyncio.ensure_future(done_elsewhere(asked(recorded), said))
+        task = asyncio.ensure_future(do_elsewhere(asked(recorded), said))
         await asyncio.wait_for(seen.wait(), 60)
         task.cancel()
         await asyncio.wait([task])
@@ -240,7 +243,7 @@ def test_work_that_is_ended_leaves_no_process(recorded: Path) -> None:
     async def story() -> None:
         reached = asyncio.Event()
         task = asyncio.ensure_future(
-            done_elsewhere(asked(recorded), lambda doing: reached.set() if doing == IDENTIFYING else None)
+            do_elsewhere(asked(recorded), lambda doing: reached.set() if doing == IDENTIFYING else None)
         )
         await asyncio.wait_for(reached.wait(), 60)
         assert len(workers()) == 1
@@ -255,10 +258,10 @@ def test_work_that_is_ended_leaves_no_process(recorded: Path) -> None:
 def test_what_goes_wrong_elsewhere_is_the_error_that_it_was_there(tmp_path: Path) -> None:
     nothing = {"do": "identify", "file": str(tmp_path / "no.mcap"), "structure": "auto", "report": "no"}
     with pytest.raises((UsageError, NotIdentifiable, FormatError), match=r"no\.mcap"):
-        asyncio.run(done_elsewhere(nothing))
+        asyncio.run(do_elsewhere(nothing))
 
 
 def test_a_process_that_dies_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(work.sys, "executable", "/bin/false")
     with pytest.raises(UsageError, match="ended with status 1: without a word"):
-        asyncio.run(done_elsewhere({"do": "identify"}))
+        asyncio.run(do_elsewhere({"do": "identify"}))

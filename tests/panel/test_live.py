@@ -188,5 +188,5 @@ def test_an_input_holds_from_when_the_device_had_taken_it() -> None:
 
 
 def test_a_device_that_does_not_say_its_resolution_is_refused() -> None:
-    with pytest.raises(UsageError, match="how many counts"):
+    with pytest.raises(UsageError, match="counts per revolution"):
         LiveFit(DeviceInfo(name="motor", channels=(Channel(name="counts", unit="counts"),)), STEP)

@@ -17,7 +17,7 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.panel.frames import COLUMNS
-from servobench.panel.live_process import LiveProcess, Seen, live_of
+from servobench.panel.live_process import LiveProcess, Look, live_of
 from servobench.panel.pump import Pump
 from servobench.rig.experiment import Experiment
 from servobench.rig.loop.opening import opening
@@ -55,9 +55,9 @@ def identified(
             live.close()
 
 
-def seen_by(live: LiveProcess, until: int) -> tuple[list[Seen], list[dict[str, Any]]]:
+def seen_by(live: LiveProcess, until: int) -> tuple[list[Look], list[dict[str, Any]]]:
     """All that it publishes until it has reached a row."""
-    seen: list[Seen] = []
+    seen: list[Look] = []
     said: list[dict[str, Any]] = []
 
     def reached() -> bool:
@@ -73,7 +73,7 @@ def seen_by(live: LiveProcess, until: int) -> tuple[list[Seen], list[dict[str, A
 @pytest.mark.parametrize("count", [0, 1, 61, 62, 200])
 def test_records_say_what_was_seen(count: int) -> None:
     residuals = np.linspace(-1.0, 1.0, count)
-    found = [Seen.of(record) for record in Seen(reached=1000, first=700, residuals=residuals).records()]
+    found = [Look.of(record) for record in Look(reached=1000, first=700, residuals=residuals).records()]
     assert {each.reached for each in found} == {1000}
     assert found[0].first == 700
     np.testing.assert_array_equal(np.concatenate([each.residuals for each in found]), residuals)
@@ -143,10 +143,10 @@ class Said:
     """Identification that says what a test wants."""
 
     def __init__(self) -> None:
-        self.next: list[Seen] = []
+        self.next: list[Look] = []
         self.ended = ""
 
-    def look(self) -> list[Seen]:
+    def look(self) -> list[Look]:
         return [self.next.pop(0)] if self.next else []
 
     def message(self) -> str:
@@ -161,7 +161,7 @@ def test_rows_wait_for_their_residuals_a_moment_and_no_longer() -> None:
         for _ in range(40):
             loop.tick()
 
-        live.next.append(Seen(reached=30, first=0, residuals=np.arange(30.0)))
+        live.next.append(Look(reached=30, first=0, residuals=np.arange(30.0)))
         news = pump.look()
         np.testing.assert_array_equal(news.values[:, residual], np.arange(30.0))
 
@@ -169,7 +169,7 @@ def test_rows_wait_for_their_residuals_a_moment_and_no_longer() -> None:
         assert np.isnan(pump.look().values[:, residual]).all()
         for _ in range(5):
             loop.tick()
-        live.next.append(Seen(reached=45, first=30, residuals=np.arange(30.0, 45.0)))
+        live.next.append(Look(reached=45, first=30, residuals=np.arange(30.0, 45.0)))
         news = pump.look()
         assert (news.first, len(news.values)) == (40, 5)
         np.testing.assert_array_equal(news.values[:, residual], np.arange(40.0, 45.0))

@@ -22,7 +22,7 @@ from websockets.asyncio.client import connect
 from servobench.panel.keys import Keys
 from servobench.panel.library import Library
 from servobench.panel.pages import Panel
-from servobench.panel.server import app, door_for, listening, settings
+from servobench.panel.server import app, door_for, listen, settings
 from servobench.panel.session import MotorSession
 from servobench.rig.experiment import DeviceChoice, Experiment
 from tests.panel.doubles import rows_until
@@ -86,7 +86,7 @@ def served(folder: Path, watched: Watched) -> Iterator[tuple[Panel, str, Keys]]:
     library.prepare()
     for k in range(20):
         (library.new(f"old-{k}") / "recording.mcap").write_bytes(b"no recording")
-    with listening("127.0.0.1", 0) as listener:
+    with listen("127.0.0.1", 0) as listener:
         port = listener.getsockname()[1]
         door = door_for(["127.0.0.1"], port, "http", keys)
         asked = Experiment(device=DeviceChoice(name="twin", settings={"timing": "host"}))

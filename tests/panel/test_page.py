@@ -511,7 +511,7 @@ def test_a_recording_that_was_ended_early_says_so(panel: Panel) -> None:
     panel.page.get_by_label("Length").select_option("60")
     panel.button("Record").click()
     panel.button(re.compile("End recording 0:01")).click()
-    said = re.compile(r"^Recorded mine: [12]\.\d+ s of 60.0 s, as it was ended by hand$")
+    said = re.compile(r"^Recorded mine: [12]\.\d+ s of 60.0 s, as it was stopped by hand$")
     panel.page.locator("#toast").get_by_text(said).wait_for()
 
 
@@ -558,7 +558,7 @@ def test_a_file_tells_how_far_it_is_while_it_is_sent_and_can_be_ended(panel: Pan
     panel.until(lambda: "being read" in going.inner_text())
     assert panel.button("Import").is_disabled()
     going.get_by_role("button", name="End: Importing theirs.csv").click()
-    panel.page.locator("#toast").get_by_text("it was ended before all of it was sent").wait_for()
+    panel.page.locator("#toast").get_by_text("it was ended before everything was sent").wait_for()
     panel.bench.hold = False
     chosen(panel, 1000)
     panel.page.locator("#toast").get_by_text("Imported theirs.csv").wait_for()

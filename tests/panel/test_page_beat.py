@@ -69,13 +69,13 @@ def test_a_page_that_goes_out_of_sight_says_so_and_tells_why_the_motor_stands_wh
     started(panel)
     panel.page.evaluate(VISIBILITY, "hidden")
     panel.until(lambda: {"do": "hidden"} in panel.bench.signs)
-    panel.bench.stopped = "the page that drives was hidden; zero volts are put out"
+    panel.bench.stopped = "the driving page was hidden; the voltage is zero"
     panel.bench.motor.enabled = False
     panel.until(lambda: panel.page.locator("#run").inner_text().strip() == "Zero volts")
     panel.page.evaluate(VISIBILITY, "visible")
 
-    panel.page.locator("#toast").get_by_text("The page that drives was hidden").wait_for()
-    assert "The page that drives was hidden" in panel.page.locator("#start-status").inner_text()
+    panel.page.locator("#toast").get_by_text("The driving page was hidden").wait_for()
+    assert "The driving page was hidden" in panel.page.locator("#start-status").inner_text()
 
 
 @pytest.mark.promise("S47")
@@ -115,8 +115,6 @@ def test_a_page_that_the_server_does_not_know_any_more_says_how_to_go_on(panel: 
     panel.page.route("**/api/session", lambda route: route.fulfill(status=401, json={"error": "no session"}))
     panel.bench.drop_all()
 
-    panel.page.locator("#link-told").get_by_text(
-        "open the address that it printed in its terminal"
-    ).wait_for()
+    panel.page.locator("#link-told").get_by_text("open the address printed in its terminal").wait_for()
     panel.page.unroute("**/api/session")
     panel.until(lambda: not panel.page.locator("#link-told").is_visible())

@@ -124,7 +124,7 @@ def test_what_cannot_be_compared_says_so(panel: Panel) -> None:
     apart = "7000 ± 18 counts/(s·V)\ncan't be held against rad/(s·V)"
     assert row(panel, "Gain") == ["22.040 ± 0.060 rad/(s·V)", apart, "–"]
     assert row(panel, "Time constant") == ["0.08980 ± 0.00060", "not in its model", "–"]
-    assert row(panel, "Delay")[1] == "not told by the data\nnothing to hold it against"
+    assert row(panel, "Delay")[1] == "not determined by the data\nnothing to compare it with"
     assert row(panel, "Verdict")[2].startswith("Refused\nno model")
     said = panel.page.locator(".models .told li").first.inner_text()
     assert said == "prbs-disc and square-1-3 have no figure in common that could be compared."
@@ -136,7 +136,7 @@ def test_a_recording_that_cannot_be_read_is_named_and_the_others_are_drawn(panel
     for title in ("Applied voltage", "Speed", "Position since the beginning"):
         panel.page.get_by_role("img", name=f"{title} of square-1-3 and prbs-disc over time").wait_for()
     panel.page.get_by_role("alert").get_by_text(
-        "chirp-slow can't be drawn: chirp-slow is no MCAP file"
+        "chirp-slow can't be drawn: chirp-slow isn't an MCAP file"
     ).wait_for()
     panel.until(lambda: row(panel, "Verdict")[1] == "Its file can't be read")
     assert panel.button("Identify chirp-slow").count() == 0

@@ -311,7 +311,7 @@ def test_a_signal_is_drawn_over_all_its_parts(call: Call, signal: dict[str, Any]
         (0, 100, "0 to 100"),
         (-1e-9, 2e7, "0 to 2.00e+7"),
         (0, 0, "0 to 0"),
-        (None, None, "no number that could be drawn"),
+        (None, None, "not a number that can be drawn"),
     ],
 )
 def test_a_range_is_told_in_the_digits_that_it_has_use_for(

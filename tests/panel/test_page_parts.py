@@ -162,7 +162,7 @@ def test_a_sum_within_a_sequence_is_a_form_and_what_is_deeper_a_text(panel: Pane
     text.fill("null")
     wrong(panel, "Segment 1: Part 1: parts isn't given; expected: an array")
     text.fill("[1]")
-    wrong(panel, "Segment 1: Part 1: Part 1: 1 is no signal")
+    wrong(panel, "Segment 1: Part 1: Part 1: 1 isn't a signal")
 
 
 def wrong(panel: Panel, text: str) -> None:

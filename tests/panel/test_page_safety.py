@@ -69,11 +69,9 @@ def test_stop_is_within_the_dialog_of_the_device(driving: Panel) -> None:
 def test_a_line_that_says_nothing_is_told_and_nothing_is_shown_as_if_it_were_so_now(driving: Panel) -> None:
     driving.bench.silent = True
     knows_nothing(driving)
-    assert "nothing is heard" in said(driving, "[data-light=link]") or "lost" in said(
-        driving, "[data-light=link]"
-    )
+    assert "no data" in said(driving, "[data-light=link]") or "lost" in said(driving, "[data-light=link]")
     strip = driving.page.locator("#link-told")
-    assert "the loop puts out zero volts by itself within 2 s" in strip.inner_text()
+    assert "the loop sets the voltage to zero within 2 s" in strip.inner_text()
     assert driving.page.locator("#old").is_visible()
     driving.bench.silent = False
     driving.until(lambda: "V" in reading(driving) and not strip.is_visible())
@@ -83,7 +81,7 @@ def test_a_line_that_says_nothing_is_told_and_nothing_is_shown_as_if_it_were_so_
 def test_why_the_motor_stands_is_told_when_the_connection_is_back(driving: Panel) -> None:
     driving.bench.drop_all()
     driving.until(lambda: not driving.bench.motor.enabled)
-    driving.bench.stopped = "the operator's page is gone; zero volts are put out"
+    driving.bench.stopped = "the operator's page is gone; the voltage is zero"
     driving.until(lambda: said(driving, "#start-status").startswith("The operator's page is gone"))
     assert said(driving, "#run") == "Zero volts"
 
@@ -134,7 +132,7 @@ def test_who_watches_is_not_told_that_the_motor_stops_by_itself(
     driving.bench.silent = True
     strip = second.page.locator("#link-told")
     second.until(strip.is_visible)
-    assert "in the hands of whoever drives it" in strip.inner_text()
+    assert "Another page drives the motor" in strip.inner_text()
     second.context.close()
 
 

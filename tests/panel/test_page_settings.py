@@ -31,7 +31,10 @@ def wrong(panel: Panel, text: str) -> None:
 
 @pytest.mark.parametrize(
     ("field", "value", "sentence"),
-    [("High", "100", "the limit is 10 V"), ("Frequency", "5000", "faster than the sample time of 0.001 s")],
+    [
+        ("High", "100", "clipped at the limit of 10 V"),
+        ("Frequency", "5000", "faster than the sample time of 0.001 s"),
+    ],
 )
 def test_a_signal_that_cannot_be_put_out_as_it_is_says_so_before_it_is_applied(
     panel: Panel, field: str, value: str, sentence: str
@@ -77,7 +80,7 @@ def test_a_preview_is_never_that_of_another_signal(panel: Panel) -> None:
     line = panel.page.locator("#signal .preview path").last
     high = panel.page.get_by_role("spinbutton", name="High")
     high.fill("100")
-    panel.page.locator("#signal .doubts").get_by_text("the limit is 10 V").wait_for()
+    panel.page.locator("#signal .doubts").get_by_text("clipped at the limit of 10 V").wait_for()
     caption.get_by_text("1.0 to 100.0 V over").wait_for()
     assert line.get_attribute("d").startswith("M0.00 ")
 
@@ -154,7 +157,7 @@ def test_what_follows_the_motor_says_that_it_is_not_ready_yet(panel: Panel) -> N
     panel.page.get_by_text("Start the motor: gain and time constant").wait_for()
     panel.page.get_by_text("You drive").wait_for()
     panel.button("Start").click()
-    panel.page.get_by_text("Preparing to follow the motor").wait_for()
+    panel.page.get_by_text("Preparing live identification").wait_for()
     panel.bench.compiling = False
     panel.page.get_by_text("Coulomb voltage").first.wait_for()
     assert not panel.page.get_by_text("Preparing").is_visible()

@@ -11,7 +11,7 @@ import pytest
 
 from servobench.core.errors import UsageError
 from servobench.panel import preview
-from servobench.panel.preview import COLUMNS, extremes, previewed, work_of
+from servobench.panel.preview import COLUMNS, extremes, preview_signal, work_of
 from servobench.rig.experiment import Experiment
 from servobench.systems.signals.multisine import Multisine
 from servobench.systems.signals.sequence import Sequence
@@ -21,7 +21,7 @@ from servobench.systems.signals.sum import Sum
 
 
 def drawn(signal: dict[str, Any], duration: float, sample_time: float = 0.001) -> dict[str, Any]:
-    return previewed({"signal": signal, "duration": duration}, Experiment(sample_time=sample_time))
+    return preview_signal({"signal": signal, "duration": duration}, Experiment(sample_time=sample_time))
 
 
 def sequence(*segments: tuple[float, dict[str, Any]]) -> dict[str, Any]:
@@ -139,4 +139,4 @@ def test_a_short_time_is_long_enough_to_see_what_is_put_out() -> None:
 @pytest.mark.parametrize("duration", [0, -1, "ten", None, math.inf, math.nan])
 def test_a_duration_that_cannot_be_is_told(duration: object) -> None:
     with pytest.raises(UsageError, match="expected a number above 0"):
-        previewed({"signal": {"type": "sine"}, "duration": duration}, Experiment())
+        preview_signal({"signal": {"type": "sine"}, "duration": duration}, Experiment())

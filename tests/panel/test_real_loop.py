@@ -388,7 +388,7 @@ def test_a_recording_of_which_the_panel_is_killed_is_finished_by_its_recorder(tm
     old = seen["t"][(seen["t"] >= t[0]) & (seen["t"] < seen["t"][-1] - 0.25)]
     assert len(old) > 100
     assert np.isin(old, t).all()
-    assert "the program that started the run is gone" in recording.stopped.sentence
+    assert "the program that started the run has ended" in recording.stopped.sentence
     assert memory == [], sorted((each.name, each.stat().st_size) for each in memory)
 
 
@@ -410,7 +410,7 @@ def test_a_recorder_that_isn_t_ready_when_the_panel_is_killed_still_records(tmp_
 
     (recording,) = read(program.folder / "late" / "recording.mcap")
     assert len(recording["applied"].values) > 0
-    assert "the program that started the run is gone" in recording.stopped.sentence
+    assert "the program that started the run has ended" in recording.stopped.sentence
     # The next panel tells of it as of any other.
     complete_leftovers(Library(program.folder), None)
     (told,) = Library(program.folder).list()
@@ -428,7 +428,7 @@ def test_a_recording_ends_where_its_operator_leaves_and_says_why(program: Progra
         await onlooker.listen_until(lambda: any(each["kind"] == "recorded" for each in onlooker.heard))
 
         (said,) = [each for each in onlooker.heard if each["kind"] == "recorded"]
-        assert said["early"] == "the operator's page is gone; zero volts are put out"
+        assert said["early"] == "the operator's page is gone; the voltage is zero"
         assert said["length"] < 600.0
 
     played(story)

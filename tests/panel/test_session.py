@@ -14,11 +14,11 @@ import pytest
 
 from servobench.core.errors import StorageError, UsageError
 from servobench.panel.attention import Attention
+from servobench.panel.capture import BY_HAND, Capture
 from servobench.panel.lease import Refusal
 from servobench.panel.library import Library
 from servobench.panel.session import MotorSession
-from servobench.panel.socket import ACTIONS, _answered
-from servobench.panel.taking import BY_HAND, Taking
+from servobench.panel.socket import ACTIONS, _answer
 from servobench.panel.viewers import Viewer, Viewers
 from servobench.recordings.recording import Stopped
 from servobench.rig.experiment import Experiment
@@ -50,7 +50,7 @@ class Room:
 
     async def say(self, viewer: Viewer, **said: object) -> dict[str, Any]:
         """Say something, and return the answer."""
-        await _answered(json.dumps({"id": 7, **said}), viewer, self.motor)
+        await _answer(json.dumps({"id": 7, **said}), viewer, self.motor)
         answers = [message for message in await heard(viewer) if message["kind"] == "answer"]
         assert [answer["id"] for answer in answers] == [7]
         return answers[0]
@@ -100,7 +100,7 @@ def test_only_the_operator_drives(tmp_path: Path) -> None:
         for name, action in ACTIONS.items():
             if action.operates:
                 for other in (two, looks_on):
-                    assert "lease" in (await room.say(other, do=name))["error"], name
+                    assert "take control first" in (await room.say(other, do=name))["error"], name
         assert len(room.loop.commands) == commands
 
         assert (await room.say(one, do="release"))["ok"]
@@ -128,13 +128,13 @@ def test_of_ten_thousand_commands_of_two_pages_none_come_in_between(
             for wish in wishes:
                 page = pages[who]
                 if wish < 0.02:
-                    await _answered(json.dumps({"do": "lease"}), page, room.motor)
+                    await _answer(json.dumps({"do": "lease"}), page, room.motor)
                 elif wish < 0.03:
-                    await _answered(json.dumps({"do": "release"}), page, room.motor)
+                    await _answer(json.dumps({"do": "release"}), page, room.motor)
                     holder.extend([who] * (len(room.loop.commands) - len(holder)))  # its zero volts
                 else:
                     value = {"type": "constant", "value": float(who)}
-                    await _answered(json.dumps({"do": "set", "signal": value}), page, room.motor)
+                    await _answer(json.dumps({"do": "set", "signal": value}), page, room.motor)
                     holder.extend(
                         [pages.index(room.motor.lease.operator) if room.motor.lease.operator else -1]
                         * (len(room.loop.commands) - len(holder))
@@ -231,9 +231,9 @@ def test_rows_tell_that_it_goes_on_and_where_they_end_something_else_does() -> N
         viewers, one = Viewers(), Viewer("operator")
         viewers.add(one)
         viewers.show_news("", True)
-        viewers.beat()
+        viewers.heartbeat()
         assert await heard(one) == []  # the rows woke it, and are all there is
-        viewers.beat()
+        viewers.heartbeat()
         assert [message["kind"] for message in await heard(one)] == ["beat"]
 
     asyncio.run(asyncio.wait_for(story(), 60))
@@ -392,7 +392,7 @@ def test_a_mistake_is_answered_with_a_sentence(tmp_path: Path, said: dict[str, A
 def test_nonsense_is_answered_and_does_nothing(tmp_path: Path, text: str) -> None:
     async def story(room: Room) -> None:
         page = await room.page()
-        await _answered(text, page, room.motor)
+        await _answer(text, page, room.motor)
         (answer,) = [message for message in await heard(page) if message["kind"] == "answer"]
         assert not answer["ok"]
         assert answer["id"] is None
@@ -440,7 +440,7 @@ def test_a_device_that_takes_long_to_open_says_so_and_takes_no_command(
         while (told := state_of(await heard(page))["opening"] or {"step": 0})["step"] != 2:
             pass
         assert (told["device"], told["of"]) == ("twin", 2)
-        assert told["doing"] == "getting ready to follow the motor"
+        assert told["doing"] == "preparing live identification"
         for asked in ("start", "record", "halt"):
             assert "being opened" in (await room.say(page, do=asked))["error"]
         before = room.loop.signs
@@ -556,7 +556,7 @@ def test_a_recording_that_is_shorter_than_asked_for_says_why(
     tmp_path: Path, wished: float | None, length: float, reasons: list[str], early: str
 ) -> None:
     with Ending(Experiment()) as loop:
-        taking = Taking(loop, Experiment(), tmp_path / "mine", wished)
+        taking = Capture(loop, Experiment(), tmp_path / "mine", wished)
         for reason in reasons:
             taking.end(reason)
         taking._length = length
@@ -569,7 +569,7 @@ def test_a_recording_ends_with_what_stops_the_motor(tmp_path: Path, how: str) ->
         page, other = await room.page(), await room.page()
         await room.say(page, do="lease")
         await room.say(page, do="start")
-        taking = Taking(room.loop, Experiment(), tmp_path / "mine", 10.0)
+        taking = Capture(room.loop, Experiment(), tmp_path / "mine", 10.0)
         room.motor.takings.now = taking
         await room.say(page, do="halt")  # the motor coasts, which may be what is to be seen
         await room.say(other, do="stop")  # and how it comes to rest shows that it was stopped
@@ -586,7 +586,7 @@ def test_a_recording_ends_with_what_stops_the_motor(tmp_path: Path, how: str) ->
         while not taking.outcome()["early"]:
             await asyncio.sleep(0.005)
 
-        wanted = {"release": "let go", "leave": "page is gone"}
+        wanted = {"release": "released", "leave": "page is gone"}
         assert wanted.get(how, "the shaft stood") in taking.outcome()["early"]
         room.motor.takings.now = None
 
@@ -656,7 +656,7 @@ def test_what_the_loop_warns_of_is_told_to_every_page_once(tmp_path: Path) -> No
 def test_a_recording_counts_from_its_first_row_though_its_recorder_has_not_begun(tmp_path: Path) -> None:
     with Ending(Experiment()) as loop:
         loop.tick()
-        taking = Taking(loop, Experiment(), tmp_path / "mine", 0.2)
+        taking = Capture(loop, Experiment(), tmp_path / "mine", 0.2)
         lengths = []
         for _ in range(3):
             for _ in range(75):
@@ -670,7 +670,7 @@ def test_a_recording_counts_from_its_first_row_though_its_recorder_has_not_begun
 
 def test_a_recording_that_is_ended_counts_no_more(tmp_path: Path) -> None:
     with Ending(Experiment()) as loop:
-        taking = Taking(loop, Experiment(), tmp_path / "mine", None)
+        taking = Capture(loop, Experiment(), tmp_path / "mine", None)
         for _ in range(10):
             loop.tick()
         taking.end(BY_HAND)
@@ -719,7 +719,7 @@ def test_the_loop_is_ended_before_anything_that_may_take_its_time(tmp_path: Path
         assert not closing.done()
         room.motor._changing.release()
         await closing
-        with pytest.raises(Refusal, match="the panel ends"):
+        with pytest.raises(Refusal, match="the panel is closing"):
             await room.motor.open(Experiment())
 
     played(tmp_path, story)

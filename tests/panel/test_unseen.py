@@ -1,4 +1,4 @@
-"""A motor turns only while somebody sees it: what becomes of it where the page that drives shows it no more."""
+"""A motor turns only while somebody sees it: what becomes of it where the driving page shows it no more."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def test_a_page_that_shows_the_motor_no_more_is_zero_volts_within_a_second(
     found = unseen(browser, *bench, way)
 
     assert found.zero <= LIMIT
-    assert found.why.startswith("the page that drives ")
+    assert found.why.startswith("the driving page ")
 
 
 @pytest.mark.promise("S48")

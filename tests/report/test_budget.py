@@ -4,8 +4,8 @@ from types import SimpleNamespace
 from typing import Any
 
 from servobench.core.estimate import Estimate
-from servobench.identification.uncertainty.answers import Answer, State
 from servobench.identification.uncertainty.composition import BudgetLine
+from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 from servobench.report.tables import budget_rows
 
 
@@ -13,7 +13,7 @@ def test_a_source_has_the_same_colour_in_all_bars() -> None:
     """Parts are sorted by size, which differs from parameter to parameter; a colour that followed the size would mislead."""
     estimate = Estimate(value=1.0, sd=0.25, interval=(0.5, 1.5), level=0.95, unit="s")
     names = ("gain", "time_constant")
-    answers = {name: Answer(name=name, state=State.KNOWN, estimate=estimate) for name in names}
+    answers = {name: ParameterStatus(name=name, state=State.KNOWN, estimate=estimate) for name in names}
     shares = {"noise": (0.9, 0.2), "model error": (0.1, 0.8)}
     budget = [
         BudgetLine(

@@ -66,8 +66,8 @@ def test_each_command_stands_there_with_its_tick_and_what_it_changed(run: Record
     assert said[0] == "signal: constant: value 2; chain: unwrap"
     assert said[1].startswith("controller: pid: output position, kp 0.5")
     assert "None" not in said[1]  # the tracking time isn't set
-    assert said[2] == "zero volts in place of the controller's voltage"
-    assert said[3] == "the controller's voltage is let through; the fault is acknowledged"
+    assert said[2] == "zero volts instead of the controller's voltage"
+    assert said[3] == "the controller's voltage is applied; the fault is acknowledged"
     assert said[4] == "kp is too large"
     assert said[5] == "stop: enough; reason: finished"
 

@@ -10,9 +10,9 @@ import pytest
 
 from servobench.core.errors import StorageError
 from servobench.core.finding import warning
-from servobench.identification.reconciliation.asking import why
 from servobench.identification.reconciliation.explanation import Explanation
 from servobench.identification.result import Result
+from servobench.identification.why import why
 from servobench.recordings.recording import Recording
 from servobench.report.explanation import ExplanationReport
 from servobench.rig.experiment import read_experiment

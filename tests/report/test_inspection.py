@@ -48,7 +48,7 @@ def test_times_limits_levels_and_support_are_on_it() -> None:
 
     assert "Ready" in text
     assert "It can be identified as it is: the output is a position in rad" in text
-    assert "something limits it" in text
+    assert "it is limited" in text
     assert "Intervals between samples" in text
     assert re.search(r"1 gap beyond", text)
     assert ">0.01<" in text.replace("\u2009", "")  # the quantum of theta

@@ -9,7 +9,7 @@ from matplotlib.text import Text
 from scipy.optimize import brentq
 
 from servobench.identification.estimators.base import FittedRecord
-from servobench.identification.uncertainty.propagation import derived
+from servobench.identification.uncertainty.propagation import derive
 from servobench.report.model_illustrations import frequency_response, poles, step_response
 from tests.report.makers import dataset, fit_of
 
@@ -19,7 +19,7 @@ FEEDBACK = "With unit feedback of the position (1 V for each rad), computed ever
 
 def caption(theta: tuple[float, ...], sd: np.ndarray = SD) -> str:
     fit = fit_of(theta, np.diag(sd**2))
-    return poles(fit, derived(fit)).caption
+    return poles(fit, derive(fit)).caption
 
 
 def test_bandwidth_and_rise_time_stand_under_their_figures() -> None:
@@ -35,11 +35,11 @@ def test_bandwidth_and_rise_time_stand_under_their_figures() -> None:
     )
     fit = replace(fit_of((20.0, 0.1, 0.3, 0.002), np.diag(SD**2)), records=(record,))
 
-    bode, step = frequency_response(fit, derived(fit)), step_response(fit, derived(fit))
+    bode, step = frequency_response(fit, derive(fit)), step_response(fit, derive(fit))
 
     # 1/τ and τ ln 9, both known to 0.1 % · 1.96
     assert bode is not None
-    assert "0.707 of that at rest, is 10.000 ± 0.020 rad/s." in bode.caption.replace("\u00a0", " ")
+    assert "0.707 of its static value) is 10.000 ± 0.020 rad/s." in bode.caption.replace("\u00a0", " ")
     assert "The rise time from 10 to 90 % is 0.21972 ± 0.00043 s." in step.caption.replace("\u00a0", " ")
 
 
@@ -94,7 +94,7 @@ def test_parameters_that_the_data_don_t_tell_leave_no_interval() -> None:
         fit_of((20.0, 0.1, 0.3, 0.002), np.diag(SD**2)), covariance=np.diag([4e-4, 1e-8, 1e-4, np.inf])
     )
 
-    told = poles(fit, derived(fit)).caption.replace("\u00a0", " ")
+    told = poles(fit, derive(fit)).caption.replace("\u00a0", " ")
 
     assert "the phase margin is 36.52" in told
     assert "nan" not in told

@@ -74,7 +74,7 @@ class Page(HTMLParser):
         return " ".join(self.text("body"))
 
 
-@pytest.fixture(params=["good", "several", "refused", "run", "timed", "file"])
+@pytest.fixture(scope="module", params=["good", "several", "refused", "run", "timed", "file"])
 def page(request: pytest.FixtureRequest) -> Page:
     """Each kind of page in turn."""
     if request.param in ("run", "timed", "file"):
@@ -185,7 +185,7 @@ def test_a_hostile_name_is_shown_and_does_nothing(several: Result, run: Recordin
 @pytest.mark.parametrize(
     ("findings", "word", "reason"),
     [
-        ((), "Trusted", "Nothing that was looked for speaks against it."),
+        ((), "Trusted", "No check found anything against it."),
         ((warning("a", "Careful."),), "Doubtful", "1 warning: read it before you use the numbers."),
         ((refusal("a", "No."), refusal("b", "No.")), "Refused", "2 findings speak against any model."),
     ],
@@ -231,7 +231,7 @@ def test_a_refused_result_says_first_why_and_what_to_measure_and_shows_the_data(
 def test_a_refused_fit_is_shown_with_a_word_against_its_use(good: Result) -> None:
     words = Page(Report(None, replace(good, findings=(refusal("unknown", "No."),))).html()).words
 
-    assert "These numbers are not to be used." in words
+    assert "Don't use these numbers." in words
 
 
 def test_findings_stand_with_the_worst_first_and_alike_ones_together(good: Result) -> None:

@@ -7,7 +7,7 @@ import pytest
 from servobench.identification.result import Result
 from servobench.recordings.recording import Recording
 from servobench.report.document import Report
-from servobench.report.safety import guarded_by
+from servobench.report.safety import guard_rows
 from servobench.rig.devices.guarded import Guarded
 from servobench.rig.devices.replay import Replay
 from servobench.rig.devices.twin import Twin
@@ -25,7 +25,7 @@ def recorded(voltage: float = 2.0, limits: Limits | None = None, **settings: flo
 
 @pytest.mark.promise("S15")
 def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -> None:
-    rows = {heading: (limit, reached) for heading, limit, reached in guarded_by(recorded())}
+    rows = {heading: (limit, reached) for heading, limit, reached in guard_rows(recorded())}
 
     assert rows == {
         "Voltage": ("at most 10 V, clipped", "never"),
@@ -35,7 +35,7 @@ def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -
             "never",
         ),
         "Sign of the encoder": (
-            "under feedback, a shaft that speeds up against the voltage as a motor does whose encoder is flipped",
+            "under feedback, a shaft that accelerates against the voltage, as with a reversed encoder",
             "never",
         ),
         "Speed": ("none", "not watched"),
@@ -50,7 +50,7 @@ def test_each_limit_stands_there_with_its_number_and_that_nothing_reached_it() -
 @pytest.mark.promise("S15")
 def test_what_was_reached_is_told() -> None:
     strict = Limits(voltage=6.0, slew=1e4, stall=StallLimits(duration=0.5))
-    rows = {heading: reached for heading, _, reached in guarded_by(recorded(8.0, strict, coulomb_torque=1.0))}
+    rows = {heading: reached for heading, _, reached in guard_rows(recorded(8.0, strict, coulomb_torque=1.0))}
 
     assert rows["Voltage"] == rows["Slew"] == "at 250 samples"
     assert rows["Stall"].startswith("The shaft was slower than 1 rad/s under more than 5 V, for up to 0.5 s")
@@ -61,15 +61,15 @@ def test_nothing_is_said_where_nothing_was_driven_or_nobody_knows() -> None:
     recording = recorded()
     with Replay(recording) as replay:
         asked = Experiment(signal=Constant(value=2.0), duration=0.5)
-        assert guarded_by(run(asked, Guarded(replay))) == ()
+        assert guard_rows(run(asked, Guarded(replay))) == ()
     for text in (
         "",
         "[limits]\nvoltage = '10 V'\n",
         "[limits]\nwatchdog = 5\n",
         "[limits]\n[limits.watchdog]\n",
     ):
-        assert guarded_by(replace(recording, experiment=text)) == ()
-    assert guarded_by(replace(recording, info=None)) == ()
+        assert guard_rows(replace(recording, experiment=text)) == ()
+    assert guard_rows(replace(recording, info=None)) == ()
 
 
 @pytest.mark.promise("S15")
@@ -78,4 +78,4 @@ def test_the_page_shows_it(good: Result) -> None:
 
     assert "What the motor was guarded by" in page
     assert "a warning after 40 ms, cut off after 3 s" in page
-    assert "a switch in the motor's supply stays necessary" in page
+    assert "a switch in the motor's supply remains necessary" in page

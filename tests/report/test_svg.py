@@ -4,11 +4,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
+from servobench.core.palette import LIGHT
+from servobench.identification.uncertainty.bands import FrequencyBand, PoleBand, StepBand
 from servobench.report import figures
-from servobench.report.bands import FrequencyBand, PoleBand, StepBand
 from servobench.report.figures import Course, Curve, Difference, Panel
 from servobench.report.model_figures import bode, pole_map, step
-from servobench.report.palette import LIGHT, Style
+from servobench.report.palette import Style
 from servobench.report.svg import PLACEHOLDERS, inline_svg
 from tests.report.conftest import HOSTILE
 

@@ -9,12 +9,13 @@ import pytest
 from rich.console import Console
 
 from servobench.cli.conclusion import deliver
+from servobench.core.palette import LIGHT
 from servobench.identification.result import Result
 from servobench.recordings.recording import Recording
 from servobench.report.document import Report
 from servobench.report.figures import later_than
-from servobench.report.palette import LIGHT, Style
-from servobench.report.timing import timed as lateness_of
+from servobench.report.palette import Style
+from servobench.report.timing import latenesses as lateness_of
 from servobench.report.timing import timing_facts, timing_figures
 from tests.report.test_page import Page
 
@@ -37,7 +38,7 @@ def test_the_report_of_a_run_by_the_computer_s_clock_tells_lateness_and_counts(
     words = Page(Report(timed, good).html()).words.replace("\u00a0", " ")
 
     for told in (
-        "How punctual it was",
+        "Timing",
         "Lateness, median 0 s",
         "Lateness, 99 % 0 s",
         "Lateness, 99.9 % 0.4 ms",
@@ -50,7 +51,7 @@ def test_the_report_of_a_run_by_the_computer_s_clock_tells_lateness_and_counts(
 
 
 def test_a_run_in_virtual_time_has_no_such_section(good: Result, run: Recording) -> None:
-    assert "How punctual it was" not in Page(Report(punctual(run), good).html()).words
+    assert "Timing" not in Page(Report(punctual(run), good).html()).words
 
 
 @pytest.mark.parametrize("name", ["timed", "file"])
@@ -61,7 +62,7 @@ def test_the_terminal_says_it_where_time_passed_and_nothing_elsewhere(
 
     deliver(good, [request.getfixturevalue(name)], console=console, as_json=False, report=None, command="")
 
-    line = "timing: samples came 0 µs after their time in the median, 0 µs in one of a hundred, 400 µs in one of a thousand"
+    line = "timing: samples were late by 0 µs (median), 0 µs (99th percentile), 400 µs (99.9th)"
     assert (line in console.export_text()) == (name == "timed")
 
 
@@ -72,7 +73,7 @@ def test_of_two_runs_each_has_its_own_facts_and_place_in_the_figures(timed: Reco
     over_time, share = timing_figures(runs)
     assert len(over_time.draw(STYLE).axes) == 2
     assert len(share.draw(STYLE).axes[0].lines) == 2
-    assert "another: samples came" in share.description
+    assert "another: samples were" in share.description
 
 
 def test_the_share_of_later_samples_is_read_off_at_the_right_places() -> None:

@@ -351,9 +351,7 @@ def test_the_wake_ups_are_told_in_one_sentence() -> None:
     (finding,) = WakeUps(count=200, period=1e-3, p50=2.2e-5, p99=3.2e-5, largest=6.4e-5).findings()
 
     assert finding.code == "wake-ups"
-    assert (
-        "22 µs late in the median of 200 sleeps of 1 ms, 32 µs late in one of a hundred" in finding.sentence
-    )
+    assert "late by 22 µs (median of 200 sleeps of 1 ms), 32 µs (99th percentile)" in finding.sentence
 
 
 def test_no_wake_ups_are_no_measurement() -> None:
@@ -387,7 +385,7 @@ def test_samples_of_a_device_that_go_back_are_a_device_error(numbers: list[int])
     clock = DeviceClock()
     clock.start(0.002)
 
-    with pytest.raises(DeviceError, match="don't come in order"):
+    with pytest.raises(DeviceError, match="are out of order"):
         device_samples(clock, numbers)
 
 

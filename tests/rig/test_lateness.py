@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from servobench.core.channels import Sample, Timing
-from servobench.recordings.measurement.tick_times import written
+from servobench.recordings.measurement.tick_times import write_times
 from servobench.recordings.recording import Recording
 from servobench.rig.clock import DeviceClock, HostClock, Missed, Phase
 from servobench.rig.devices.guarded import Guarded
@@ -115,7 +115,7 @@ def test_the_percentiles_are_those_of_the_lateness_that_was_made() -> None:
     assert found.p999 == pytest.approx(4e-3, abs=5e-6)
     assert found.largest == pytest.approx(4e-3, abs=5e-6)
     assert (found.samples, found.late, found.missed) == (10_000, 19, 0), recording.stopped
-    assert "in one of a thousand" in found.sentence
+    assert "(99.9th)" in found.sentence
 
 
 def test_a_device_that_keeps_the_time_is_held_against_its_own_even_pace() -> None:
@@ -160,7 +160,7 @@ def test_a_run_by_the_host_s_clock_tells_lateness_and_writes_of_a_simulation_too
     assert t is not None
     # Two looks at the clock more, of a microsecond each.
     assert recording["written"].values - t == pytest.approx(3e-4, abs=3e-6)
-    assert (written(recording, t) is None) == (timing == "virtual")
+    assert (write_times(recording, t) is None) == (timing == "virtual")
 
 
 def test_a_run_by_the_device_s_clock_notes_the_host_s_time_of_each_sample_and_voltage() -> None:
@@ -182,7 +182,7 @@ def test_a_run_by_the_device_s_clock_notes_the_host_s_time_of_each_sample_and_vo
     # Some looks at the clock, of a microsecond each.
     assert recording["handed"].values - recording["received"].values == pytest.approx(0.0, abs=5e-6)
     assert recording["written"].values - recording["handed"].values == pytest.approx(3e-4, abs=5e-6)
-    done = written(recording, t)
+    done = write_times(recording, t)
     assert done is not None
     assert done - t == pytest.approx(3e-4, abs=5e-6)
 
@@ -193,4 +193,4 @@ def test_a_device_that_runs_through_its_samples_faster_than_they_were_made_has_n
 
     assert t is not None
     assert "received" in recording
-    assert written(recording, t) is None
+    assert write_times(recording, t) is None

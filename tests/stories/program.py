@@ -183,7 +183,7 @@ class Page:
             self.held_up.append(self.text("#fault-text"))
             self.button("Acknowledge and start" if self.driving else "Acknowledge").click()
             self.page.locator("#fault").wait_for(state="hidden")
-        elif self.driving and "The page that drives" in (why := self.text("#start-status")):
+        elif self.driving and "The driving page" in (why := self.text("#start-status")):
             self.held_up.append(why)  # so busy that the page couldn't draw: a person presses Start again
             self.button("Start").click()
 

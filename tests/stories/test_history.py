@@ -130,7 +130,7 @@ def test_nothing_in_the_history_of_a_browser_opens_the_panel_that_was_opened_in_
         third.wait_for_selector("body.ready")
         page.context.clear_cookies()
         third.goto(used)
-        third.get_by_text("a fresh one stands in the panel's terminal").wait_for()
+        third.get_by_text("there is a new one in the panel's terminal").wait_for()
         code = re.findall(r"with the code (\S+)", program.terminal.said)[0]
         third.get_by_label("Or type the code").fill(code)
         third.get_by_role("button", name="Watch").click()

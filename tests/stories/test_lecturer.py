@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 import re
 import shutil
-import subprocess
-import sys
 from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
@@ -17,6 +15,7 @@ import pytest
 pytest.importorskip("starlette", reason="the panel's extra is absent: starlette")
 pytest.importorskip("uvicorn", reason="the panel's extra is absent: uvicorn")
 
+from tests import forks
 from tests.stories.program import Page, Program, running, truth_of_the_twin
 
 # What a lecturer types into the copy: another title, one blank and one table of their own, and where the table stands.
@@ -70,11 +69,9 @@ def program(folder: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[
 
 def terminal(*words: str) -> str:
     """What a command prints; it has to end well."""
-    ended = subprocess.run(
-        [sys.executable, "-m", "servobench", *words], capture_output=True, timeout=240, check=False
-    )
-    assert ended.returncode == 0, ended.stderr.decode()
-    return ended.stdout.decode("utf-8")
+    ended = forks.run(["-m", "servobench", *words], cwd=Path.cwd())
+    assert ended.returncode == 0, ended.stderr
+    return ended.stdout
 
 
 def half_of_the_way() -> float:
@@ -83,11 +80,13 @@ def half_of_the_way() -> float:
 
 
 def test_it_is_shown_in_the_terminal_and_answers_are_checked(folder: Path, tmp_path: Path) -> None:
-    listed = terminal("lab", "--folder", str(folder))
+    listed = terminal("lab", "list", "--folder", str(folder))
     page = str(tmp_path / "page.html")
-    shown = terminal("lab", "half", "--folder", str(folder), "--studies", "--out", page)
+    shown = terminal("lab", "do", "half", "--folder", str(folder), "--studies", "--page", page)
     given = [f"half={half_of_the_way():.1f} ms", f"half={0.72 * half_of_the_way():.1f}"]
-    right, wrong = (terminal("lab", "half", "--folder", str(folder), "--answers", each) for each in given)
+    right, wrong = (
+        terminal("lab", "do", "half", "--folder", str(folder), "--answer", each) for each in given
+    )
 
     assert "Half of the way" in listed
     assert "Of my motor" in shown
@@ -102,7 +101,7 @@ def test_it_is_shown_in_the_panel_and_answers_are_checked(program: Program, brow
         page.tab("Exercises")
         page.button(re.compile("^Half of the way")).click()
         found = page.page.get_by_role("region", name="What is found: mine")
-        found.get_by_role("button", name="Show what comes out").click()
+        found.get_by_role("button", name="Show the results").click()
         found.get_by_role("table").wait_for()
         row = found.locator("tbody tr").inner_text().split()
 

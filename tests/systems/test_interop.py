@@ -69,7 +69,7 @@ def test_a_delay_is_never_dropped_without_a_word(convert) -> None:  # type: igno
     np.testing.assert_allclose(found, replace(MOTOR, delay=0.002).frequency_response(OMEGA), rtol=1e-6)
     with pytest.raises(UsageError, match="before its cause"):
         convert(replace(MOTOR, delay=-0.002))
-    with pytest.raises(UsageError, match="order 0 leaves the delay out"):
+    with pytest.raises(UsageError, match="order 0 omits the delay"):
         convert(MOTOR, pade_order=0)
 
 
@@ -141,7 +141,7 @@ def test_a_state_space_comes_as_its_transfer_function() -> None:
     [
         (control.tf([1.0], [1.0, 0.5], 0.01), "discrete time"),
         (control.ss(-np.eye(2), np.eye(2), np.eye(2), np.zeros((2, 2))), "2 inputs and 2 outputs"),
-        (scipy.signal.lti([1.0], [1.0, 1.0]), "no linear system of python-control"),
+        (scipy.signal.lti([1.0], [1.0, 1.0]), "isn't a linear system of python-control"),
     ],
 )
 def test_what_is_no_such_system_is_refused_by_name(system: object, sentence: str) -> None:

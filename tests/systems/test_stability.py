@@ -149,7 +149,7 @@ def test_a_constant_drives_the_motors_position_off_by_its_gain() -> None:
 
     assert isinstance(drive.signal, Constant)
     assert (drive.coefficient, drive.power, drive.rate) == (pytest.approx(gain, rel=1e-12), 1, 0.0)
-    np.testing.assert_allclose(drive.simulated(t), gain * (t - tau * (1 - np.exp(-t / tau))), atol=1e-9)
+    np.testing.assert_allclose(drive.simulate(t), gain * (t - tau * (1 - np.exp(-t / tau))), atol=1e-9)
     np.testing.assert_allclose(drive.envelope(t), gain * t, rtol=1e-12)
     assert "23.8 rad/V for each s" in drive.sentence
 
@@ -177,7 +177,7 @@ def test_the_drive_is_bounded_and_the_output_grows_as_it_says(
     _, y, _ = lsim((numerator, denominator), u, t)
 
     assert np.abs(u).max() <= 1
-    np.testing.assert_allclose(drive.simulated(t), y, atol=1e-5 * np.abs(y).max())
+    np.testing.assert_allclose(drive.simulate(t), y, atol=1e-5 * np.abs(y).max())
     # What isn't of the growing mode falls behind it as 1/t (or e^(-rate t)): for the slowest of these, the double pole at 0.4,
     # te^(0.4 t) (1 + c/t) with c = -(1/0.4 + 1/2.4) = -2.9, which is 7 to 8 % there.
     late = t > 35
@@ -214,7 +214,7 @@ def test_a_delay_moves_the_growth_and_changes_no_verdict() -> None:
     assert report.verdict == "marginally stable"
     assert report.drive is not None
     assert report.drive.envelope(np.array([0.4, 1.5])).tolist() == [0.0, pytest.approx(20.0)]
-    assert report.drive.simulated(np.array([0.4]))[0] == 0.0
+    assert report.drive.simulate(np.array([0.4]))[0] == 0.0
 
 
 def test_an_oscillator_is_driven_at_its_own_frequency() -> None:
@@ -251,4 +251,4 @@ def test_a_double_pole_to_the_right_grows_faster_than_its_exponential() -> None:
 def test_a_pole_of_which_a_zero_takes_a_part_is_told_with_what_is_left_to_be_seen() -> None:
     # s/s² is one integrator to the output, which nothing but an input moves.
     (said,) = stability(TransferFunction(numerator=(1.0, 0.0), denominator=(1.0, 0.0, 0.0))).reasons
-    assert "Zeros cancel a part of it: the output shows it once only" in said
+    assert "Zeros cancel part of it: the output shows it once only" in said

@@ -138,7 +138,7 @@ def test_data_behind_a_chain_are_refused_by_name() -> None:
 
 def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
     """Another route: the covariance matrix of all samples, its determinant, and generalised least squares."""
-    from servobench.identification.estimators.disturbance import Blocks, Linearised, profile
+    from servobench.identification.estimators.disturbance import Blocks, Linearisation, profile
 
     random = np.random.default_rng(4)
     t = np.cumsum(random.uniform(0.001, 0.006, 60))
@@ -160,7 +160,7 @@ def test_the_likelihood_agrees_with_a_dense_gaussian_one() -> None:
         determinants = np.linalg.slogdet(shape)[1] + np.linalg.slogdet(information)[1]
         return float(57 * np.log(variance) + determinants), change
 
-    near = Linearised(
+    near = Linearisation(
         blocks=(Blocks(np.arange(60), np.ones(60), t, np.ones(60), np.ones(60)),),
         columns=(np.column_stack([residual, jacobian]),),
         places=(np.arange(3),),

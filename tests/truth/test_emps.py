@@ -13,7 +13,7 @@ import pytest
 from numpy.typing import NDArray
 from scipy.stats import chi2
 
-from servobench.identification.estimators.output_error import best_minimum, simulated
+from servobench.identification.estimators.output_error import best_minimum, simulate_record
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.formats.base import load
@@ -46,7 +46,9 @@ def four_parameters(data: Dataset) -> NDArray[np.float64]:
 
 def relative_error(theta: NDArray[np.float64], data: Dataset) -> float:
     """100 |q - q̂| / |q| [%], q̂ simulated from the voltage over the whole record, its start state fitted."""
-    return float(100 * np.linalg.norm(simulated(STRUCTURE, theta, data).residual) / np.linalg.norm(data.y))
+    return float(
+        100 * np.linalg.norm(simulate_record(STRUCTURE, theta, data).residual) / np.linalg.norm(data.y)
+    )
 
 
 def test_four_parameters_simulate_both_records_better_than_the_published_ones(

@@ -11,10 +11,9 @@ import numpy as np
 import pytest
 
 from servobench.identification.identify import identify
+from tests import coverage
 from tests.datasets import dataset
 from tests.rig.motor.reference import Truth
-
-RUNS = 200
 
 
 def drawn(seed: int) -> Truth:
@@ -38,19 +37,28 @@ def test_the_default_motor_is_hit_within_3_3_standard_deviations(kind: Literal["
         assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
 
 
+@pytest.mark.parametrize("runs", coverage.RUNS)
 @pytest.mark.parametrize("kind", ["square", "prbs"])
-def test_95_percent_intervals_cover_91_to_99_percent_of_200_runs(kind: Literal["square", "prbs"]) -> None:
-    """A coverage of 95 % in 200 runs has a standard deviation of 1.5 %; 91 and 99 % are 2.6 of them away."""
-    covered = {"gain": 0, "time_constant": 0}
-    for seed in range(RUNS):
+def test_95_percent_intervals_cover(kind: Literal["square", "prbs"], runs: int) -> None:
+    """The winding isn't quite a delay: with a PRBS the time constant is 0.4 standard deviations long in the mean of 120 runs.
+
+    Coverage allows for that, so no bias is looked for.
+    """
+    offs: dict[str, list[float]] = {"gain": [], "time_constant": []}
+    covered = dict.fromkeys(offs, 0)
+    for seed in range(runs):
         truth = drawn(seed)
         fit = identify(dataset(seed=seed, kind=kind, truth=truth)).fit
         assert fit is not None
         for name in covered:
             low, high = fit[name].interval
             covered[name] += low <= answers(truth)[name] <= high
+            offs[name].append(coverage.off((low, high), answers(truth)[name]))
+    fewest, most = coverage.fewest_and_most(runs)
     for name, count in covered.items():
-        assert 0.91 * RUNS <= count <= 0.99 * RUNS, (name, count)
+        assert fewest <= count <= most, (name, count)
+        if runs == coverage.FEW:
+            coverage.check_spread(name, offs[name])
 
 
 def test_the_papers_filter_in_the_chain_does_not_bias_the_time_constant() -> None:
@@ -89,18 +97,19 @@ def test_an_irregularly_sampled_record_is_hit_too() -> None:
         assert abs(fit[name].value - truth) < 3.3 * fit[name].sd, name
 
 
-def test_reversals_right_after_a_switch_are_allowed_for() -> None:
+@pytest.mark.parametrize("runs", [30, pytest.param(100, marks=pytest.mark.long)])
+def test_reversals_right_after_a_switch_are_allowed_for(runs: int) -> None:
     """With a bit of 40 ms, 4 out of 5 runs have a reversal within the winding's transient, which the model can't resolve.
 
     Without the allowance for it the intervals cover 85 % and miss by up to 15 standard deviations. The allowance bounds an
     error, so the intervals may cover more than 95 %, but none may be far off.
     """
-    runs, covered, worst = 100, 0, 0.0
+    covered, worst = 0, 0.0
     for seed in range(runs):
         truth = drawn(seed)
         fit = identify(dataset(seed=seed, kind="prbs", truth=truth, hold=20)).fit
         assert fit is not None
         covered += fit["gain"].interval[0] <= answers(truth)["gain"] <= fit["gain"].interval[1]
         worst = max(worst, abs(fit["gain"].value - answers(truth)["gain"]) / fit["gain"].sd)
-    assert covered >= 91
+    assert covered >= 0.91 * runs
     assert worst < 4.5  # 1 run in 150,000 of a normal distribution

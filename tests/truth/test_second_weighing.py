@@ -10,7 +10,7 @@ import pytest
 from servobench.core.finding import Verdict
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.disturbance import Disturbance
-from servobench.identification.estimators.second_weighing import weighed_twice
+from servobench.identification.estimators.misfit_covariance import allow_for_misfit
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.base import Kind
@@ -64,7 +64,7 @@ def test_a_right_model_is_found_again_by_the_second_weighing(noise: float) -> No
     fit = ESTIMATORS["output_error"].fit(
         STRUCTURES["first_order_coulomb"], [dataset(seed=4, kind="prbs", torque_noise=noise)]
     )
-    wide = weighed_twice(fit)
+    wide = allow_for_misfit(fit)
     np.testing.assert_array_equal(wide.model.theta, fit.model.theta)
     for name in ("gain", "time_constant", "coulomb_voltage"):
         assert wide[name].sd >= fit[name].sd
@@ -73,5 +73,5 @@ def test_a_right_model_is_found_again_by_the_second_weighing(noise: float) -> No
 
 @pytest.mark.parametrize("kind", ["position", "speed"])
 def test_a_filter_remembers_for_as_long_as_it_was_told(kind: Kind) -> None:
-    noise = Disturbance.remembering(0.01, tau=0.1, kind=kind, sample_time=0.002)
+    noise = Disturbance.from_memory(0.01, tau=0.1, kind=kind, sample_time=0.002)
     assert noise.memory(kind, 0.002) == pytest.approx(0.01)

@@ -21,8 +21,8 @@ _INTERRUPTED = 130  # as in `failures`, which isn't imported before it has to be
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, those of the process where there are none, and return the exit status."""
     words = sys.argv[1:] if arguments is None else list(arguments)
-    text = _stored_text(words)
-    if text is not None and _printed(text):
+    text = _text_on_disk(words)
+    if text is not None and _print_text(text):
         return 0
     try:
         from servobench.cli.app import run_app
@@ -34,18 +34,18 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return _INTERRUPTED
 
 
-def _stored_text(words: list[str]) -> str | None:
+def _text_on_disk(words: list[str]) -> str | None:
     """The text that answers these words, None where the words ask for more than help or the version."""
     if words == ["--version"]:
         from servobench._version import __version__
 
         return f"servobench {__version__}\n"
-    if not words or (len(words) == 1 and words[0] in _HELP):
-        return _help_text("servobench")
-    if len(words) != 2 or words[1] not in _HELP:
+    names = words[:-1]
+    if words and words[-1] not in _HELP:
         return None
     # A name that isn't of letters alone could lead out of the folder.
-    return _help_text(f"servobench-{words[0]}") if words[0].islower() and words[0].isalpha() else None
+    is_page = all(name.islower() and name.isalpha() for name in names)
+    return _help_text("-".join(["servobench", *names])) if is_page else None
 
 
 def _help_text(page: str) -> str | None:
@@ -57,7 +57,7 @@ def _help_text(page: str) -> str | None:
         return None
 
 
-def _printed(text: str) -> bool:
+def _print_text(text: str) -> bool:
     """Print a text; return False where nobody reads the output any more, which is then said as for any other command."""
     try:
         sys.stdout.write(text)

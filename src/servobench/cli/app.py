@@ -16,12 +16,12 @@ from servobench.cli.convert import convert
 from servobench.cli.design import design
 from servobench.cli.devices import devices
 from servobench.cli.export import export
-from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, failed, flushed
+from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, flush_output, report_failure
 from servobench.cli.faults import faults
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
-from servobench.cli.lab import lab
+from servobench.cli.lab.group import lab
 from servobench.cli.panel import panel
 from servobench.cli.recover import recover
 from servobench.cli.run import run
@@ -60,7 +60,7 @@ def servobench(
         typer.Option("--version", callback=_show_version, is_eager=True, help="Print the version and exit."),
     ] = False,
     debug: Annotated[
-        bool, typer.Option(_DEBUG, help="Show the traceback of any error; may stand anywhere in the line.")
+        bool, typer.Option(_DEBUG, help="Show the traceback of any error; may appear anywhere in the line.")
     ] = False,
 ) -> None:
     """From a servo motor, simulated or real, or a recording of one, to its transfer function.
@@ -82,7 +82,6 @@ for command in (
     convert,
     recover,
     panel,
-    lab,
     devices,
     faults,
     signals,
@@ -90,6 +89,7 @@ for command in (
     chains,
 ):
     app.command()(command)
+app.add_typer(lab)
 
 
 def run_app(words: Sequence[str]) -> int:
@@ -104,10 +104,10 @@ def run_app(words: Sequence[str]) -> int:
         app(words or ["--help"], prog_name="servobench", obj=shlex.join(["servobench", *words]))
     except SystemExit as end:
         interrupt = _interrupt_behind(end)
-        return flushed(_status(end) if interrupt is None else failed(interrupt, debug=debug))
+        return flush_output(_status(end) if interrupt is None else report_failure(interrupt, debug=debug))
     except BaseException as error:
-        return flushed(failed(error, debug=debug))
-    return flushed(DONE)
+        return flush_output(report_failure(error, debug=debug))
+    return flush_output(DONE)
 
 
 def _without_debug(words: Sequence[str]) -> tuple[list[str], bool]:

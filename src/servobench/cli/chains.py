@@ -12,7 +12,7 @@ def chains(
 ) -> None:
     """List the measurement chains of known devices, with their sources.
 
-    With NAME that one only. Any of them is a TEXT for `servobench identify FILE --chain TEXT`.
+    With NAME, only that one. Each is a TEXT for `servobench identify FILE --chain TEXT`.
     """
     from rich.text import Text
 

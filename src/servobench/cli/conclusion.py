@@ -2,14 +2,10 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 from servobench.cli.failures import DONE, REFUSED
-from servobench.cli.other_output import with_other_output
 from servobench.core.finding import Verdict
 
 if TYPE_CHECKING:
@@ -18,20 +14,12 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.core.errors import NotIdentifiable
     from servobench.identification.result import Result
+    from servobench.recordings.evidence import Evidence
     from servobench.recordings.recording import Recording
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """A recording with its roles and units known, and the text of the chain through which its output is still to go."""
-
-    recording: Recording
-    chain: str = ""
-
-
-def concluded(
+def conclude(
     evidence: Sequence[Evidence],
     progress: Progress,
     *,
@@ -42,26 +30,19 @@ def concluded(
     known: Mapping[str, tuple[float, float]] | None = None,
     starts_at_rest: bool = False,
 ) -> Result:
-    """Return what recordings say about the motor; `others` are those to try the model on.
-
-    `starts_at_rest` says that the shaft rests when each record begins. `known` states parameters of the motor, as `identify`
-    takes them.
-    Recordings that are too short for any data give a refused result, as all do that can't support a model.
-    """
-    from servobench.core.errors import NotIdentifiable
-    from servobench.identification.identify import identify
-    from servobench.recordings.measurement.measure import measure
+    """Return what recordings say about the motor; `others` are those to try the model on. The rest is as for `identify`."""
+    from servobench.identification.identify import identify_evidence
 
     progress.begin("identifying")
-    try:
-        data = [measure(each.recording, each.chain, starts_at_rest) for each in evidence]
-        others_data = [measure(each.recording, each.chain, starts_at_rest) for each in others]
-    except NotIdentifiable as error:
-        return _without_data([each.recording for each in evidence], error)
-    result = identify(
-        data, structure=structure, estimator=estimator, nominal=nominal, validate_on=others_data, known=known
+    return identify_evidence(
+        evidence,
+        structure,
+        estimator,
+        nominal,
+        validate_on=others,
+        known=known,
+        starts_at_rest=starts_at_rest,
     )
-    return with_other_output(result, [each.recording for each in evidence])
 
 
 def deliver(
@@ -79,7 +60,7 @@ def deliver(
 
     `command` is the line that was typed, for the report. The result is printed even where the report can't be written.
     """
-    from servobench.cli.answer import show_dangers, show_result
+    from servobench.cli.result_text import show_dangers, show_result
     from servobench.cli.terminal import print_json, say
     from servobench.report.document import Report
 
@@ -143,25 +124,3 @@ def check_report(path: Path | None, inputs: Sequence[Path], option: str = "--rep
         raise UsageError(
             f"{option} {path}: is one of the files that are read, and would be lost; give another name"
         )
-
-
-def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
-    from servobench._version import __version__
-    from servobench.core.finding import refusal
-    from servobench.identification.result import OperatingRange, Provenance, Result
-
-    told = [finding for recording in recordings for finding in recording.findings]
-    nowhere = (math.nan, math.nan)
-    return Result(
-        data=(),
-        fit=None,
-        findings=(*told, refusal("not-identifiable", f"{error}.")),
-        validation=None,
-        operating_range=OperatingRange(input=nowhere, speed=nowhere),
-        nominal=(),
-        provenance=Provenance(
-            version=__version__,
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-            inputs_sha256=tuple(sorted({r.source.sha256 for r in recordings if r.source.sha256})),
-        ),
-    )

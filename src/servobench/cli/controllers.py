@@ -12,8 +12,8 @@ def controllers(
 ) -> None:
     """List the controllers, with their settings, units and defaults.
 
-    With NAME that one only. In an experiment's file: [controller], then type = "pid", kp = "2 V/rad" and so on; the signal
-    is then what the motor follows, in rad or rad/s. `servobench tune` finds the gains.
+    With NAME, only that one. In an experiment's file: [controller], then type = "pid", kp = "2 V/rad" and so on; the signal
+    is then the reference, in rad or rad/s. `servobench tune` finds the gains.
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.identification.design.assumed import AssumedMotor
-    from servobench.identification.design.search import Design, Foreseen, Wish
+    from servobench.identification.design.assumed_motor import AssumedMotor
+    from servobench.identification.design.search import Design, RatedSignal, Wish
 
 _BAR = 20  # characters of the longest bar
 
@@ -27,20 +27,20 @@ _BAR = 20  # characters of the longest bar
 def design(
     voltage: Annotated[str, typer.Option(metavar="V", help="The largest voltage, either way [V].")],
     nominal: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The data sheet of the motor; without, qube_servo_2.")
+        str | None, typer.Option(metavar="NAME", help="The data sheet of the motor; by default qube_servo_2.")
     ] = None,
     known_from: Annotated[
         Path | None,
         typer.Option(
             "--from",
             metavar="FILE",
-            help="What is known of the motor: a result.json, or a recording, which is identified first.",
+            help="What is known about the motor: a result.json, or a recording, which is identified first.",
         ),
     ] = None,
     counts_per_rev: Annotated[
-        float | None, typer.Option(metavar="N", help="Counts of the encoder in a turn, for a result.json.")
+        float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for a result.json.")
     ] = None,
-    duration: Annotated[str, typer.Option(metavar="S", help="How long it lasts [s].")] = "10",
+    duration: Annotated[str, typer.Option(metavar="S", help="The duration [s].")] = "10",
     sample_time: Annotated[str, typer.Option(metavar="S", help="Time between samples [s].")] = "0.002",
     current: Annotated[str | None, typer.Option(metavar="A", help="The largest current [A].")] = None,
     speed: Annotated[str | None, typer.Option(metavar="W", help="The largest speed [rad/s].")] = None,
@@ -50,26 +50,26 @@ def design(
     ] = None,
     wish: Annotated[
         str,
-        typer.Option("--for", metavar="WHAT", help="What is to be known best: time_constant, gain or both."),
+        typer.Option("--for", metavar="WHAT", help="What to determine best: time_constant, gain or both."),
     ] = "both",
     out: Annotated[
         Path | None,
         typer.Option(metavar="FILE", help="Write the experiment (TOML), for `servobench run FILE`."),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the design as JSON, and nothing else, on standard output.")
+        bool, typer.Option("--json", help="Print only JSON, the design, on standard output.")
     ] = False,
 ) -> None:
     """Find the experiment with the smallest interval under limits.
 
-    Squares, random sequences, staircases and multisines of many sizes and speeds are held against what is known of the
-    motor. The limits hold for every motor within the tolerance, 20 % for a data sheet. What comes out is an experiment
-    and the standard deviations that it will give, before anything has moved.
+    Squares, random sequences, staircases and multisines of many sizes and speeds are compared for the motor as far as it is
+    known. The limits hold for every motor within the tolerance, 20 % for a data sheet. The result is an experiment and its
+    predicted standard deviations, before anything has moved.
     """
-    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.terminal import messages, output, print_json, say
     from servobench.identification.design.limits import DesignLimits
-    from servobench.identification.design.search import design as best
+    from servobench.identification.design.search import best_design as best
 
     limits = DesignLimits(
         voltage=_in("--voltage", voltage, "V"),
@@ -79,7 +79,7 @@ def design(
     )
     wanted, length = _wish(wish), _in("--duration", duration, "s")
     step = _in("--sample-time", sample_time, "s")
-    with Progress() as progress, told_when_compiling(progress):
+    with Progress() as progress, announce_compiling(progress):
         motor = _motor(nominal, known_from, counts_per_rev, progress)
         progress.begin("comparing experiments")
         made = best(motor, limits, length, step, wanted)
@@ -98,17 +98,17 @@ def _motor(
     nominal: str | None, known_from: Path | None, counts_per_rev: float | None, progress: Progress
 ) -> AssumedMotor:
     """What is known of the motor: a data sheet, a result, or a recording."""
-    from servobench.cli.recordings import identified_as_it_is
+    from servobench.cli.recordings import identify_directly
     from servobench.core.errors import FormatError, MissingInformation, UsageError
-    from servobench.identification.design.assumed import from_data_sheet, from_result, from_result_file
+    from servobench.identification.design.assumed_motor import from_data_sheet, from_result, from_result_file
     from servobench.identification.result import SCHEMAS
 
     if nominal is not None and known_from is not None:
-        raise UsageError("--nominal and --from both say what is known of the motor; give one of them")
+        raise UsageError("--nominal and --from both describe the motor; give one of them")
     if counts_per_rev is not None and not (math.isfinite(counts_per_rev) and counts_per_rev > 0):
         raise UsageError(f"--counts-per-rev {counts_per_rev:g}: expected a number above 0")
     if known_from is None:
-        _unasked(counts_per_rev)
+        _refuse_unused_counts(counts_per_rev)
         return from_data_sheet(nominal or "qube_servo_2")
     if known_from.suffix == ".json":
         try:
@@ -116,25 +116,25 @@ def _motor(
         except OSError as error:
             raise UsageError(f"--from {known_from}: can't be read: {error.strerror or error}") from error
         except ValueError as error:
-            raise FormatError(f"--from {known_from}: is no JSON: {error}") from error
+            raise FormatError(f"--from {known_from}: isn't JSON: {error}") from error
         if isinstance(content, dict) and content.get("schema") in SCHEMAS:
             if counts_per_rev is None:
                 raise MissingInformation(
-                    str(known_from), ["the encoder, which a result doesn't hold: --counts-per-rev N"]
+                    str(known_from), ["the encoder, which isn't in a result: --counts-per-rev N"]
                 )
             return from_result_file(content, str(known_from), counts_per_rev)
-    _unasked(counts_per_rev)
+    _refuse_unused_counts(counts_per_rev)
     progress.begin("identifying")
-    return from_result(identified_as_it_is(known_from), str(known_from))
+    return from_result(identify_directly(known_from), str(known_from))
 
 
-def _unasked(counts_per_rev: float | None) -> None:
+def _refuse_unused_counts(counts_per_rev: float | None) -> None:
     """Raise `UsageError` for counts of a turn that nothing would use: a data sheet and a recording have their own."""
     from servobench.core.errors import UsageError
 
     if counts_per_rev is not None:
         raise UsageError(
-            "--counts-per-rev is for a result.json (--from); a data sheet and a recording say it themselves"
+            "--counts-per-rev is for a result.json (--from); a data sheet and a recording already contain it"
         )
 
 
@@ -156,7 +156,7 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
     _show_comparison(console, made)
     limits = ", ".join(f"{name} ({100 * part:.0f} % used)" for name, part in made.chosen.used.items())
     say(console, f"\nlimits: {limits}")
-    say(console, f"kept from telling more by: {' and '.join(made.active)}")
+    say(console, f"limited by: {' and '.join(made.active)}")
     say(console, "assumed:")
     for sentence in made.assumptions:
         show_wrapped(console, Text("  - "), sentence, hanging=4)
@@ -165,8 +165,8 @@ def _show(console: Console, made: Design, motor: AssumedMotor) -> None:
 def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> None:
     """Print the predicted standard deviation of each parameter."""
     from servobench.cli.layout import show_table
-    from servobench.core.finding import parameter_in_words
-    from servobench.core.rounding import rounded
+    from servobench.core.parameter_names import parameter_in_words
+    from servobench.core.rounding import round_value
     from servobench.identification.models.base import STRUCTURES
 
     structure = STRUCTURES[made.chosen.structure]
@@ -175,7 +175,7 @@ def _show_predictions(console: Console, made: Design, motor: AssumedMotor) -> No
     rows = []
     for parameter in structure.parameters:
         value, half = float(values[parameter.name]), TWO_SIDED * made.chosen.sd[parameter.name]
-        told = rounded(value, half, parameter.unit.format(position="rad", input="V"))
+        told = round_value(value, half, parameter.unit.format(position="rad", input="V"))
         share = f"{100 * half / abs(value):.2g} %" if value else ""
         rows.append(
             (parameter_in_words(parameter.name), told.value.replace("−", "-"), told.half, share, told.unit)
@@ -202,7 +202,7 @@ def _show_comparison(console: Console, made: Design) -> None:
     show_table(console, headings, rows, right=headings[1:3])
 
 
-def _remark(each: Foreseen) -> str:
+def _remark(each: RatedSignal) -> str:
     """Why an experiment can't be taken as it stands."""
     beyond = [name for name, part in each.used.items() if part > 1]
     if beyond:
@@ -210,7 +210,7 @@ def _remark(each: Foreseen) -> str:
     return " rounding repeats" if each.rounding > 1.25 else ""
 
 
-def _cost(each: Foreseen, wish: Wish) -> float:
+def _cost(each: RatedSignal, wish: Wish) -> float:
     from servobench.identification.design.search import cost
 
     return cost(each, wish)

@@ -12,7 +12,7 @@ def devices(
 ) -> None:
     """List the devices, with their settings, units and defaults.
 
-    With NAME that one only. In an experiment's file: [device] with name = "twin", then [device.settings].
+    With NAME, only that one. In an experiment's file: [device] with name = "twin", then [device.settings].
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

@@ -18,7 +18,7 @@ def export(
         typer.Option(
             "--out",
             metavar="FILE",
-            help="The file to write; without it, motor with TARGET's ending, and motor-wpilib.json for wpilib.",
+            help="The file to write; by default, motor with TARGET's ending, and motor-wpilib.json for wpilib.",
         ),
     ] = None,
     position_unit: Annotated[
@@ -30,38 +30,44 @@ def export(
     sample_time: Annotated[
         str | None,
         typer.Option(
-            metavar="S", help="The time between two calls of the controller, or of a simulation's steps [s]."
+            metavar="S",
+            help="The time between two calls of the controller, or between a simulation's steps [s].",
         ),
     ] = None,
     closed_loop: Annotated[
         str | None,
-        typer.Option(metavar="S", help="The time constant wished for the closed loop [s], for wpilib and c."),
+        typer.Option(metavar="S", help="The desired time constant of the closed loop [s], for wpilib and c."),
     ] = None,
     counts_per_rev: Annotated[
-        float | None, typer.Option(metavar="N", help="The encoder's counts in a turn, for c.")
+        float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for c.")
     ] = None,
     voltage_limit: Annotated[
-        str | None, typer.Option(metavar="V", help="What the controller may put out [V], for c.")
+        str | None, typer.Option(metavar="V", help="The largest voltage of the controller [V], for c.")
     ] = None,
     inertia: Annotated[
         str | None,
-        typer.Option(metavar="J", help="What turns, for mujoco, such as 2.1e-5 or '210 g*cm^2' [kg*m^2]."),
+        typer.Option(
+            metavar="J",
+            help=(
+                "The inertia of everything that turns, for mujoco, such as 2.1e-5 or '210 g*cm^2' [kg*m^2]."
+            ),
+        ),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace files that are there.")] = False,
+    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
 ) -> None:
-    """Write an identified motor in the form that another program takes.
+    """Write an identified motor for another program.
 
     RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG and feedback gains), mujoco (a joint and its
     actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
     """
     from servobench.cli.terminal import output, say
-    from servobench.export.answer import Answer
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
+    from servobench.export.summary import ResultSummary
 
     suffix = TARGETS[target].suffix
-    answer = Answer.read(result)
+    answer = ResultSummary.read(result)
     wishes = Wishes(
         unit=position_unit,
         sample_time=_quantity("--sample-time", sample_time, "s"),
@@ -77,7 +83,7 @@ def export(
     for written in files:
         say(console, f"written: {written}")
     if answer.verdict == "doubtful":
-        say(console, "The result is doubtful; the file names the reasons where it has room for them.")
+        say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
 
 
 def default_name(target: str) -> str:
@@ -114,4 +120,4 @@ def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) ->
     if any(named.resolve() == each.resolve() for each in inputs):
         raise UsageError(f"--out {named}: is the result itself, and would be lost; give another name")
     if named.exists() and not overwrite:
-        raise UsageError(f"{named} is there already; give another name, or --overwrite to replace it")
+        raise UsageError(f"{named} exists already; give another name, or --overwrite to replace it")

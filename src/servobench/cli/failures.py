@@ -13,8 +13,8 @@ from contextlib import suppress
 from rich.text import Text
 
 from servobench._version import __version__
+from servobench.cli.option_names import with_options
 from servobench.cli.terminal import OutputGone, messages, one_line, printable
-from servobench.cli.wording import with_options
 from servobench.core.errors import MissingInformation, ServobenchError, UnknownName
 
 DONE = 0
@@ -34,22 +34,22 @@ class NotBegun(KeyboardInterrupt):
     """A run that was stopped before it began; the text says by whom."""
 
 
-class KeptInPart(KeyboardInterrupt):
+class PartialStop(KeyboardInterrupt):
     """A command that was stopped when a part was done; the text says what is kept, and what to do."""
 
 
-def failed(error: BaseException, *, debug: bool = False) -> int:
+def report_failure(error: BaseException, *, debug: bool = False) -> int:
     """Say what went wrong on standard error, and return the exit status.
 
     A mistake of the user, a device or a disk that failed get a sentence. An error of ours gets one as well, and its traceback
     goes to a file; with `debug` the traceback is shown, whoever's fault it was.
     """
-    status, sentence = _told(error)
+    status, sentence = _status_and_sentence(error)
     with suppress(OSError):  # where nobody reads the messages, the status still says it
         if debug:
             messages().out("".join(traceback.format_exception(error)), highlight=False)
         if status == OUR_FAULT:
-            sentence = f"{sentence}; {_kept(error)}"
+            sentence = f"{sentence}; {_traceback_place(error)}"
         if sentence:
             complain(sentence)
     return status
@@ -62,7 +62,7 @@ def complain(sentence: str) -> None:
     messages().print(Text.assemble(("Error: ", "bold red"), told), soft_wrap=True)
 
 
-def flushed(status: int) -> int:
+def flush_output(status: int) -> int:
     """Return the exit status of a command once all of its output is away, another one where it can't be."""
     try:
         for stream in (sys.stdout, sys.stderr):
@@ -70,20 +70,20 @@ def flushed(status: int) -> int:
                 stream.flush()
     except OSError as error:
         _forget_output()
-        return failed(OutputGone() if isinstance(error, BrokenPipeError) else error)
+        return report_failure(OutputGone() if isinstance(error, BrokenPipeError) else error)
     return status
 
 
-def _told(error: BaseException) -> tuple[int, str]:
+def _status_and_sentence(error: BaseException) -> tuple[int, str]:
     """The exit status of an error, and the sentence to say."""
     if isinstance(error, OutputGone | BrokenPipeError):
         return CANNOT_WRITE, ""
     if isinstance(error, NotBegun):
-        return INTERRUPTED, f"{error} before it began; nothing was recorded"
-    if isinstance(error, KeptInPart):
+        return INTERRUPTED, f"{error} before the run began; nothing was recorded"
+    if isinstance(error, PartialStop):
         return INTERRUPTED, str(error)
     if isinstance(error, KeyboardInterrupt):
-        return INTERRUPTED, "interrupted before there was a result; files that were whole by then are kept"
+        return INTERRUPTED, "interrupted before there was a result; complete files are kept"
     if isinstance(error, MissingInformation):
         return USER_MISTAKE, _list_of(str(error).splitlines()[0], error.missing)
     if isinstance(error, UnknownName):
@@ -93,7 +93,7 @@ def _told(error: BaseException) -> tuple[int, str]:
     if isinstance(error, MemoryError):
         return (
             USER_MISTAKE,
-            "there is not enough memory for this; take shorter recordings, or fewer at a time",
+            "there isn't enough memory for this; use shorter recordings, or fewer at a time",
         )
     if isinstance(error, OSError) and (error.filename or error.errno in _NO_PLACE):
         what = f"{error.filename}: " if error.filename else ""
@@ -110,7 +110,7 @@ def _first_line(error: BaseException) -> str:
     return (str(error).splitlines() or ["no more is said"])[0]
 
 
-def _kept(error: BaseException) -> str:
+def _traceback_place(error: BaseException) -> str:
     """Where the traceback of an error of ours is, as the end of a sentence; the traceback itself where it can't be kept."""
     trace = "".join(traceback.format_exception(error))
     about = (

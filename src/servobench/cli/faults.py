@@ -12,9 +12,9 @@ def faults(
 ) -> None:
     """List the faults that a run can inject, with their settings, units and defaults.
 
-    With NAME that one only. For one run: --fault "stuck_channel from=2s for=100ms".
+    With NAME, only that one. For one run: --fault "stuck_channel from=2s for=100ms".
     In an experiment's file: [[device.faults]], then name = "stuck_channel", from = "2 s" and so on.
-    A recording with injected faults says so.
+    A recording with injected faults is marked.
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.cli.progress import Progress
-    from servobench.identification.honest.repeated import Honesty
+    from servobench.identification.honest.repeatability import Honesty
     from servobench.identification.honest.scatter import Scatter
     from servobench.recordings.recording import Recording
     from servobench.rig.experiment import Experiment
@@ -44,9 +44,9 @@ def honest(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="[EXPERIMENT.toml | FILE...]", hidden=True)
     ] = None,
-    runs: Annotated[int, typer.Option(metavar="N", min=2, help="How often an experiment is repeated.")] = 10,
+    runs: Annotated[int, typer.Option(metavar="N", min=2, help="The number of runs of the experiment.")] = 10,
     device: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The device, in place of the experiment's.")
+        str | None, typer.Option(metavar="NAME", help="The device, instead of the experiment's.")
     ] = None,
     seed: Annotated[
         int | None, typer.Option(metavar="N", min=0, help="The seed of the first run; each has the next.")
@@ -63,31 +63,32 @@ def honest(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="The folder for the recordings; without, one called after the time."
+            metavar="DIR", help="The folder for the recordings; by default one named after the time."
         ),
     ] = None,
     structure: Annotated[
-        str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that most runs need.")
+        str,
+        typer.Option(metavar="NAME", help="The model structure; auto chooses the one that most runs need."),
     ] = "auto",
     as_json: AsJson = False,
 ) -> None:
-    """Hold runs of one motor against each other: do their 95 % intervals cover?
+    """Compare runs of one motor: do their 95 % intervals cover?
 
-    Without a file, or with an experiment's, the experiment is repeated and the recordings are kept. With recordings,
-    each is a run of the same motor. Intervals that don't cover between runs are widened by what is found, and what
-    makes the runs differ is named where the parameters that move together tell it.
+    Without a file, or with an experiment's, the experiment is repeated and the recordings are kept. With recordings, each is
+    a run of the same motor. Intervals that don't cover between runs are widened accordingly, and the cause of the
+    differences is named if the joint changes of the parameters show it.
     """
     from servobench.cli.conclusion import check_names
-    from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
     from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.identification.honest.repeated import honest as held_together
+    from servobench.identification.honest.repeatability import honest as held_together
     from servobench.recordings.formats.mapping import Mapping as Said
     from servobench.recordings.measurement.measure import measure
 
     check_names(structure, "auto", None)
-    base = mapping_in(mapping)
+    base = mapping_of(mapping)
     said = Said(
         time=time,
         input=input_column,
@@ -100,13 +101,13 @@ def honest(
     given = files or []
     experiment = given[0] if len(given) == 1 and given[0].suffix == ".toml" else None
     console = messages() if as_json else output()
-    with Progress() as progress, told_when_compiling(progress):
+    with Progress() as progress, announce_compiling(progress):
         if given and experiment is None:
-            recordings, own = _told_apart(loaded(given, progress)), chain
+            recordings, own = _distinct_names(load_all(given, progress)), chain
         else:
-            recordings, own = _repeated(experiment, device, seed, runs, out, console, progress)
+            recordings, own = _repeat_runs(experiment, device, seed, runs, out, console, progress)
         progress.begin("identifying")
-        evidence = mapped(recordings, base, replace(said, chain=own))
+        evidence = apply_mapping(recordings, base, replace(said, chain=own))
         data = [measure(each.recording, each.chain) for each in evidence]
         found = held_together(data, structure=structure, beside=_beside(recordings))
     _show(console, found)
@@ -115,7 +116,7 @@ def honest(
     raise typer.Exit(status_after(recordings[-1]) if experiment or not given else DONE)
 
 
-def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
+def _distinct_names(recordings: Sequence[Recording]) -> list[Recording]:
     """The recordings, called after their files where several have one name."""
     names = [recording.name for recording in recordings]
     return [
@@ -126,7 +127,7 @@ def _told_apart(recordings: Sequence[Recording]) -> list[Recording]:
     ]
 
 
-def _repeated(
+def _repeat_runs(
     file: Path | None,
     device: str | None,
     seed: int | None,
@@ -139,8 +140,8 @@ def _repeated(
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.run import (
         device_asked_for,
-        ended_like_ctrl_c,
         experiment_asked_for,
+        terminate_like_ctrl_c,
         warn_of_danger,
     )
     from servobench.cli.terminal import say
@@ -149,12 +150,12 @@ def _repeated(
     asked = experiment_asked_for(file, device, seed, None)
     recordings = []
     progress.begin("running")
-    with empty_folder(out, "honest", datetime.now()) as folder, ended_like_ctrl_c():
+    with empty_folder(out, "honest", datetime.now()) as folder, terminate_like_ctrl_c():
         # Made here and nowhere else: of two commands that were given the same empty folder one has it.
         with (folder / "experiment.toml").open("x", encoding="utf-8", newline="\n") as text:
             text.write(asked.to_toml())
         for number in range(runs):
-            one = _numbered(asked, number)
+            one = _experiment_of_run(asked, number)
             recording = run_where_its_time_passes(
                 one,
                 device_asked_for(one, file),
@@ -163,14 +164,14 @@ def _repeated(
             )
             warn_of_danger(recording, progress)
             recordings.append(replace(recording, name=f"run {number + 1}"))
-            progress.reached((number + 1) / runs)
+            progress.advance((number + 1) / runs)
             if recording.stopped.reason != "finished":
                 break
     say(console, f"{len(recordings)} runs in {folder}")
     return recordings, asked.chain
 
 
-def _numbered(asked: Experiment, number: int) -> Experiment:
+def _experiment_of_run(asked: Experiment, number: int) -> Experiment:
     """The experiment of a run: with a seed of its own, and a twin's shaft where chance left it, as a real one's is."""
     import numpy as np
 
@@ -203,20 +204,22 @@ def _beside(recordings: Sequence[Recording]) -> Mapping[str, list[float]]:
 
 def _show(console: Console, found: Honesty) -> None:
     """Print how each parameter scatters, a picture of those that matter most, and what was found."""
-    from servobench.cli.answer import show_findings
     from servobench.cli.layout import show_table
+    from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import say
-    from servobench.core.finding import parameter_in_words
-    from servobench.core.rounding import plain, rounded
+    from servobench.core.parameter_names import parameter_in_words
+    from servobench.core.rounding import plain, round_value
 
     say(console, f"{len(found.runs)} runs, structure {found.structure}\n")
     headings = ("parameter", "over all runs", "±", "unit", "scatter / stated", "between 95 %", "covered")
     rows = []
     for each in found.parameters:
-        told = rounded(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
+        told = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
         ends = f"{plain(each.ratio_interval[0], 2)} to {plain(each.ratio_interval[1], 2)}"
         cells = (told.value, told.half, told.unit, plain(each.ratio, 2), ends)
-        rows.append((parameter_in_words(each.name), *cells, f"{each.covered} of {len(found.runs)}"))
+        rows.append(
+            (parameter_in_words(each.name, each.unit), *cells, f"{each.covered} of {len(found.runs)}")
+        )
     show_table(console, headings, rows, right=headings[1:3])
     console.print()
     for each in found.parameters:
@@ -233,7 +236,7 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     from statistics import median
 
     from servobench.cli.layout import show_table
-    from servobench.core.finding import parameter_in_words
+    from servobench.core.parameter_names import parameter_in_words
     from servobench.core.rounding import plain
 
     halves = [TWO_SIDED * sd for sd in each.sds]
@@ -248,7 +251,7 @@ def _draw(console: Console, each: Scatter, runs: Sequence[str]) -> None:
     high = min(max(line[3] for line in lines), each.mean + reach)
     rows = [(_short(name), _picture(*ends, low=low, high=high)) for name, *ends in lines]
     scale = f"{plain(low, 6)} to {plain(high, 6)} {each.unit}".replace("−", "-")
-    show_table(console, (parameter_in_words(each.name), scale), rows)
+    show_table(console, (parameter_in_words(each.name, each.unit), scale), rows)
     console.print()
 
 

@@ -42,52 +42,55 @@ def identify(
     counts_per_rev: CountsPerRev = None,
     chain: ChainText = "",
     nominal: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The data sheet to hold the result against.")
+        str | None, typer.Option(metavar="NAME", help="The data sheet to compare the result with.")
     ] = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
             metavar="NAME=VALUE[+-SD]",
-            help="A parameter of the motor that you know, such as resistance=8.4, to find the others; may be repeated.",
+            help="A known parameter of the motor, such as resistance=8.4, to find the others; may be repeated.",
         ),
     ] = None,
     validate_with: Annotated[
         list[Path] | None,
         typer.Option(
             metavar="FILE",
-            help="Try the model on this file, in place of a part of the data; may be repeated.",
+            help="Test the model on this file instead of a part of the data; may be repeated.",
         ),
     ] = None,
     recording: RecordingNames = None,
     structure: StructureName = "auto",
     estimator: Annotated[
         str,
-        typer.Option(metavar="NAME", help="The method; auto takes the one that the noise in the data needs."),
+        typer.Option(
+            metavar="NAME", help="The method; auto chooses the one that suits the noise in the data."
+        ),
     ] = "auto",
     as_json: AsJson = False,
     report: ReportFile = None,
     all_findings: AllFindings = False,
 ) -> None:
-    """Identify the motor from recordings that you have.
+    """Identify the motor from existing recordings.
 
     All recordings in all FILEs are fitted jointly. The result is a transfer function with intervals, a verdict, and the
-    findings that are behind it. Whatever isn't said and can't be known is asked for, never guessed.
+    findings behind it. Missing information is asked for, never guessed.
 
-    COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL where it
-    stands in another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s,
-    deg/s, rpm, rev/s, counts/s, m/s).
+    COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL for a column of
+    another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm,
+    rev/s, counts/s, m/s).
     """
-    from servobench.cli.conclusion import check_names, check_report, concluded, deliver, status_of
-    from servobench.cli.known import known_values
-    from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import evidence, loaded, mapped, mapping_in, seconds
+    from servobench.cli.conclusion import check_names, check_report, conclude, deliver, status_of
+    from servobench.cli.parameter_values import parse_parameters
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
     from servobench.cli.terminal import messages, output, say
+    from servobench.recordings.evidence import evidence_of
     from servobench.recordings.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
-    stated = known_values(known or ())
+    stated = parse_parameters(known or ())
     check_report(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
-    base = mapping_in(mapping)
+    base = mapping_of(mapping)
     said = Mapping(
         time=time,
         input=input_column,
@@ -101,13 +104,13 @@ def identify(
         recordings=tuple(recording or ()),
     )
     with Progress() as progress:
-        fitted = mapped(loaded(files, progress), base, said)
+        fitted = apply_mapping(load_all(files, progress), base, said)
         others = [
-            evidence(each, base.of(each.name).overridden_by(said))
-            for each in loaded(validate_with or (), progress)
+            evidence_of(each, base.of(each.name).override_with(said))
+            for each in load_all(validate_with or (), progress)
         ]
-        with told_when_compiling(progress):
-            result = concluded(
+        with announce_compiling(progress):
+            result = conclude(
                 fitted,
                 progress,
                 structure=structure,

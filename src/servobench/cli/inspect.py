@@ -8,12 +8,13 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.wording import with_options
+from servobench.cli.option_names import with_options
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.core.finding import Finding
+    from servobench.recordings.measurement.dataset import Dataset
     from servobench.recordings.recording import Recording, Series
 
 
@@ -23,31 +24,31 @@ def inspect(
         Path | None,
         typer.Option(
             metavar="FILE.toml",
-            help="Write what was recognised, with questions where something wasn't, as a mapping to be edited.",
+            help="Write what was recognised as a mapping to edit, with questions about the rest.",
         ),
     ] = None,
     report: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Write what was found as a page with figures.")
+        Path | None, typer.Option(metavar="FILE.html", help="Write the findings as a page with figures.")
     ] = None,
     overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the mapping and the report if they are there.")
+        bool, typer.Option("--overwrite", help="Replace the mapping and the report if they exist.")
     ] = False,
 ) -> None:
-    """Tell what is in a file, and what it can support.
+    """Show what is in a file and what it can support.
 
-    Its recordings and channels, what is wrong with their times and values, and what has to be said to identify them.
+    Its recordings and channels, what is wrong with their times and values, and what is missing to identify them.
     """
     from servobench.cli.progress import Progress
-    from servobench.cli.recordings import loaded
+    from servobench.cli.recordings import load_all
     from servobench.cli.terminal import output, say
-    from servobench.core.rounding import counted
+    from servobench.core.rounding import count_text
 
     _check_new(file, [write_mapping, report], overwrite)
     with Progress() as progress:
-        recordings = loaded([file], progress)
+        recordings = load_all([file], progress)
     console = output()
     source = recordings[0].source
-    say(console, f"{source.name}: {source.format}, {counted(len(recordings), 'recording')}")
+    say(console, f"{source.name}: {source.format}, {count_text(len(recordings), 'recording')}")
     say(console, f"SHA-256 {source.sha256}")
     for recording in recordings:
         console.print()
@@ -73,13 +74,13 @@ def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> N
         if target is None:
             continue
         if target.resolve() == file.resolve():
-            raise UsageError(f"{target} is the file that is looked at, and would be lost; give another name")
+            raise UsageError(f"{target} is the inspected file and would be lost; give another name")
         if target.is_dir() or not target.parent.is_dir():
             raise UsageError(
                 f"{target} can't be written: it is a folder, or there is no folder {target.parent}"
             )
         if target.exists() and not overwrite:
-            raise UsageError(f"{target} is there already; give another name, or --overwrite to replace it")
+            raise UsageError(f"{target} exists already; give another name, or --overwrite to replace it")
 
 
 def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
@@ -99,7 +100,7 @@ def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
 def _show(console: Console, recording: Recording) -> None:
     from rich.text import Text
 
-    from servobench.cli.answer import show_findings
+    from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import one_line, say
     from servobench.core.finding import Severity
 
@@ -166,7 +167,7 @@ def _times(recording: Recording) -> list[str]:
             f"times: {base.start:.6g} s to {base.end:.6g} s, every {base.median_step:.6g} s "
             f"(at least {base.shortest_step:.3g} s, 99 of 100 below {base.p99_step:.3g} s, at most {base.longest_step:.3g} s)"
         )
-    return list(dict.fromkeys(lines)) or ["no times that are recognised"]
+    return list(dict.fromkeys(lines)) or ["no times were recognised"]
 
 
 def _pictures(console: Console, recording: Recording) -> list[str]:
@@ -175,11 +176,11 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
 
     from servobench.cli.pictures import histogram, line_over_time, pen_for
     from servobench.core.rounding import percent, with_unit
-    from servobench.recordings.formats.describe import shown_channels
+    from servobench.recordings.formats.describe import channels_to_show
     from servobench.recordings.formats.inspection import extremes, intervals
 
     pen, lines = pen_for(console), []
-    shown = [recording[name] for name in shown_channels(recording)]
+    shown = [recording[name] for name in channels_to_show(recording)]
     for series in shown:
         t = np.arange(len(series.values), dtype=np.float64) if series.t is None else series.t
         held = series.channel.name == recording.input
@@ -192,7 +193,7 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
         ends = extremes(series)
         if ends is not None and ends.looks_limited:
             share = percent(100 * max(ends.at_smallest, ends.at_largest))
-            lines.append(f"  {share} % of its samples are at an end of its range: something limits it.")
+            lines.append(f"  {share} % of its samples are at an end of its range: it is limited.")
     for spread in [intervals(series.t) for series in shown[:1] if series.t is not None]:
         if spread is None or spread.is_even:
             continue
@@ -200,6 +201,14 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
         beyond = f", {spread.beyond} longer ones" if spread.beyond else ""
         lines += ["", f"  intervals: {low} {histogram(spread.counts, pen)} {high}{beyond}"]
     return [*lines, ""] if lines else []
+
+
+def _unit_in(recording: Recording, data: Dataset) -> str:
+    """The unit of the column that is the output, and that of the results where it is another one."""
+    written = recording[recording.output or ""].channel.unit
+    if written in (None, "", data.output_unit):
+        return data.output_unit
+    return f"{written} (results are in {data.output_unit})"
 
 
 def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
@@ -210,16 +219,17 @@ def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
     from servobench.recordings.measurement.measure import measure
 
     try:
-        data = measure(assign(recording))
+        assigned = assign(recording)
+        data = measure(assigned)
     except MissingInformation as error:
         return [
-            "To identify it, more has to be known:",
+            "To identify it, this is missing:",
             *(f"  • {with_options(each)}" for each in error.missing),
         ], []
     except ServobenchError as error:
         return [f"It can't be identified as it is: {error}"], []
     told = (
-        f"`servobench identify` can take it as it is: the output is a {data.kind} in {data.output_unit}, "
+        f"`servobench identify` can use it as it is: the output is a {data.kind} in {_unit_in(assigned, data)}, "
         f"{data.duration:.4g} s long, the input {data.u.min():.4g} to {data.u.max():.4g} {data.input_unit}."
     )
     return [told], about_data([data])

@@ -18,7 +18,7 @@ _NARROWEST = 20  # characters for the last column
 
 def show_wrapped(console: Console, head: Text, sentence: str, *, hanging: int) -> None:
     """Print a sentence behind a head, its further lines behind that many blanks."""
-    first, *further = _wrapped(f"{head.plain}{printable(sentence)}", console.width, hanging)
+    first, *further = _wrap(f"{head.plain}{printable(sentence)}", console.width, hanging)
     console.print(Text.assemble(head, first[len(head.plain) :]), soft_wrap=True)
     for line in further:
         console.print(line, soft_wrap=True)
@@ -36,13 +36,13 @@ def show_table(
     styled = [("dim", list(headings)), *(("", row) for row in cells)]
     for style, row in styled:
         columns = zip(row[:-1], widths, headings[:-1], strict=True)
-        start = _INDENT + "".join(_padded(cell, width, head in right) + _GAP for cell, width, head in columns)
+        start = _INDENT + "".join(_pad(cell, width, head in right) + _GAP for cell, width, head in columns)
         room = max(console.width, cell_len(start) + _NARROWEST)
-        for line in _wrapped(start + row[-1], room, cell_len(start)):
+        for line in _wrap(start + row[-1], room, cell_len(start)):
             console.print(Text(line, style=style), soft_wrap=True)
 
 
-def _wrapped(text: str, width: int, hanging: int) -> list[str]:
+def _wrap(text: str, width: int, hanging: int) -> list[str]:
     """The lines of a text; the blanks that it begins with stay, further lines begin with that many."""
     indent = text[: len(text) - len(text.lstrip())]
     lines = wrap(
@@ -56,6 +56,6 @@ def _wrapped(text: str, width: int, hanging: int) -> list[str]:
     return lines or [""]
 
 
-def _padded(cell: str, width: int, right: bool) -> str:
+def _pad(cell: str, width: int, right: bool) -> str:
     blanks = " " * (width - cell_len(cell))
     return blanks + cell if right else cell + blanks

@@ -9,12 +9,13 @@ import typer
 
 TimeColumn = Annotated[str | None, typer.Option("--time", metavar="COL[:UNIT]", help="The column of times.")]
 InputColumn = Annotated[
-    str | None, typer.Option("--input", metavar="COL[:UNIT]", help="The column of what drives the motor.")
+    str | None,
+    typer.Option("--input", metavar="COL[:UNIT]", help="The column of the input that drives the motor."),
 ]
 OutputColumn = Annotated[
     str | None,
     typer.Option(
-        "--output", metavar="COL[:UNIT]", help="The column of what was measured: a position or a speed."
+        "--output", metavar="COL[:UNIT]", help="The column of the measured output: a position or a speed."
     ),
 ]
 SupplyColumn = Annotated[
@@ -22,14 +23,12 @@ SupplyColumn = Annotated[
     typer.Option(
         "--supply",
         metavar="COL[:UNIT]",
-        help="The supply that an input in per cent is a part of: a column, or a constant such as '7.4 V'.",
+        help="The supply voltage for an input in per cent: a column, or a constant such as '7.4 V'.",
     ),
 ]
 ReferenceColumn = Annotated[
     str | None,
-    typer.Option(
-        "--reference", metavar="COL[:UNIT]", help="The column of what a feedback loop was told to follow."
-    ),
+    typer.Option("--reference", metavar="COL[:UNIT]", help="The column of a feedback loop's reference."),
 ]
 CurrentColumn = Annotated[
     str | None,
@@ -42,7 +41,7 @@ MappingFile = Annotated[
     typer.Option(
         "--mapping",
         metavar="FILE.toml",
-        help="What the columns are, as `servobench inspect FILE --write-mapping` proposes it; options come before it.",
+        help="What the columns are, as proposed by `servobench inspect FILE --write-mapping`; options override it.",
     ),
 ]
 SampleTime = Annotated[
@@ -57,7 +56,7 @@ StartsAtRest = Annotated[
     bool,
     typer.Option(
         "--starts-at-rest",
-        help="The motor rests when the record begins, and the input was zero until then.",
+        help="The motor is at rest when the record begins, and the input was zero until then.",
     ),
 ]
 CountsPerRev = Annotated[
@@ -65,8 +64,8 @@ CountsPerRev = Annotated[
     typer.Option(
         "--counts-per-rev",
         metavar="N",
-        help="How many counts an output in counts has in a turn of the shaft (four for each line of the encoder, "
-        "mostly): the result is then in rad.",
+        help="The counts per turn of the shaft of an output in counts (usually four per encoder line); the result "
+        "is then in rad.",
     ),
 ]
 ChainText = Annotated[
@@ -75,7 +74,7 @@ ChainText = Annotated[
         "--chain",
         metavar="TEXT",
         help="What lies between the shaft and the output, such as 'derivative | lowpass 50 rad/s', a device that "
-        "`servobench chains` lists, or none; applied now where the column shows that it wasn't.",
+        "`servobench chains` lists, or none; applied now if the column shows that it wasn't.",
     ),
 ]
 RecordingNames = Annotated[
@@ -83,18 +82,16 @@ RecordingNames = Annotated[
     typer.Option(
         "--recording",
         metavar="NAME",
-        help="Take the recording of that name only, of several in a file; may be repeated.",
+        help="Use only the recording of that name, if a file has several; may be repeated.",
     ),
 ]
 StructureName = Annotated[
     str,
     typer.Option(
-        "--structure", metavar="NAME", help="The model structure; auto takes the one that the data need."
+        "--structure", metavar="NAME", help="The model structure; auto chooses the one that the data need."
     ),
 ]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print the answer as JSON, and nothing else, on standard output.")
-]
+AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON, the answer, on standard output.")]
 AllFindings = Annotated[
     bool, typer.Option("--all-findings", help="Print all findings, not only the five that matter most.")
 ]

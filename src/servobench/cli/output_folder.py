@@ -11,7 +11,7 @@ from pathlib import Path
 from servobench.core.errors import StorageError, UsageError
 
 
-def made_folder(prefix: str, now: datetime) -> Path:
+def make_folder(prefix: str, now: datetime) -> Path:
     """Make a folder in the current one, called after the time, and return its name.
 
     The system makes a folder once: of two commands in the same second the second takes the next name, PREFIX-TIME-2.
@@ -31,7 +31,7 @@ def make(path: Path, *, exist_ok: bool = False) -> None:
         path.mkdir(parents=True, exist_ok=exist_ok)
     except FileExistsError:
         if exist_ok:
-            raise StorageError(f"{path} can't be written: it is no folder") from None
+            raise StorageError(f"{path} can't be written: it isn't a folder") from None
         raise
     except OSError as error:
         raise StorageError(f"{path} can't be written: {error.strerror or error}") from error
@@ -48,7 +48,7 @@ def empty_folder(out: Path | None, prefix: str, now: datetime) -> Iterator[Path]
         raise UsageError(f"--out {out}: isn't an empty folder; give a new one")
     if out is not None:
         make(out, exist_ok=True)
-    folder = out or made_folder(prefix, now)
+    folder = out or make_folder(prefix, now)
     try:
         yield folder
     finally:

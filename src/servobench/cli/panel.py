@@ -21,24 +21,24 @@ def panel(
     device: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`."
+            metavar="NAME", help="The device, instead of the experiment's; see `servobench devices`."
         ),
     ] = None,
     experiment: Annotated[
         Path | None,
         typer.Option(
-            metavar="FILE", help="The experiment to begin with: signal, controller, device, limits."
+            metavar="FILE", help="The experiment to start with: signal, controller, device, limits."
         ),
     ] = None,
     port: Annotated[
         int | None,
-        typer.Option(metavar="N", min=0, max=65535, help="The port; without, 8765, or any that is free."),
+        typer.Option(metavar="N", min=0, max=65535, help="The port; by default 8765, or any free one."),
     ] = None,
     host: Annotated[
         str,
         typer.Option(
             metavar="ADDRESS",
-            help="The address to listen at. Any but this machine's own (127.0.0.1) needs --tls-cert and --tls-key.",
+            help="The address to listen on. Any but this machine's own (127.0.0.1) needs --tls-cert and --tls-key.",
         ),
     ] = "127.0.0.1",
     tls_cert: Annotated[
@@ -51,17 +51,20 @@ def panel(
         bool,
         typer.Option(
             "--without-tls",
-            help="Listen at another address without TLS: whoever is on the network can read the token, and drive the motor.",
+            help=(
+                "Listen on another address without TLS: anybody on the network can read the token and drive "
+                "the motor."
+            ),
         ),
     ] = False,
     folder: Annotated[
         Path,
-        typer.Option(metavar="DIR", help="The folder of the recordings; made where it isn't there."),
+        typer.Option(metavar="DIR", help="The folder of the recordings; created if missing."),
     ] = Path("recordings"),
     exercises: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="A folder with exercises of your own, in place of those that come along."
+            metavar="DIR", help="A folder with exercises of your own, instead of the built-in ones."
         ),
     ] = None,
     student: Annotated[
@@ -69,7 +72,7 @@ def panel(
         typer.Option(
             "--assess",
             metavar="STUDENT",
-            help="The motor that `lab --assess` assigns to a student, by --secret and --exercise; nothing tells its parameters.",
+            help="The motor that `lab assess` assigns to a student, by --secret and --exercise; its parameters stay hidden.",
         ),
     ] = None,
     secret: Annotated[
@@ -78,22 +81,25 @@ def panel(
     ] = None,
     exercise: Annotated[
         str | None,
-        typer.Option(metavar="NAME", help="The exercise of --assess; in each, a student has another motor."),
+        typer.Option(
+            metavar="NAME",
+            help=("The exercise of --assess; a student's motor differs from exercise to exercise."),
+        ),
     ] = None,
     open_browser: Annotated[
         bool, typer.Option("--open/--no-open", help="Open the page in the browser.")
     ] = True,
     viewer: Annotated[
         bool,
-        typer.Option("--viewer", help="Print a code, for those who may watch and stop only."),
+        typer.Option("--viewer", help="Print a code for viewers, who may only watch and stop."),
     ] = False,
 ) -> None:
     """Drive the motor from a page in the browser: live scopes, recordings, results.
 
-    Without --device and --experiment it is the simulated motor. The link that is printed opens it once, within
-    twelve hours, and each use prints a fresh one: what a browser keeps in its history opens nothing. The motor turns only while
-    the page that drives it can be seen. Ctrl-C ends it, and puts out zero volts first; its last word is whether the device
-    confirmed them.
+    Without --device and --experiment it uses the simulated motor. The printed link opens the panel once, within twelve
+    hours, and each use prints a new one, so a link in a browser's history is useless. The motor turns only while the driving
+    page is visible. Ctrl-C sets the voltage to zero and ends the panel; its last line says whether the device confirmed zero
+    volts.
     """
     from servobench.cli.run import device_asked_for, experiment_asked_for
     from servobench.cli.terminal import messages, say
@@ -102,14 +108,14 @@ def panel(
     _check_assessed(student, secret, exercise, device, experiment)
     tls = _tls(host, tls_cert, tls_key, without_tls)
     if exercises is not None and not exercises.is_dir():
-        raise UsageError(f"--exercises {exercises}: is no folder; expected one with exercises, NAME.md")
+        raise UsageError(f"--exercises {exercises}: isn't a folder; expected one with exercises, NAME.md")
     try:
         from servobench.lab.exercise_file import FOLDER
         from servobench.panel.keys import Keys
         from servobench.panel.library import Library
         from servobench.panel.local_page import LocalPage
         from servobench.panel.pages import Panel
-        from servobench.panel.server import door_for, listening, run
+        from servobench.panel.server import door_for, listen, run
         from servobench.panel.session import MotorSession
     except ModuleNotFoundError as error:
         raise UsageError(
@@ -118,39 +124,39 @@ def panel(
     if student is None:
         asked = experiment_asked_for(experiment, device, None, None)
     else:
-        asked = _assigned(student, secret, exercise, exercises or FOLDER)
+        asked = _student_experiment(student, secret, exercise, exercises or FOLDER)
     device_asked_for(
         asked, experiment
     )  # not entered: a mistake in its settings shows before anything is opened
-    library, keys, local_page = Library(folder), Keys(used=lambda carrier: used(carrier)), LocalPage()
+    library, keys, local_page = Library(folder), Keys(used=lambda carrier: on_use(carrier)), LocalPage()
     library.prepare()
-    with listening(host, port) as listener:
+    with listen(host, port) as listener:
         scheme: Literal["http", "https"] = "http" if tls is None else "https"
         hosts = _names(host)
         door = door_for(hosts, listener.getsockname()[1], scheme, keys)
-        base = f"{scheme}://{_shown(hosts[0])}:{listener.getsockname()[1]}/"
+        base = f"{scheme}://{_host_text(hosts[0])}:{listener.getsockname()[1]}/"
         console = messages()
 
-        def used(carrier: Carrier) -> None:
+        def on_use(carrier: Carrier) -> None:
             if carrier == "local page":
-                local_page.used()
+                local_page.discard()
             else:
                 say(console, f"for another browser: {base}?token={keys.new('operator')}")
 
-        def begun() -> None:
+        def on_begin() -> None:
             say(console, f"panel: {base}?token={keys.new('operator')}")
             if viewer:
                 say(console, f"to watch and stop only: {base} with the code {keys.new('viewer', 'code')}")
-            say(console, "Ctrl-C ends it, and puts out zero volts first.")
+            say(console, "Ctrl-C sets the voltage to zero and ends the panel.")
             if open_browser and _has_screen():
                 key = keys.new("operator", "local page")
                 local_page.open(
-                    base, key, folder, lambda: say(console, "no browser came: open the link above.")
+                    base, key, folder, lambda: say(console, "no browser has opened: open the link above.")
                 )
 
         motor = MotorSession(asked, library)
         try:
-            with library.held(base):
+            with library.hold(base):
                 run(
                     Panel(
                         motor=motor,
@@ -160,7 +166,7 @@ def panel(
                     ),
                     listener,
                     tls,
-                    begun,
+                    on_begin,
                     local_page.end,
                 )
         except KeyboardInterrupt:
@@ -179,26 +185,26 @@ def _check_assessed(
     if student is None:
         for option, is_given in (("--secret", secret is not None), ("--exercise", exercise is not None)):
             if is_given:
-                raise UsageError(f"{option} belongs to --assess STUDENT; give that as well")
+                raise UsageError(f"{option} needs --assess STUDENT; give that as well")
         return
     if secret is None or exercise is None:
         raise UsageError(
-            "--assess needs --secret FILE and --exercise NAME, as `servobench lab` had them: they say which motor it is"
+            "--assess needs --secret FILE and --exercise NAME, as given to `servobench lab assess`: they determine the motor"
         )
     for option, is_given in (("--device", device is not None), ("--experiment", experiment is not None)):
         if is_given:
             raise UsageError(f"--assess and {option} don't go together; the exercise has both")
 
 
-def _assigned(student: str, secret: Path | None, name: str | None, folder: Path) -> Experiment:
+def _student_experiment(student: str, secret: Path | None, name: str | None, folder: Path) -> Experiment:
     """The exercise's experiment on the student's own motor; raises `UsageError` for an exercise that can't be assessed."""
-    from servobench.lab.assessment.assigned_stand import Assessment, assigned_to
+    from servobench.lab.assessment.assigned_stand import Assessment, device_of_student
     from servobench.lab.exercise_file import exercise
     from servobench.rig.motor.secret import read_secret
 
     file = (secret or Path()).resolve()  # the loop is another process
     assessed = Assessment(exercise=exercise(name or "", folder), secret_file=file, secret=read_secret(file))
-    device = assigned_to(student, assessed.exercise, file)
+    device = device_of_student(student, assessed.exercise, file)
     return assessed.exercise.experiment.model_copy(update={"device": device})
 
 
@@ -210,12 +216,12 @@ def _tls(host: str, certificate: Path | None, key: Path | None, without: bool) -
         raise UsageError("--tls-cert and --tls-key go together: give both, or none")
     for file in (certificate, key):
         if file is not None and not file.is_file():
-            raise UsageError(f"{file}: there is no such file; give the certificate and its key in PEM")
+            raise UsageError(f"{file}: there is no such file; give the certificate and its key as PEM files")
     if certificate is None or key is None:
         if host not in _LOOPBACK and not without:
             raise UsageError(
-                f"--host {host}: others on the network could read the token and drive the motor. Give --tls-cert and --tls-key, "
-                "or say --without-tls if you know everybody on that network"
+                f"--host {host}: others on the network could read the token and drive the motor. Give --tls-cert and "
+                "--tls-key, or --without-tls if you trust everybody on that network"
             )
         return None
     from servobench.panel.server import Tls
@@ -237,7 +243,7 @@ def _names(host: str) -> list[str]:
     return list(dict.fromkeys([own, socket.getfqdn(), *addresses, "localhost", "127.0.0.1"]))
 
 
-def _shown(host: str) -> str:
+def _host_text(host: str) -> str:
     return f"[{host}]" if ":" in host else host
 
 

@@ -88,7 +88,7 @@ class Progress:
         """Say from now on that this is being done; nothing for an empty text."""
         self._work = _Work(what=what, start=self._now())
 
-    def reached(self, done: float, left: float | None = None) -> None:
+    def advance(self, done: float, left: float | None = None) -> None:
         """Take note of the part of the work that is done, from 0 to 1, and of the time left [s] where that is known."""
         place = (self._now(), done)
         # The pace is counted from here: what comes before the first word is preparation.
@@ -154,13 +154,13 @@ def duration(seconds: float) -> str:
 
 
 @contextmanager
-def told_when_compiling(progress: Progress) -> Iterator[None]:
+def announce_compiling(progress: Progress) -> Iterator[None]:
     """Note that kernels are being compiled, once, when and only when Numba really compiles one."""
     from numba.core import event
 
     from servobench.core.compiled import code_is_kept
 
-    class Compiling(event.Listener):
+    class CompileListener(event.Listener):
         """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""
 
         heard = False
@@ -175,5 +175,5 @@ def told_when_compiling(progress: Progress) -> Iterator[None]:
         def on_end(self, event: Any) -> None:
             """Say nothing."""
 
-    with event.install_listener("numba:compile", Compiling()):
+    with event.install_listener("numba:compile", CompileListener()):
         yield

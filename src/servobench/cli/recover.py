@@ -14,29 +14,29 @@ if TYPE_CHECKING:
 def recover(
     file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)],
     to: Annotated[
-        Path | None, typer.Option("--to", metavar="FILE", help="The new file; without, one beside FILE.")
+        Path | None, typer.Option("--to", metavar="FILE", help="The new file; by default one next to FILE.")
     ] = None,
 ) -> None:
-    """Save what is right in a recording that was cut short.
+    """Save the intact part of a recording that was cut short.
 
-    FILE is a torn recording (.mcap or .mcap.part); it stays as it is. Or it is the folder of a run that was killed, which is made
-    whole: recording.mcap in place of recording.mcap.part, data.csv, and experiment.toml if that is missing.
+    FILE is a truncated recording (.mcap or .mcap.part), which isn't changed. Or it is the folder of a killed run, which is
+    repaired: recording.mcap instead of recording.mcap.part, data.csv, and experiment.toml if that is missing.
     """
-    from servobench.cli.answer import show_findings
+    from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import output, say
-    from servobench.core.rounding import counted
+    from servobench.core.rounding import count_text
 
-    target, recordings = _recovered(file, to)
+    target, recordings = _recover_file(file, to)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
     console = output()
-    say(console, f"{target}: {counted(len(recordings), 'recording')}, {counted(samples, 'sample')}")
+    say(console, f"{target}: {count_text(len(recordings), 'recording')}, {count_text(samples, 'sample')}")
     for each in recordings:
         if each.stopped.reason != "unknown":
             say(console, f"ended: {each.stopped.sentence}")
     show_findings(console, (finding for each in recordings for finding in each.findings))
 
 
-def _recovered(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]]:
+def _recover_file(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]]:
     """The new file, and the recordings in it."""
     from servobench.cli.run_folder import RunFolder
     from servobench.core.errors import UsageError
@@ -47,7 +47,7 @@ def _recovered(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]
         return target, recovered(file, target)
     if to is not None:
         raise UsageError(
-            f"--to {to}: the folder of a run is made whole where it is; for a copy, give its recording.mcap.part"
+            f"--to {to}: the folder of a run is repaired in place; for a copy, give its recording.mcap.part"
         )
     folder = RunFolder(file)
     return folder.recording, (folder.make_whole(),)

@@ -49,34 +49,35 @@ def run(
     device: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="The device, in place of the experiment's; see `servobench devices`."
+            metavar="NAME", help="The device, instead of the experiment's; see `servobench devices`."
         ),
     ] = None,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="The folder for the five files of the run; without, a new one called after the time.",
+            help="The folder for the five files of the run; by default a new one named after the time.",
         ),
     ] = None,
     structure: Annotated[
-        str, typer.Option(metavar="NAME", help="The model structure; auto takes the one that the data need.")
+        str,
+        typer.Option(metavar="NAME", help="The model structure; auto chooses the one that the data need."),
     ] = "auto",
     nominal: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="The data sheet to hold the result against; without, the twin's own."
+            metavar="NAME", help="The data sheet to compare the result with; by default the twin's own."
         ),
     ] = None,
     seed: Annotated[
         int | None,
-        typer.Option(metavar="N", min=0, help="The seed of simulated noise, in place of the experiment's."),
+        typer.Option(metavar="N", min=0, help="The seed of simulated noise, instead of the experiment's."),
     ] = None,
     until: Annotated[
         str | None,
         typer.Option(
             metavar="WISH",
-            help="End once an interval is as narrow as that: time_constant=0.5% (half of it, over the value).",
+            help="Stop when an interval is this narrow: time_constant=0.5% (its half width over the value).",
         ),
     ] = None,
     fault: Annotated[
@@ -87,33 +88,33 @@ def run(
         ),
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the result as JSON, and nothing else, on standard output.")
+        bool, typer.Option("--json", help="Print only JSON, the result, on standard output.")
     ] = False,
     all_findings: AllFindings = False,
 ) -> None:
     """Run an experiment: record, identify, validate, report.
 
     Without a file it is a square wave of 1 to 3 V at 0.4 Hz for 10 s, sampled at 500 Hz, on the simulated motor.
-    Ctrl-C stops the motor; what was recorded until then is kept and identified.
+    Ctrl-C stops the motor; the recording up to then is kept and identified.
 
     The folder of a run holds experiment.toml, recording.mcap, data.csv, result.json and report.html.
     """
     from servobench.cli.conclusion import check_names, deliver
-    from servobench.cli.progress import Progress, told_when_compiling
+    from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.run_folder import run_folder
     from servobench.cli.terminal import messages, output
-    from servobench.core.rounding import counted
+    from servobench.core.rounding import count_text
 
     asked = experiment_asked_for(experiment, device, seed, until, fault or ())
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
     with run_folder(out, datetime.now()) as folder:
-        with Progress() as progress, told_when_compiling(progress):
-            recording = _carried_out(
+        with Progress() as progress, announce_compiling(progress):
+            recording = _carry_out(
                 asked, device_asked_for(asked, experiment), folder, console, progress, structure
             )
-            result = _identified(
+            result = _identify_run(
                 recording, asked, structure, held_against or _own_data_sheet(recording), progress
             )
         if recording.stopped.reason in ("device_lost", "error"):
@@ -128,7 +129,7 @@ def run(
                 as_json=as_json,
                 report=folder.report,
                 command=context.obj or "",
-                heading=f"{counted(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
+                heading=f"{count_text(len(recording['counts'].values), 'sample')}; {recording.stopped.sentence}",
                 all_findings=all_findings,
             )
     raise typer.Exit(_status(recording, result))
@@ -211,11 +212,11 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
     return Faulty(device, faults) if faults else device
 
 
-def _carried_out(
+def _carry_out(
     asked: Experiment, device: Device, folder: RunFolder, console: Console, progress: Progress, structure: str
 ) -> Recording:
     """Run the experiment into the folder, and return what happened; the motor is at rest then, whatever that was."""
-    from servobench.cli.answer import show_findings
+    from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import say
     from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
     from servobench.recordings.formats.base import save
@@ -232,22 +233,22 @@ def _carried_out(
         if place.ticks and asked.duration is not None:
             # In real time the time that is left is the run's own; a simulation has its own pace.
             left = None if device.info.timing == "virtual" else asked.duration - place.time
-            progress.reached(place.tick / place.ticks, left)
+            progress.advance(place.tick / place.ticks, left)
 
     look = StoppingRule(parse_wish(asked.until), asked.chain, structure) if asked.until else None
-    with ended_like_ctrl_c(), _connected(device):
-        say(console, _asked_in_words(asked))
+    with terminate_like_ctrl_c(), _connect(device):
+        say(console, _experiment_summary(asked))
         show_findings(console, asked.findings())
         folder.begin(asked.to_toml())
         progress.begin("getting ready")
         try:
-            recording = _driven(asked, device, folder.recording, watch, look, progress)
+            recording = _drive(asked, device, folder.recording, watch, look, progress)
         except DeviceSilent as error:
-            kept = f"what was recorded until then is kept: servobench recover {folder.path}"
+            kept = f"the recording up to then is kept: servobench recover {folder.path}"
             raise DeviceSilent(f"{error}; {kept}", error.recording) from None
         except DeviceLost as error:
             recording = error.recording
-    progress.begin("saving what was recorded")
+    progress.begin("saving the recording")
     warn_of_danger(recording, progress)
     save(recording, folder.data)
     with folder.recording.open("rb") as file:
@@ -255,12 +256,12 @@ def _carried_out(
     return replace(recording, source=replace(recording.source, sha256=checksum))
 
 
-def _connected(device: Device) -> AbstractContextManager[object]:
+def _connect(device: Device) -> AbstractContextManager[object]:
     """A simulation is run here; a motor in real time is opened by the loop's own process."""
     return device if device.info.timing == "virtual" else nullcontext()
 
 
-def _driven(
+def _drive(
     asked: Experiment,
     device: Device,
     to: Path,
@@ -276,7 +277,7 @@ def _driven(
     from servobench.rig.loop.live import run_live
 
     def over(sentence: str) -> None:
-        progress.note(f"{sentence}; saving and identifying what was recorded ...")
+        progress.note(f"{sentence}; saving and identifying the recording ...")
 
     return run_live(asked, to=to, watch=watch, look=look, say=progress.begin, over=over, alarm=progress.alarm)
 
@@ -296,7 +297,7 @@ def dangers(recording: Recording) -> tuple[str, ...]:
 
 
 @contextmanager
-def ended_like_ctrl_c() -> Iterator[None]:
+def terminate_like_ctrl_c() -> Iterator[None]:
     """Let whatever asks the process to end do what Ctrl-C does: the motor is stopped first, and the recording kept."""
 
     from servobench.rig.loop.requests import REQUESTS, requests_here
@@ -316,15 +317,16 @@ def ended_like_ctrl_c() -> Iterator[None]:
             signal.signal(request, signal.SIG_DFL)
 
 
-def _identified(
+def _identify_run(
     recording: Recording, asked: Experiment, structure: str, nominal: str | None, progress: Progress
 ) -> Result | None:
     """The result; None where a run that was cut short left nothing that can be looked at."""
-    from servobench.cli.conclusion import Evidence, concluded
+    from servobench.cli.conclusion import conclude
     from servobench.core.errors import UsageError
+    from servobench.recordings.evidence import Evidence
 
     try:
-        return concluded([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
+        return conclude([Evidence(recording, asked.chain)], progress, structure=structure, nominal=nominal)
     except UsageError as error:
         if recording.stopped.reason not in CUT_SHORT:
             raise
@@ -338,11 +340,13 @@ def _beside_the_wish(recording: Recording, asked: Experiment, result: Result) ->
     from servobench.identification.design.stopping_rule import StoppingRule, parse_wish
 
     rule = StoppingRule(parse_wish(asked.until)) if asked.until else None
-    if rule is None or rule.reached(result):
+    if rule is None or rule.is_met(result):
         return recording, result
-    unmet = f"the wished interval ({asked.until}) was not reached: {rule.known(result)}"
+    unmet = f"the target interval ({asked.until}) was not reached: {rule.progress_text(result)}"
     stopped = replace(recording.stopped, sentence=f"{recording.stopped.sentence}; {unmet}")
-    told = info("wish-not-reached", f"{unmet[0].upper()}{unmet[1:]}. Record for longer, or wish for less.")
+    told = info(
+        "wish-not-reached", f"{unmet[0].upper()}{unmet[1:]}. Record for longer, or choose a wider target."
+    )
     return replace(recording, stopped=stopped), replace(result, findings=(*result.findings, told))
 
 
@@ -354,7 +358,7 @@ def _own_data_sheet(recording: Recording) -> str | None:
     return named if named in DATA_SHEETS else None
 
 
-def _asked_in_words(asked: Experiment) -> str:
+def _experiment_summary(asked: Experiment) -> str:
     from servobench.systems.signals.base import SIGNALS
 
     length = "endless" if asked.duration is None else f"{asked.duration:g} s"

@@ -11,10 +11,10 @@ from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, BinaryIO
 
-from servobench.cli.output_folder import made_folder, make, remove_if_empty
+from servobench.cli.output_folder import make, make_folder, remove_if_empty
 from servobench.core.errors import StorageError, UsageError
 from servobench.recordings.native.lease import hold, is_held
-from servobench.recordings.native.mcap_file import being_written
+from servobench.recordings.native.mcap_file import busy_text
 
 if TYPE_CHECKING:
     from servobench.recordings.recording import Recording
@@ -78,7 +78,7 @@ class RunFolder:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
     @contextmanager
-    def reserved(self) -> Iterator[None]:
+    def reserve(self) -> Iterator[None]:
         """Keep other runs out until this one has written its last file; a folder in which nothing was recorded is removed.
 
         The lock is on the experiment's file. Raises `UsageError` where another run has the folder, or holds files that no
@@ -89,13 +89,13 @@ class RunFolder:
         try:
             file = self._open_experiment()
             if not hold(file):
-                raise UsageError(f"--out {self.path}: {being_written(self.path)}")
+                raise UsageError(f"--out {self.path}: {busy_text(self.path)}")
             self._check()  # again, as another run may just have ended
             ours = True
             yield
         except BaseException as error:
             stopped = error if isinstance(error, KeyboardInterrupt) else None
-            if (ours or stopped) and self._removed(file) and stopped:
+            if (ours or stopped) and self._remove_if_empty(file) and stopped:
                 raise _not_begun(stopped) from None
             raise
         finally:
@@ -110,13 +110,13 @@ class RunFolder:
         except OSError as error:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
-    def _removed(self, experiment: BinaryIO | None) -> bool:
+    def _remove_if_empty(self, experiment: BinaryIO | None) -> bool:
         """Whether nothing was recorded; the folder is removed then, unless something else is in it, or another run has it."""
         if any(self.path.glob(f"{self.recording.name}*")):
             return False
         if experiment is None:  # interrupted on the way to it
             with suppress(OSError), self.experiment.open("r+b") as file:
-                return self._removed(file)
+                return self._remove_if_empty(file)
             remove_if_empty(self.path)
             return not self.path.exists()
         if not hold(experiment):
@@ -135,14 +135,14 @@ class RunFolder:
             raise UsageError(f"--out {out}: is a file; give a folder")
         if self.part.exists():
             if is_held(self.part):
-                raise UsageError(f"--out {out}: {being_written(self.part)}")
+                raise UsageError(f"--out {out}: {busy_text(self.part)}")
             raise UsageError(
-                f"--out {out}: holds the unfinished recording of an earlier run; keep what is in it with "
-                f"`servobench recover {out}`, or remove {self.part.name}, or give another folder"
+                f"--out {out}: holds the unfinished recording of an earlier run; save it with `servobench recover "
+                f"{out}`, or remove {self.part.name}, or give another folder"
             )
         if out.is_dir() and not self._is_free():
             raise UsageError(
-                f"--out {out}: holds files, and isn't the folder of an earlier run; give a new or an empty folder"
+                f"--out {out}: contains files and isn't the folder of an earlier run; give a new or empty folder"
             )
 
     def _is_free(self) -> bool:
@@ -175,12 +175,12 @@ class RunFolder:
         from servobench.recordings.native.recover import make_whole
 
         if is_held(self.part):
-            raise UsageError(being_written(self.part))
+            raise UsageError(busy_text(self.part))
         unfinished = self.part.exists()
         if not unfinished and (self.data.exists() or not self.recording.exists()):
             state = "is whole already" if self.recording.exists() else "is no folder of a run"
             raise UsageError(
-                f"{self.path} holds no {self.part.name}, so it {state}: nothing is to be recovered"
+                f"{self.path} holds no {self.part.name}, so it {state}: there is nothing to recover"
             )
         recording = read(self.part if unfinished else self.recording)[-1]
         save(recording, self.data)
@@ -216,13 +216,13 @@ def run_folder(out: Path | None, now: datetime) -> Iterator[RunFolder]:
     Raises `UsageError` for a file, a folder that holds something else, one that another run writes to, and a run whose recording
     was never finished; `StorageError` where it can't be written.
     """
-    folder = RunFolder(out or made_folder("run", now))
-    with folder.reserved():
+    folder = RunFolder(out or make_folder("run", now))
+    with folder.reserve():
         yield folder
 
 
 def _not_begun(interrupt: KeyboardInterrupt) -> KeyboardInterrupt:
     from servobench.cli.failures import NotBegun
-    from servobench.rig.loop.ticks import stopped_by
+    from servobench.rig.loop.ticks import stop_text
 
-    return NotBegun(stopped_by(interrupt))
+    return NotBegun(stop_text(interrupt))

@@ -12,7 +12,7 @@ def signals(
 ) -> None:
     """List the signals, with their settings, units and defaults.
 
-    With NAME that one only. In an experiment's file: [signal], then type = "square", low = "1 V" and so on.
+    With NAME, only that one. In an experiment's file: [signal], then type = "square", low = "1 V" and so on.
     """
     from servobench.cli.catalogue import show_members
     from servobench.cli.terminal import output

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from servobench.export.answer import Answer
+    from servobench.export.summary import ResultSummary
     from servobench.identification.estimators.base import Fit
     from servobench.identification.result import Result
     from servobench.recordings.formats.mapping import Mapping
@@ -41,10 +41,13 @@ _IN_COUNTS = (
     "The motor is in counts, and so is this gain: identify with --counts-per-rev N to have both in rad."
 )
 _MOST_DELAYED = 1000  # ticks; each is a state of the loop, and the work grows with their cube
-_ADDED = "A phase margin below zero is of a loop that is 1 at several frequencies: it is phase that may be added, not lost."
+_ADDED = (
+    "A phase margin below zero comes from a loop whose gain is 1 at several frequencies: it is phase that "
+    "may be added, not lost."
+)
 _FALLS = "A gain margin below 1 is the factor to which the gain may fall."
-_ON_PAPER = "They are the continuous loop's: one that is computed at ticks has a smaller gain margin."
-_UNSTATED = "The result doesn't state the sample time of its data: say --sample-time for the loop as it runs."
+_ON_PAPER = "They are for the continuous loop; a sampled loop has a smaller gain margin."
+_UNSTATED = "The result doesn't contain the sample time of its data: give --sample-time for the sampled loop."
 
 
 def stability(
@@ -67,25 +70,29 @@ def stability(
     recording: RecordingNames = None,
     continuous: Annotated[
         bool,
-        typer.Option("--continuous", help="Judge the loop on paper, without ticks: a real one bears less."),
+        typer.Option(
+            "--continuous",
+            help=("Judge the continuous loop, without sampling; a sampled one tolerates less gain."),
+        ),
     ] = False,
     as_json: AsJson = False,
 ) -> None:
     """Say whether an identified motor is stable, and a position loop around it.
 
-    RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the options for columns as
-    identify has them. Printed are the poles, what they mean, a bounded input that drives the position off, and verdict and
-    margins of the loop with its delay, as it runs at the sample time of the data, or for a RESULT at --sample-time. Of a FILE
-    also what the record itself can say, and whether the verdicts hold for all parameters that it leaves open.
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the same column options as
+    `servobench identify`. The output lists the poles and their meaning, a bounded input that makes the position unbounded,
+    and verdict and margins of the sampled loop with its delay, at the sample time of the data, or for a RESULT at
+    --sample-time. For a FILE it adds what the record itself shows, and whether the verdicts hold for all parameters
+    consistent with the data.
     """
     from dataclasses import replace
 
-    from servobench.cli.recordings import mapping_in, seconds
+    from servobench.cli.recordings import mapping_of, seconds
     from servobench.cli.stability_document import SCHEMA
     from servobench.cli.terminal import messages, output, print_json
     from servobench.core.errors import UsageError
     from servobench.core.json_numbers import finite
-    from servobench.export.answer import Answer
+    from servobench.export.summary import ResultSummary
     from servobench.recordings.formats.mapping import Mapping
 
     out = messages() if as_json else output()
@@ -107,17 +114,17 @@ def stability(
     if motor.is_dir() or motor.suffix == ".json" or not motor.exists():
         if replace(said, sample_time=None) != Mapping() or mapping is not None:
             raise UsageError(
-                f"{motor} is a result, which has no columns any more: leave out --mapping, --chain and the options that name "
+                f"{motor} is a result, which has no columns: leave out --mapping, --chain and the options that name "
                 "columns, or give the file with the recording"
             )
-        answer = Answer.read(motor)
+        answer = ResultSummary.read(motor)
         ticks = None if continuous else said.sample_time or answer.sample_time
         _check_ticks(answer, ticks)
         document |= _of_an_answer(out, answer, kp, ticks, continuous)
     else:
-        base = mapping_in(mapping)
-        result, document["records"] = _identified(out, motor, base, said, kp)
-        answer = Answer.of(result)
+        base = mapping_of(mapping)
+        result, document["records"] = _result_and_records(out, motor, base, said, kp)
+        answer = ResultSummary.of(result)
         document |= _of_an_answer(out, answer, kp, None if continuous else answer.sample_time, continuous)
         if result.fit is not None:
             gain = _gain(kp, _gain_unit(result.data[0]))
@@ -127,7 +134,7 @@ def stability(
     raise typer.Exit(DONE)
 
 
-def _check_ticks(answer: Answer, sample_time: float | None) -> None:
+def _check_ticks(answer: ResultSummary, sample_time: float | None) -> None:
     """Raise `UsageError` for a sample time [s] of which the motor's delay takes more than can be worked with."""
     from servobench.core.errors import UsageError
 
@@ -157,19 +164,19 @@ def _gain_unit(data: Dataset) -> str:
     return f"{data.input_unit}/{data.position_unit}"
 
 
-def _identified(
+def _result_and_records(
     out: Console, path: Path, base: Mapping, said: Mapping, kp: str
 ) -> tuple[Result, list[dict[str, Any]]]:
     """What a file's recordings tell of the motor; and what the records themselves say of stability, which is printed."""
-    from servobench.cli.conclusion import concluded
-    from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import loaded, mapped
+    from servobench.cli.conclusion import conclude
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.recordings import apply_mapping, load_all
     from servobench.cli.stability_document import of_a_record
     from servobench.recordings.boundedness import bibo
     from servobench.recordings.measurement.measure import measure
 
     with Progress() as progress:
-        evidence = mapped(loaded([path], progress), base, said)
+        evidence = apply_mapping(load_all([path], progress), base, said)
     records = [measure(each.recording, each.chain) for each in evidence]
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is told before any work is done
     told = []
@@ -177,12 +184,12 @@ def _identified(
         found = bibo(data)
         _say(out, f"The record {data.name}", found.sentences)
         told.append(of_a_record(data, found))
-    with Progress() as progress, told_when_compiling(progress):
-        return concluded(evidence, progress), told
+    with Progress() as progress, announce_compiling(progress):
+        return conclude(evidence, progress), told
 
 
 def _of_an_answer(
-    out: Console, answer: Answer, kp: str, sample_time: float | None, continuous: bool
+    out: Console, answer: ResultSummary, kp: str, sample_time: float | None, continuous: bool
 ) -> dict[str, Any]:
     """Print what a result lets be said, and return it as plain data.
 
@@ -190,25 +197,25 @@ def _of_an_answer(
     (`continuous`) or the result doesn't state any. Raises `NotIdentifiable` where it doesn't know the motor's parameters.
     """
     from servobench.core.errors import NotIdentifiable
-    from servobench.core.finding import parameter_in_words
+    from servobench.core.parameter_names import parameter_in_words
 
     unknown = [
-        parameter_in_words(name)
+        parameter_in_words(name, answer.estimates[name].unit)
         for name in _NEEDED
         if name in answer.estimates and not all(map(math.isfinite, answer.estimates[name].interval))
     ]
     if unknown == ["gain"]:
         _of_a_system(out, answer.transfer_function)
     if unknown:
-        what = "How far it goes and what margins a loop has" if unknown == ["gain"] else "Poles and margins"
+        what = "The gains it allows and the margins of a loop" if unknown == ["gain"] else "Poles and margins"
         raise NotIdentifiable(
-            f"{what} can't be told: the data don't tell the {' and the '.join(unknown)}, and a number without an interval stands "
-            "for any other. `servobench identify` says what a recording would need that does."
+            f"{what} can't be computed: the data don't determine the {' and the '.join(unknown)}. `servobench "
+            "identify` says what to record instead."
         )
     reasons: list[str] = []
     if answer.verdict == "doubtful":
         reasons = [f["sentence"] for f in answer.document["findings"] if f["severity"] == "warning"]
-        _say(out, "The motor is doubtful, and so is all that follows", reasons)
+        _say(out, "The motor's result is doubtful, and so is everything below", reasons)
     position, driven_by = answer.units
     unit = f"{driven_by}/{position}"
     unstated = () if continuous or sample_time is not None else (_UNSTATED,)
@@ -298,12 +305,12 @@ def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
         low, high = smaller[-1]
         below = f"between {plain(low)} and {plain(high)}" if low else f"less than {plain(high)}"
         return (f"With {below} of this gain it would be stable.",)
-    why = "It has no margins: they say how far a stable loop is from instability, and"
+    why = "It has no margins, as only a stable loop has them:"
     if ranges:
         return (
-            f"{why} only a larger gain makes this one stable, from {plain(ranges[0][0])} times this one on.",
+            f"{why} only a larger gain makes this loop stable, from {plain(ranges[0][0])} times this gain.",
         )
-    return (f"{why} no gain of this sign makes this one stable.",)
+    return (f"{why} no gain of this sign makes this loop stable.",)
 
 
 def _over_intervals(out: Console, fit: Fit, kp: float, continuous: bool) -> list[dict[str, Any]]:
@@ -315,7 +322,7 @@ def _over_intervals(out: Console, fit: Fit, kp: float, continuous: bool) -> list
     speed = intervals.stability_over_intervals(fit, "speed")
     judge = intervals.continuous_loop_over_intervals if continuous else intervals.loop_over_intervals
     loop = judge(fit, feedback)
-    _say(out, "What the data leave open", (speed.sentence, loop.sentence))
+    _say(out, "What the data leave undetermined", (speed.sentence, loop.sentence))
     return [over_intervals("speed", speed), over_intervals("position_loop", loop)]
 
 

@@ -76,7 +76,7 @@ def one_line(text: str) -> str:
 
 def spell_what_cannot_be_encoded() -> None:
     """Make standard output and standard error spell out characters that their encoding lacks: `Ω` becomes `ohm`."""
-    codecs.register_error("servobench.spelled", _spelled)
+    codecs.register_error("servobench.spelled", _replace_character)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
             stream.reconfigure(errors="servobench.spelled")
@@ -93,14 +93,14 @@ def _console(*, stderr: bool) -> Console:
     return console
 
 
-def _spelled(error: UnicodeError) -> tuple[str, int]:
+def _replace_character(error: UnicodeError) -> tuple[str, int]:
     if not isinstance(error, UnicodeEncodeError):
         raise error
     places = range(error.start, error.end)
-    return "".join(_spelling(error.object, n) for n in places), error.end
+    return "".join(_caret_text(error.object, n) for n in places), error.end
 
 
-def _spelling(text: str, n: int) -> str:
+def _caret_text(text: str, n: int) -> str:
     """How the n-th character of a text is spelled: the first of an exponent's begins with `^`, the others go on."""
     digit = _EXPONENT.get(text[n])
     if digit is None:

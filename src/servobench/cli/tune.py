@@ -9,18 +9,18 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
-from servobench.cli.wording import TUNE, with_options
+from servobench.cli.option_names import TUNE, with_options
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from rich.console import Console
 
-    from servobench.export.answer import Answer
+    from servobench.export.summary import ResultSummary
     from servobench.systems.control.running import Output
     from servobench.systems.tuning.base import Wish
-    from servobench.systems.tuning.loop import Told
-    from servobench.systems.tuning.tune import Tuned
+    from servobench.systems.tuning.loop import LoopValue
+    from servobench.systems.tuning.tune import TuningResult
 
 _WORDS = {
     "gain_margin": "gain margin (factor)",
@@ -39,7 +39,7 @@ def tune(
         str, typer.Option("--as", metavar="CONTROLLER", help="pid, state_feedback or lead.")
     ] = "pid",
     output: Annotated[
-        str, typer.Option(metavar="WHAT", help="What is followed: position or speed.")
+        str, typer.Option(metavar="WHAT", help="The controlled output: position or speed.")
     ] = "position",
     method: Annotated[
         str | None,
@@ -62,36 +62,34 @@ def tune(
     ] = None,
     closed_loop: Annotated[
         str | None,
-        typer.Option("--lambda", metavar="S", help="The time constant wished for the closed loop [s]."),
+        typer.Option("--lambda", metavar="S", help="The desired time constant of the closed loop [s]."),
     ] = None,
     sample_time: Annotated[
         str | None,
-        typer.Option(
-            metavar="S", help="The time between ticks of the controller; without, the data's own [s]."
-        ),
+        typer.Option(metavar="S", help="The controller's sample time; by default that of the data [s]."),
     ] = None,
     voltage_limit: Annotated[
-        str, typer.Option(metavar="V", help="What the controller may put out [V].")
+        str, typer.Option(metavar="V", help="The largest voltage of the controller [V].")
     ] = "10",
     step: Annotated[
         str | None,
         typer.Option(
-            metavar="X", help="A step of the reference that is to stay within that limit [rad or rad/s]."
+            metavar="X", help="A step of the reference that must stay within that limit [rad or rad/s]."
         ),
     ] = None,
     cutoff: Annotated[
         str | None, typer.Option(metavar="W", help="The cut-off of the speed's filter [rad/s].")
     ] = None,
     as_json: Annotated[
-        bool, typer.Option("--json", help="Print the gains as JSON, and nothing else, on standard output.")
+        bool, typer.Option("--json", help="Print only JSON, the gains, on standard output.")
     ] = False,
 ) -> None:
     """Find the gains of a controller for an identified motor.
 
-    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. Printed are the poles obtained
-    beside those wished for, the margins that are left and the step response, with 95 % intervals over what the data leave
-    open, and a table [controller] to paste into an experiment's file. A wish that delay, sample time or voltage don't allow,
-    or that would be missed by more than 3 %, is refused, with the nearest that can be had.
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. The output lists the obtained and
+    the requested poles, the margins and the step response, with 95 % intervals from the uncertainty of the data, and a table
+    [controller] to paste into an experiment's file. A request that delay, sample time or voltage don't allow, or that would
+    be missed by more than 3 %, is refused with the nearest possible one.
     """
     from servobench.cli.terminal import messages, print_json
     from servobench.cli.terminal import output as standard_output
@@ -99,7 +97,7 @@ def tune(
 
     followed = _output(output)
     answer = _answer(motor)
-    made = _tuned(
+    made = _tune(
         answer,
         method or ("lambda_tuning" if closed_loop is not None else "pole_placement"),
         Wish(
@@ -121,7 +119,7 @@ def tune(
     raise typer.Exit(DONE)
 
 
-def _tuned(answer: Answer, method: str, wish: Wish) -> Tuned:
+def _tune(answer: ResultSummary, method: str, wish: Wish) -> TuningResult:
     """The gains; what a message calls by Python's keyword it calls by this command's option."""
     from servobench.core.errors import UsageError
     from servobench.export.first_order import first_order_motor
@@ -134,26 +132,26 @@ def _tuned(answer: Answer, method: str, wish: Wish) -> Tuned:
         raise
 
 
-def _answer(path: Path) -> Answer:
+def _answer(path: Path) -> ResultSummary:
     """What is known of the motor: a result, or what a recording says."""
-    from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import identified_as_it_is
-    from servobench.export.answer import Answer
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.recordings import identify_directly
+    from servobench.export.summary import ResultSummary
 
     if path.is_dir() or path.suffix == ".json" or not path.exists():
-        return Answer.read(path)
-    with Progress() as progress, told_when_compiling(progress):
+        return ResultSummary.read(path)
+    with Progress() as progress, announce_compiling(progress):
         progress.begin("identifying")
-        return Answer.of(identified_as_it_is(path))
+        return ResultSummary.of(identify_directly(path))
 
 
-def _own_sample_time(answer: Answer) -> float:
+def _own_sample_time(answer: ResultSummary) -> float:
     """The sample time of the data that the result was made from."""
     from servobench.core.errors import UsageError
 
     if answer.sample_time is None:
         raise UsageError(
-            "the result doesn't state the sample time of its data; say --sample-time, such as 2ms"
+            "the result doesn't contain the sample time of its data; give --sample-time, such as 2ms"
         )
     return answer.sample_time
 
@@ -196,10 +194,10 @@ def _poles(text: str | None) -> tuple[complex, ...]:
         ) from None
 
 
-def _show(console: Console, made: Tuned) -> None:
+def _show(console: Console, made: TuningResult) -> None:
     """Print the gains, what is left of the margins, the step response, and the table to paste."""
-    from servobench.cli.answer import show_findings
     from servobench.cli.layout import show_table
+    from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import say
     from servobench.systems.control.base import CONTROLLERS
 
@@ -210,7 +208,7 @@ def _show(console: Console, made: Tuned) -> None:
     )
     console.print()
     show_table(
-        console, ("of the loop", "wished", "obtained", "unit"), _reached(made), right=("wished", "obtained")
+        console, ("of the loop", "wished", "obtained", "unit"), _wish_rows(made), right=("wished", "obtained")
     )
     console.print()
     rows = [*_rows(made.margins), *_rows(made.response)]
@@ -222,7 +220,7 @@ def _show(console: Console, made: Tuned) -> None:
         say(console, line)
 
 
-def _reached(made: Tuned) -> list[tuple[str, str, str, str]]:
+def _wish_rows(made: TuningResult) -> list[tuple[str, str, str, str]]:
     """The wish beside what the loop has, in its own words and as poles."""
     rows = [
         (name, f"{wished:.4g}", f"{obtained:.4g}", unit)
@@ -236,7 +234,7 @@ def _pole(at: complex) -> str:
     return f"{at.real:.4g}{at.imag:+.4g}j" if at.imag else f"{at.real:.4g}"
 
 
-def _rows(told: Mapping[str, Told]) -> list[tuple[str, str, str, str]]:
+def _rows(told: Mapping[str, LoopValue]) -> list[tuple[str, str, str, str]]:
     rows = []
     for name, each in told.items():
         if name == "gain_margin_downwards" and math.isinf(min(each.value, each.interval[0])):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.identification.reconciliation.explanation import Explanation
-    from servobench.identification.reconciliation.judging import Judged, Share
+    from servobench.identification.reconciliation.judgement import JudgedCause, Share
 
 _MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences and in the JSON
 
@@ -52,7 +52,7 @@ def why(
     nominal: Annotated[
         str | None,
         typer.Option(
-            metavar="NAME", help="The motor's data sheet; held against the data where nothing is claimed."
+            metavar="NAME", help="The motor's data sheet; compared with the data if nothing is claimed."
         ),
     ] = None,
     time: TimeColumn = None,
@@ -68,17 +68,17 @@ def why(
     as_json: AsJson = False,
     report: ReportFile = None,
 ) -> None:
-    """Say why a figure differs from what recordings say of the motor.
+    """Explain why a figure differs from the recordings of a motor.
 
-    The figure is somebody's claim, or a data sheet's. Each cause (a lag of the measurement, friction, resistance, inertia,
-    the method, ...) is held against the difference: how much it explains, how probable it is, and what would decide.
+    The figure is a claim or a data sheet's. For each cause (a lag of the measurement, friction, resistance, inertia, the
+    method, ...) it states how much of the difference it explains, how probable it is, and which experiment would decide.
     """
-    from servobench.cli.conclusion import check_names, check_report, concluded, status_of
-    from servobench.cli.progress import Progress, told_when_compiling
-    from servobench.cli.recordings import loaded, mapped, mapping_in, seconds
+    from servobench.cli.conclusion import check_names, check_report, conclude, status_of
+    from servobench.cli.progress import Progress, announce_compiling
+    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.identification.reconciliation.asking import why as explained
     from servobench.identification.reconciliation.claim import Claim
+    from servobench.identification.reconciliation.reconcile import explain as explained
     from servobench.identification.reconciliation.reenactment import check_method
     from servobench.recordings.formats.mapping import Mapping
     from servobench.report.explanation import ExplanationReport
@@ -89,7 +89,7 @@ def why(
         Claim.parse(text)  # a mistake in it is told before any work is done
     _check_has_something(claimed, nominal)
     check_report(report, [*files, *([mapping] if mapping else [])])
-    base = mapping_in(mapping)
+    base = mapping_of(mapping)
     said = Mapping(
         time=time,
         input=input_column,
@@ -102,9 +102,9 @@ def why(
         recordings=tuple(recording or ()),
     )
     with Progress() as progress:
-        evidence = mapped(loaded(files, progress), base, said)
-        with told_when_compiling(progress):
-            result = concluded(evidence, progress)
+        evidence = apply_mapping(load_all(files, progress), base, said)
+        with announce_compiling(progress):
+            result = conclude(evidence, progress)
             explanation = explained(result, claimed or (), nominal=nominal, method=method)
     console = messages() if as_json else output()
     try:
@@ -134,28 +134,29 @@ def show_explanation(console: Console, explanation: Explanation) -> None:
     if explanation.differences and not explanation.agrees:
         console.print()
         note = (
-            "The probabilities rest on how often such causes occur and how large they are, which servobench assumes "
-            "(docs/why/claims.md says what). Causes may act together, so that they may add up to more than 100 %."
+            "The probabilities rest on servobench's assumptions about how often such causes occur and how large "
+            "they are (docs/why/claims.md). Causes may act together, so they may add up to more than 100 %."
         )
         show_wrapped(console, Text(), note, hanging=0)
 
 
 def _show_causes(console: Console, explanation: Explanation) -> None:
     from servobench.cli.layout import show_table
+    from servobench.core.parameter_names import parameter_in_words
 
-    shares = [f"of {each.name.replace('_', ' ')}" for each in explanation.differences]
-    headings = ("cause", "probability", *shares, "all of it would take")
+    shares = [f"of {parameter_in_words(each.name)}" for each in explanation.differences]
+    headings = ("cause", "probability", *shares, "the whole difference would need")
     rows = []
     for each in [cause for cause in explanation.causes if cause.possible][:_MOST_CAUSES]:
         parts = {share.name: share for share in each.explains}
         told = [_share(parts.get(difference.name)) for difference in explanation.differences]
-        rows.append((each.label, _percent(each.probability), *told, _needed(each)))
+        rows.append((each.label, _percent(each.probability), *told, _size_needed(each)))
     show_table(console, headings, rows, right=headings[1:-1])
     console.print()
 
 
 def _show_readings(console: Console, explanation: Explanation) -> None:
-    """What methods read off the same data, nearest to the claim marked."""
+    """Readings of different methods from the same data, nearest to the claim marked."""
     from servobench.cli.layout import show_table
     from servobench.core.rounding import plain, with_unit
     from servobench.identification.reconciliation.reenactment import SPOKEN
@@ -186,13 +187,13 @@ def _percent(probability: float) -> str:
     return f"{100 * probability:.0f} %" if probability >= 0.005 else "< 1 %"
 
 
-def _needed(cause: Judged) -> str:
+def _size_needed(cause: JudgedCause) -> str:
     """The size that explains most, and what speaks against it."""
-    from servobench.identification.reconciliation.sentences import needed_told
+    from servobench.identification.reconciliation.sentences import size_range_text
 
     if cause.needed is None:
         return cause.against
-    return needed_told(cause.needed) + (f"; {cause.against}" if cause.against else "")
+    return size_range_text(cause.needed) + (f"; {cause.against}" if cause.against else "")
 
 
 def _check_has_something(claimed: list[str] | None, nominal: str | None) -> None:
@@ -200,4 +201,4 @@ def _check_has_something(claimed: list[str] | None, nominal: str | None) -> None
     from servobench.core.errors import UsageError
 
     if not claimed and nominal is None:
-        raise UsageError("nothing to explain: say --claimed tau=0.13, for example, or --nominal NAME")
+        raise UsageError("nothing to explain: give, for example, --claimed tau=0.13, or --nominal NAME")

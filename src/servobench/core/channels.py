@@ -84,7 +84,7 @@ class DeviceInfo:
         """Return the channel of that name, or None where the device hasn't one."""
         return next((channel for channel in self.channels if channel.name == name), None)
 
-    def limited(self, voltage: float) -> Self:
+    def with_limit(self, voltage: float) -> Self:
         """Return the same device with its voltage limited to ±`voltage` [V] as well: what a controller is told."""
         channels = tuple(
             replace(

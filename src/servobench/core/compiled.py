@@ -63,7 +63,7 @@ def _warn(what: str) -> None:
     if not _Warning.given:
         _Warning.given = True
         logging.getLogger("servobench").warning(
-            "%s; it is compiled anew, which takes longer. NUMBA_CACHE_DIR can name another folder for it.",
+            "%s; it is compiled again, which takes longer. Set NUMBA_CACHE_DIR to another folder for it.",
             what,
         )
 
@@ -74,12 +74,12 @@ def code_is_kept() -> bool:
 
 
 @contextmanager
-def told_while_compiling(begun: Callable[[int], None], over: Callable[[], None]) -> Iterator[None]:
+def announce_compilations(begun: Callable[[int], None], over: Callable[[], None]) -> Iterator[None]:
     """Tell meanwhile of each kernel that isn't on the disk yet, and is compiled: when that begins, and when it is over.
 
     `begun` gets how many were compiled before. Kernels that call others are compiled after those: `over` is told after the last.
     """
-    watching = _Watching(begun, over)
+    watching = _CompilationListener(begun, over)
     register("numba:compile", watching)  # type: ignore[no-untyped-call]
     try:
         yield
@@ -87,7 +87,7 @@ def told_while_compiling(begun: Callable[[int], None], over: Callable[[], None])
         unregister("numba:compile", watching)  # type: ignore[no-untyped-call]
 
 
-class _Watching(Listener):
+class _CompilationListener(Listener):
     """Hears of compilations, one within the other."""
 
     def __init__(self, begun: Callable[[int], None], over: Callable[[], None]) -> None:

@@ -45,9 +45,9 @@ class UsageError(ServobenchError, ValueError):
 class UnknownName(UsageError, LookupError):
     """No member of a kind has that name; the message lists the known names and the nearest one, and ends as given."""
 
-    def __init__(self, kind: str, name: str, known: Iterable[str], ending: str = "") -> None:
+    def __init__(self, kind: str, name: object, known: Iterable[str], ending: str = "") -> None:
         names = sorted(known)
-        near = get_close_matches(name, names, n=1)
+        near = get_close_matches(str(name), names, n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
         super().__init__(f"no {kind} called {name!r}{hint}; known: {', '.join(names)}{ending}")
 
@@ -69,9 +69,7 @@ class MissingInformation(UsageError):
 
     def __init__(self, source: str, missing: Iterable[str]) -> None:
         self.missing = tuple(missing)
-        super().__init__(
-            "\n".join([f"{source}: more has to be known before this can be identified:", *self.missing])
-        )
+        super().__init__("\n".join([f"{source}: information is missing to identify this:", *self.missing]))
 
 
 class NotIdentifiable(ServobenchError, ValueError):

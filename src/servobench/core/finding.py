@@ -90,11 +90,6 @@ def by_weight(findings: Iterable[Finding]) -> list[tuple[Finding, ...]]:
     return [tuple(groups[key]) for key in sorted(groups, key=lambda key: key[:2])]
 
 
-def parameter_in_words(name: str) -> str:
-    """Return a parameter's name as people write it: `time constant`, `Coulomb voltage`."""
-    return name.replace("_", " ").replace("coulomb", "Coulomb").replace("stribeck", "Stribeck")
-
-
-def lowered(sentence: str) -> str:
+def lower_first(sentence: str) -> str:
     """Return a sentence as it stands behind a colon: with a small letter, unless it begins with an abbreviation such as USB."""
     return sentence if sentence[1:2].isupper() else sentence[:1].lower() + sentence[1:]

@@ -62,6 +62,8 @@ class Registry(Generic[T]):
     def __getitem__(self, name: str) -> T:
         """Return the member of that name, fixed or of a family; raises `UnknownName`, which lists the known ones."""
         self._load()
+        if not isinstance(name, str):
+            raise UnknownName(self.kind, name, self._members)
         if name in self._members:
             return self._members[name]
         for make in self._families.values():
@@ -69,7 +71,7 @@ class Registry(Generic[T]):
             if made is not None:
                 return self._made.setdefault(name, made)
         # A form begins with letters that all its names have, up to its first choice or capital.
-        meant = [form for form in self._families if name.startswith(_beginning(form))]
+        meant = [form for form in self._families if name.startswith(_prefix(form))]
         explained = "".join(f"; {form}: {self._meanings[form]}" for form in meant)
         raise UnknownName(self.kind, name, [*self._members, *self._families], explained)
 
@@ -85,9 +87,7 @@ class Registry(Generic[T]):
         for name, member in {**self._members, **self._made}.items():
             if found is member or type(found) is member:
                 return name
-        raise UsageError(
-            f"{found!r} is no {self.kind} that servobench knows; known: {', '.join(self.names())}"
-        )
+        raise UsageError(f"{found!r} isn't a known {self.kind}; known: {', '.join(self.names())}")
 
     def _load(self) -> None:
         if self._complete:
@@ -116,7 +116,7 @@ class Registry(Generic[T]):
             self.member(plug_in.name)(found)
 
 
-def _beginning(form: str) -> str:
+def _prefix(form: str) -> str:
     """What all names of a form begin with: its letters up to the first choice or capital."""
     found = re.match("[a-z_]*", form)
     return found[0] if found else ""

@@ -75,7 +75,7 @@ def with_unit(value: float, unit: str, digits: int = 4) -> str:
     return f"{plain(value / factor, digits)}{SPACE}{scaled}".rstrip()
 
 
-def rounded(value: float, half: float, unit: str) -> Rounded:
+def round_value(value: float, half: float, unit: str) -> Rounded:
     """Return a value with half of its interval, both rounded to two significant digits of the latter.
 
     Without a known interval (infinite or NaN) the value has four significant digits, with one of zero width six.
@@ -88,7 +88,7 @@ def rounded(value: float, half: float, unit: str) -> Rounded:
     if h <= 0:
         return Rounded(value=plain(x, 6), half="0", low=plain(x, 6), high=plain(x, 6), unit=scaled)
     decimals = min(1 - _exponent(h, 2), _MOST_DIGITS - _exponent(max(abs(x), h), 2))
-    texts = [_fixed(number, decimals) for number in (x, h, x - h, x + h)]
+    texts = [_fixed_point(number, decimals) for number in (x, h, x - h, x + h)]
     return Rounded(value=texts[0], half=texts[1], low=texts[2], high=texts[3], unit=scaled)
 
 
@@ -99,7 +99,7 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
     """
     low, high = interval
     half = 0.5 * (high - low)
-    told = rounded(value, half, unit)
+    told = round_value(value, half, unit)
     if not told.half or half <= 0:
         return told
     factor, scaled = handy_unit(unit, max(abs(value), half))
@@ -107,17 +107,20 @@ def rounded_interval(value: float, interval: tuple[float, float], unit: str) -> 
         1 - _exponent(half / factor, 2), _MOST_DIGITS - _exponent(max(abs(value), half) / factor, 2)
     )
     told = replace(
-        told, low=_fixed(low / factor, decimals), high=_fixed(high / factor, decimals), unit=scaled
+        told,
+        low=_fixed_point(low / factor, decimals),
+        high=_fixed_point(high / factor, decimals),
+        unit=scaled,
     )
     if abs(value - 0.5 * (low + high)) <= _UNEVEN * half:
         return told
     enough = max(decimals, 1 - _exponent(value / factor, 2)) if value else decimals
     # An end that is rounded past the value would leave it out.
     ends = [
-        _fixed(end, enough if (round(end, decimals) - value / factor) * side < 0 else decimals)
+        _fixed_point(end, enough if (round(end, decimals) - value / factor) * side < 0 else decimals)
         for end, side in ((low / factor, -1.0), (high / factor, 1.0))
     ]
-    return replace(told, value=_fixed(value / factor, enough), half="", low=ends[0], high=ends[1])
+    return replace(told, value=_fixed_point(value / factor, enough), half="", low=ends[0], high=ends[1])
 
 
 def as_known(value: float, half: float) -> float:
@@ -154,7 +157,18 @@ def percent(value: float) -> str:
     missing = 100 - value
     if not math.isfinite(value) or missing <= 0:
         return plain(value)
-    return _fixed(value, min(max(1 - _exponent(missing, 2), 1), 9))
+    return _fixed_point(value, min(max(1 - _exponent(missing, 2), 1), 9))
+
+
+def share_explained(value: float) -> str:
+    """Return how little a simulation explains [%], in words: below zero the output's mean predicts better."""
+    return f"only {value:.0f} %" if round(value) > 0 else "nothing"
+
+
+def instead_of(first: float, second: float, digits: int = 4, unit: str = "") -> str:
+    """Return `22.21 rad/s instead of 21.9 rad/s`, or `22.21 rad/s either way` where so many digits don't tell them apart."""
+    texts = [f"{plain(value, digits)} {unit}".rstrip() for value in (first, second)]
+    return f"{texts[0]} either way" if texts[0] == texts[1] else " instead of ".join(texts)
 
 
 def power_of_ten(exponent: int) -> str:
@@ -162,12 +176,12 @@ def power_of_ten(exponent: int) -> str:
     return f"10{str(exponent).translate(_SUPERSCRIPTS)}"
 
 
-def counted(number: int, singular: str, plural: str = "") -> str:
+def count_text(number: int, singular: str, plural: str = "") -> str:
     """Return `1 sample`, `5 000 samples`, with thin spaces between thousands."""
-    return f"{grouped(number)} {singular if number == 1 else plural or singular + 's'}"
+    return f"{group_digits(number)} {singular if number == 1 else plural or singular + 's'}"
 
 
-def grouped(number: int) -> str:
+def group_digits(number: int) -> str:
     """Return a whole number with thin spaces between thousands, from five digits on."""
     return _minus(f"{number:,}".replace(",", "\u202f") if abs(number) >= 10_000 else str(number))
 
@@ -177,7 +191,7 @@ def _exponent(value: float, digits: int) -> int:
     return int(f"{value:.{digits - 1}e}".partition("e")[2])
 
 
-def _fixed(value: float, decimals: int) -> str:
+def _fixed_point(value: float, decimals: int) -> str:
     text = f"{round(value, decimals):.{max(decimals, 0)}f}"
     return _minus("0" if text.strip("-0.") == "" and decimals <= 0 else text)
 

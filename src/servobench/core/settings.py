@@ -104,26 +104,28 @@ class MemberOf:
 
     def _read(self, given: object, info: core_schema.ValidationInfo) -> object:
         if not isinstance(given, Mapping):
-            return self._known(given)
+            return self._check_member(given)
         settings = {key: value for key, value in given.items() if key != "type"}
-        return TypeAdapter(self._called(given.get("type"))).validate_python(settings, context=info.context)
+        return TypeAdapter(self._member_named(given.get("type"))).validate_python(
+            settings, context=info.context
+        )
 
-    def _known(self, given: object) -> object:
+    def _check_member(self, given: object) -> object:
         try:
             self.registry.name_of(given)
         except UsageError:
             known = ", ".join(self.registry.names())
             raise ValueError(
-                f"{given!r} is no {self.registry.kind}; expected a table with a type, one of {known}"
+                f"{given!r} isn't a {self.registry.kind}; expected a table with a type, one of {known}"
             ) from None
         return given
 
-    def _called(self, name: object) -> Any:
+    def _member_named(self, name: object) -> Any:
         known = ", ".join(self.registry.names())
         if name is None:
             sentence = f"is missing; expected the name of a {self.registry.kind}; known: {known}"
         elif not isinstance(name, str):
-            sentence = f"{name!r} is no name of a {self.registry.kind}; known: {known}"
+            sentence = f"{name!r} isn't the name of a {self.registry.kind}; known: {known}"
         else:
             try:
                 return self.registry[name]

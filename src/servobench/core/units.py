@@ -151,7 +151,7 @@ def unit(text: str) -> Unit:
     Raises `UnitError` where the text is no unit.
     """
     if len(text) > _LONGEST:
-        raise UnitError(f"{text[:20]!r}... is no unit: it has {len(text)} characters")
+        raise UnitError(f"{text[:20]!r}... isn't a unit: it has {len(text)} characters")
     parser = _Parser(_OF_THE_FIELD.get(text.strip(), text))
     factor, dimension = parser.whole()
     return Unit(symbol=text.strip(), factor=factor, dimension=dimension, radians=parser.radians)
@@ -179,14 +179,14 @@ def convert(value: float, from_unit: str, to_unit: str) -> float:
     """Return a value given in one unit in another unit of the same quantity.
 
     Between decimal multiples the point is shifted, so that 9 ms are 0.009 s to the last digit.
-    Raises `UnitError` where the two measure different things.
+    Raises `UnitError` where the two measure different quantities.
 
     >>> convert(9, "ms", "s")
     0.009
     """
     source, target = unit(from_unit), unit(to_unit)
     if not _compatible(source, target):
-        raise UnitError(f"{from_unit!r} can't be turned into {to_unit!r}: they measure different things")
+        raise UnitError(f"{from_unit!r} can't be converted to {to_unit!r}: they measure different quantities")
     ratio = source.factor / target.factor
     exponent = round(math.log10(ratio))
     # A product of a few rounded factors is off by some 1e-15; no two of our units differ by a factor this near to a power of ten.
@@ -198,7 +198,7 @@ def convert(value: float, from_unit: str, to_unit: str) -> float:
 def quantity(given: object, si: str) -> float:
     """Return a quantity in the unit `si`; a text has its own unit (`"1.16 mH"`), a bare number is in `si` already.
 
-    Raises `UnitError` where it is no number with a unit, a quantity of another kind, or too large.
+    Raises `UnitError` where it isn't a number with a unit, a quantity of another kind, or too large.
 
     >>> quantity("1.16 mH", "H")
     0.00116
@@ -211,7 +211,7 @@ def quantity(given: object, si: str) -> float:
             raise UnitError(f"a whole number of {len(str(given))} digits is too large; {expected}") from None
     match = _QUANTITY.fullmatch(str(given))
     if not match:
-        raise UnitError(f"{given!r} is no number with a unit; {expected}")
+        raise UnitError(f"{given!r} isn't a number with a unit; {expected}")
     symbol = match["unit"]
     if re.match(r",\d", symbol):
         raise UnitError(f"{given!r} has a comma; write a decimal point, {expected}")
@@ -229,7 +229,7 @@ def _why_not(symbol: str, error: UnitError) -> str:
     if not is_unit(symbol):
         return f": {error}"
     what = "frequency" if symbol.endswith("Hz") else unit(symbol).quantity
-    return f" is a {what}" if what != "other" else ": the unit is of another kind"
+    return f" is a {what}" if what != "other" else ": the unit measures something else"
 
 
 def _in_base_units(dimension: Dimension) -> str:
@@ -260,7 +260,7 @@ class _Parser:
         while rest:
             match = _TOKEN.match(rest)
             if not match or match.lastgroup is None:
-                raise UnitError(f"{text!r} is no unit: {rest!r} isn't understood")
+                raise UnitError(f"{text!r} isn't a unit: {rest!r} isn't understood")
             self.tokens.append((match.lastgroup, match[match.lastgroup]))
             rest = rest[match.end() :].lstrip()
         self.position = 0
@@ -268,10 +268,10 @@ class _Parser:
     def whole(self) -> tuple[float, Dimension]:
         """The whole text; nothing may be left over."""
         if not self.tokens:
-            raise UnitError(f"{self.text!r} is no unit: it is empty")
+            raise UnitError(f"{self.text!r} isn't a unit: it is empty")
         result = self._product()
         if self.position != len(self.tokens):
-            raise UnitError(f"{self.text!r} is no unit: {self.tokens[self.position][1]!r} is out of place")
+            raise UnitError(f"{self.text!r} isn't a unit: {self.tokens[self.position][1]!r} is out of place")
         return result
 
     def _peek(self) -> tuple[str, str]:
@@ -303,21 +303,21 @@ class _Parser:
             factor, dimension = self._power()
             return math.sqrt(factor), tuple(p / 2 for p in dimension)
         if kind == "name":
-            factor, dimension = self._named(value)
+            factor, dimension = self._parse_name(value)
         elif value == "(":
             factor, dimension = self._product()
             if self._take()[1] != ")":
-                raise UnitError(f"{self.text!r} is no unit: a parenthesis isn't closed")
+                raise UnitError(f"{self.text!r} isn't a unit: a parenthesis isn't closed")
         else:
-            raise UnitError(f"{self.text!r} is no unit: a name is missing")
+            raise UnitError(f"{self.text!r} isn't a unit: a name is missing")
         if self._peek()[0] == "power":
             exponent = int(self._take()[1].lstrip("^*"))
             if abs(exponent) > 9:
-                raise UnitError(f"{self.text!r} is no unit: a power of {exponent} measures nothing")
+                raise UnitError(f"{self.text!r} isn't a unit: a power of {exponent} measures nothing")
             return factor**exponent, tuple(p * exponent for p in dimension)
         return factor, dimension
 
-    def _named(self, name: str) -> tuple[float, Dimension]:
+    def _parse_name(self, name: str) -> tuple[float, Dimension]:
         """One name with its prefix, as factor and dimension."""
         if name in _SHORT:
             self.radians = False
@@ -335,4 +335,4 @@ class _Parser:
     def _unknown(self, name: str) -> UnitError:
         near = get_close_matches(name, [*_PREFIXED, *_PLAIN, *_ALIASES], n=1)
         hint = f" (did you mean {near[0]!r}?)" if near else ""
-        return UnitError(f"{name!r} in {self.text!r} is no unit that is known here{hint}")
+        return UnitError(f"{name!r} in {self.text!r} isn't a known unit{hint}")

@@ -11,7 +11,7 @@ from typing import ClassVar, Protocol, runtime_checkable
 
 from servobench.core.errors import StorageError, UsageError
 from servobench.core.registry import Registry
-from servobench.export.answer import Answer
+from servobench.export.summary import ResultSummary
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -19,8 +19,9 @@ class Wishes:
     """What the user of an export may say about it; None where nothing is said.
 
     `unit` is the unit of position to export in (`rev`, `deg`); `sample_time` [s] that of the controller that will run;
-    `inertia` [kg·m²] of all that turns, which a speed and a voltage alone don't tell; `closed_loop` [s] the time constant wished
-    for the closed loop; `counts_per_rev` those of the encoder; `voltage_limit` [V] what the controller may put out.
+    `inertia` [kg·m²] of everything that turns, which a speed and a voltage alone don't tell; `closed_loop` [s] the time
+    constant wished for the closed loop; `counts_per_rev` those of the encoder; `voltage_limit` [V] what the controller may
+    put out.
     """
 
     unit: str | None = None
@@ -41,7 +42,7 @@ class Target(Protocol):
     wishes: ClassVar[frozenset[str]]
     """The fields of `Wishes` that it can follow."""
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the files, content by name, each name beginning with the stem.
 
         Raises `UsageError` where the target can't hold the motor, or needs a wish that isn't said.
@@ -53,7 +54,7 @@ TARGETS: Registry[type[Target]] = Registry("export target", "servobench.export")
 
 
 def export(
-    answer: Answer, target: str, path: str | os.PathLike[str], wishes: Wishes | None = None
+    answer: ResultSummary, target: str, path: str | os.PathLike[str], wishes: Wishes | None = None
 ) -> tuple[Path, ...]:
     """Write an identified motor in the form that a target's program takes, and return the files that were written.
 
@@ -85,9 +86,7 @@ def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
     said = {field.name for field in fields(wishes) if getattr(wishes, field.name) is not None}
     if extra := sorted(said - target.wishes):
         can = ", ".join(sorted(keyword(each) for each in target.wishes)) or "none"
-        raise UsageError(
-            f"{name} has no use for {', '.join(keyword(each) for each in extra)}; what it follows: {can}"
-        )
+        raise UsageError(f"{name} doesn't use {', '.join(keyword(each) for each in extra)}; it uses: {can}")
     for each in ("sample_time", "inertia", "closed_loop", "counts_per_rev", "voltage_limit"):
         value = getattr(wishes, each)
         if value is not None and not 0.0 < value < float("inf"):

@@ -13,10 +13,10 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.units import convert
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import comment_for, first_order_motor
-from servobench.export.tuning import Tuning, smoothing, tuned
+from servobench.export.summary import ResultSummary
+from servobench.export.tuning import Tuning, smoothing, tune_loops
 from servobench.systems.first_order import FirstOrderMotor
 
 _TICKS = 240  # of the test vectors
@@ -28,9 +28,9 @@ _TEXT = """\
  * Gain {gain} {unit}/(s V), time constant {tau} s, delay {delay} s. Closed loop {closed_loop} s;
  * phase margin {margin} deg (95 % interval {margin_low} to {margin_high}).
  *
- * Call {name}_start once, then {name}_step every {sample_time} s with the wished and the measured speed in {unit}/s{with_counts}.
- * It returns volts. An input that is not finite gives 0 V and starts anew. Don't compile it with -ffast-math, which
- * takes such inputs for impossible.
+ * Call {name}_start once, then {name}_step every {sample_time} s with the desired and measured speed in {unit}/s{with_counts}.
+ * It returns volts. An input that is not finite gives 0 V and resets the controller. Don't compile it with -ffast-math, which
+ * assumes that such inputs can't occur.
  *
  * Self-test: cc -std=c99 -D{upper}_SELF_TEST {name}.c -lm && ./a.out
  */
@@ -143,7 +143,7 @@ class C:
         {"unit", "sample_time", "closed_loop", "counts_per_rev", "voltage_limit"}
     )
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file.
 
         Raises `UsageError` without a sample time, for a motor that isn't of first order or not driven by a voltage, and for a
@@ -155,16 +155,16 @@ class C:
             )
         if wishes.sample_time is None:
             raise UsageError(
-                "c needs the time between two calls of the controller: say `sample_time=...`, such as 2ms"
+                "c needs the time between two calls of the controller: give `sample_time=...`, such as 2ms"
             )
         motor = first_order_motor(answer, "c", wishes.unit)
         tau = motor.time_constant.value
         if wishes.sample_time > tau:
             raise UsageError(
-                f"`sample_time={wishes.sample_time:g}`: between two samples the motor does all that it will, as its time "
-                f"constant is {tau:.3g} s; give less than that, a tenth of it or less is usual"
+                f"`sample_time={wishes.sample_time:g}`: the motor's response is over between two samples, as its "
+                f"time constant is {tau:.3g} s; give less than that, usually a tenth of it or less"
             )
-        gains = tuned(
+        gains = tune_loops(
             motor,
             wishes.sample_time,
             wishes.closed_loop,
@@ -234,13 +234,13 @@ class _Controller:
         return before + (raw - before) * self.filter
 
 
-def _limit(answer: Answer, wishes: Wishes) -> float:
+def _limit(answer: ResultSummary, wishes: Wishes) -> float:
     """The voltage that the controller may put out: what is said, or the largest that the data have seen."""
     if wishes.voltage_limit is not None:
         return wishes.voltage_limit
     limit = max(map(abs, answer.input_range))
     if not 0 < limit < math.inf:
-        raise UsageError("c: the data have no voltage to take as the limit; say `voltage_limit=...`")
+        raise UsageError("c: the data have no voltage to use as the limit; give `voltage_limit=...`")
     return limit
 
 
@@ -289,7 +289,9 @@ def _vectors(motor: FirstOrderMotor, controller: _Controller) -> _Vectors:
     return _Vectors(references=references, measured=measured, volts=out)
 
 
-def _text(answer: Answer, motor: FirstOrderMotor, gains: Tuning, controller: _Controller, name: str) -> str:
+def _text(
+    answer: ResultSummary, motor: FirstOrderMotor, gains: Tuning, controller: _Controller, name: str
+) -> str:
     vectors = _vectors(motor, controller)
     counted = controller.speed_per_count is not None
     names = {"name": name, "upper": name.upper(), "unit": motor.unit}

@@ -6,15 +6,15 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
+from servobench.export.summary import ResultSummary
 from servobench.systems.interop import PADE_ORDER
 
 _TEXT = '''{comment}
 """The identified motor as systems of python-control, and its parameters with their intervals.
 
 `motor()` is from {input} [{input_unit}] to speed [{position}/s], `motor(position=True)` to position [{position}]. The delay of
-{delay!r} s is a Padé approximation of the order that is asked for.
+{delay!r} s is a Padé approximation of the given order.
 """
 
 import control
@@ -48,12 +48,12 @@ class Control:
     suffix: ClassVar[str] = ".py"
     wishes: ClassVar[frozenset[str]] = frozenset()
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file."""
         system = answer.model
         position, driven_by = answer.units
         rows = [
-            f"    {name!r}: ({_known(e.value)}, {_known(e.sd)}, ({_known(e.interval[0])}, {_known(e.interval[1])}), {e.unit!r}),"
+            f"    {name!r}: ({_text(e.value)}, {_text(e.sd)}, ({_text(e.interval[0])}, {_text(e.interval[1])}), {e.unit!r}),"
             for name, e in answer.estimates.items()
         ]
         text = _TEXT.format(
@@ -70,5 +70,5 @@ class Control:
         return {f"{stem}.py": text.encode()}
 
 
-def _known(value: float) -> str:
+def _text(value: float) -> str:
     return repr(value) if math.isfinite(value) else "None"

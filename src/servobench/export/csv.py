@@ -8,8 +8,8 @@ import math
 from collections.abc import Mapping
 from typing import ClassVar
 
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
+from servobench.export.summary import ResultSummary
 
 _HEADINGS = ("parameter", "value", "sd", "low", "high", "level", "unit", "verdict")
 
@@ -21,7 +21,7 @@ class Csv:
     suffix: ClassVar[str] = ".csv"
     wishes: ClassVar[frozenset[str]] = frozenset()
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file."""
         text = io.StringIO()
         table = csv.writer(text, lineterminator="\n")

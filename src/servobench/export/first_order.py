@@ -6,11 +6,13 @@ import numpy as np
 
 from servobench.core.errors import UnitError, UsageError
 from servobench.core.units import convert, unit
-from servobench.export.answer import Answer
-from servobench.systems.first_order import FirstOrderMotor, scaled
+from servobench.export.summary import ResultSummary
+from servobench.systems.first_order import FirstOrderMotor, scale_estimate
 
 
-def first_order_motor(answer: Answer, target: str, position_unit: str | None = None) -> FirstOrderMotor:
+def first_order_motor(
+    answer: ResultSummary, target: str, position_unit: str | None = None
+) -> FirstOrderMotor:
     """Return the motor in an answer; `target` is what messages call the form that asks for it.
 
     Raises `UsageError` where the answer is of another structure or its input no voltage, or the unit doesn't fit.
@@ -18,7 +20,7 @@ def first_order_motor(answer: Answer, target: str, position_unit: str | None = N
     told = answer.estimates
     if not {"gain", "time_constant"} <= told.keys() or len(answer.transfer_function.denominator) > 2:
         raise UsageError(
-            f"{target} takes a first-order motor (gain and time constant), and this result is of the structure "
+            f"{target} takes a first-order motor (gain and time constant), and this result has the structure "
             f"{answer.structure}; identify with `structure=first_order_coulomb`"
         )
     position, driven_by = answer.units
@@ -36,7 +38,7 @@ def first_order_motor(answer: Answer, target: str, position_unit: str | None = N
     scale = np.array([factor, 1.0, 1.0])
     return FirstOrderMotor(
         unit=wanted,
-        gain=scaled(told["gain"], factor, f"{wanted}/(s·V)"),
+        gain=scale_estimate(told["gain"], factor, f"{wanted}/(s·V)"),
         time_constant=told["time_constant"],
         delay=max(answer.transfer_function.delay, 0.0),
         coulomb_voltage=told.get("coulomb_voltage"),
@@ -47,7 +49,7 @@ def first_order_motor(answer: Answer, target: str, position_unit: str | None = N
     )
 
 
-def comment_for(motor: FirstOrderMotor, answer: Answer) -> tuple[str, ...]:
+def comment_for(motor: FirstOrderMotor, answer: ResultSummary) -> tuple[str, ...]:
     """Return what a file with gains for this motor should say: they allow for its delay as estimated, below zero for none."""
     return answer.comment if motor.delay else answer.model_comment
 
@@ -58,7 +60,7 @@ def _factor(position: str, wanted: str) -> float:
         return 1.0
     try:
         if unit(wanted).quantity != "position":
-            raise UnitError(f"{wanted} is no unit of a position")
+            raise UnitError(f"{wanted} isn't a unit of position")
         return convert(1.0, position, wanted)
     except UnitError as error:
         raise UsageError(f"`unit={wanted}`: the result's position is in {position}: {error}") from None

@@ -6,8 +6,8 @@ import json
 from collections.abc import Mapping
 from typing import ClassVar
 
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
+from servobench.export.summary import ResultSummary
 
 
 @TARGETS.member("json")
@@ -17,7 +17,7 @@ class Json:
     suffix: ClassVar[str] = ".json"
     wishes: ClassVar[frozenset[str]] = frozenset()
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file."""
         text = json.dumps(answer.document, indent=2, ensure_ascii=False, allow_nan=False)
         return {f"{stem}.json": f"{text}\n".encode()}

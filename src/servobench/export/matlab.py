@@ -10,8 +10,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from servobench.core.errors import UsageError
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
+from servobench.export.summary import ResultSummary
 
 _TEXT = """\
 %% The identified motor, from {input_unit} to {position}/s.
@@ -25,7 +25,7 @@ delay = {delay}; % s
 % value, standard deviation, low and high end of the 95 % interval
 {parameters}
 
-% The control toolbox has tf; Octave's (pkg load control) knows no InputDelay: there the delay stays beside it.
+% The control toolbox has tf; Octave's (pkg load control) has no InputDelay: there the delay is separate.
 if exist('OCTAVE_VERSION', 'builtin')
     motor = tf(numerator, denominator, 'InputName', 'input', 'OutputName', 'speed');
 else
@@ -42,7 +42,7 @@ class Matlab:
     suffix: ClassVar[str] = ".m"
     wishes: ClassVar[frozenset[str]] = frozenset()
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return both files; raises `UsageError` where the stem is no name that MATLAB can run."""
         if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]{0,62}", stem):
             raise UsageError(
@@ -50,7 +50,7 @@ class Matlab:
             )
         return {f"{stem}.m": self._script(answer, stem).encode(), f"{stem}.mat": _variables(answer)}
 
-    def _script(self, answer: Answer, stem: str) -> str:
+    def _script(self, answer: ResultSummary, stem: str) -> str:
         system = answer.model
         position, driven_by = answer.units
         lines = [
@@ -69,7 +69,7 @@ class Matlab:
         )
 
 
-def _variables(answer: Answer) -> bytes:
+def _variables(answer: ResultSummary) -> bytes:
     from scipy.io import savemat
 
     system = answer.model

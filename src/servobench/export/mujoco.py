@@ -11,9 +11,9 @@ from typing import ClassVar
 from xml.sax.saxutils import escape
 
 from servobench.core.errors import UsageError
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import first_order_motor
+from servobench.export.summary import ResultSummary
 
 _TEXT = """\
 <mujoco model="{stem}">
@@ -21,9 +21,9 @@ _TEXT = """\
 {comment}
     gain {gain} {position}/(s·V), 95 % interval {gain_low} to {gain_high}
     time constant {tau} s, 95 % interval {tau_low} to {tau_high}
-    The inertia {inertia} {inertia_unit} is the user's: a voltage and a motion tell only ratios to it.
-    MuJoCo has no delay: the motor's {delay} s have to be added by who writes the control.{offset}
-    Armature, damping and friction loss belong to the motor; the body carries no inertia of its own that would count.
+    The inertia {inertia} {inertia_unit} was given by the user: voltage and motion determine only ratios to it.
+    MuJoCo has no delay: add the motor's {delay} s in your controller.{offset}
+    Armature, damping and friction loss belong to the motor; the body's own inertia is negligible.
   -->
   <option timestep="{timestep}" integrator="implicitfast" gravity="0 0 0"/>
   <worldbody>
@@ -51,7 +51,7 @@ class Mujoco:
     suffix: ClassVar[str] = ".xml"
     wishes: ClassVar[frozenset[str]] = frozenset({"inertia", "sample_time"})
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file.
 
         Raises `UsageError` without an inertia, for a motor that isn't of first order, not driven by a voltage, or whose position
@@ -64,8 +64,8 @@ class Mujoco:
         motor = first_order_motor(answer, "mujoco")
         if wishes.inertia is None:
             raise UsageError(
-                "mujoco needs an inertia, which voltage and motion alone don't tell: say `inertia=...`, such as `inertia=2.1e-5` "
-                f"({kinds[position][1]}, of all that moves)"
+                "mujoco needs an inertia, which voltage and motion alone don't determine: give `inertia=...`, such "
+                f"as `inertia=2.1e-5` ({kinds[position][1]}, of all that moves)"
             )
         damping = wishes.inertia / motor.time_constant.value
         torque_per_volt = damping * motor.gain.value
@@ -97,6 +97,6 @@ class Mujoco:
         return {f"{stem}.xml": text.encode()}
 
 
-def _comment(answer: Answer) -> list[str]:
+def _comment(answer: ResultSummary) -> list[str]:
     """The comment's lines, as they may stand in XML, where two hyphens end nothing well."""
     return [escape(line).replace("--", "- -") for line in answer.model_comment]

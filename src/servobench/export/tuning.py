@@ -47,7 +47,7 @@ class Tuning:
     delay_margin: tuple[float, float, float]
 
 
-def tuned(
+def tune_loops(
     motor: FirstOrderMotor,
     sample_time: float,
     closed_loop: float | None = None,
@@ -67,8 +67,8 @@ def tuned(
     lag = _FILTER * wished if filtered else 0.0
     if wished < dead_time:
         raise UsageError(
-            f"`closed_loop={wished:g}`: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
-            f"(the motor's delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); wish for {dead_time:.3g} s or more"
+            f"`closed_loop={wished:g}`: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
+            f"delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); choose {dead_time:.3g} s or more"
         )
     dead_time += lag
     position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)

@@ -10,10 +10,10 @@ from typing import Any, ClassVar
 from servobench.core.errors import UsageError
 from servobench.core.estimate import Estimate
 from servobench.core.json_numbers import finite
-from servobench.export.answer import Answer
 from servobench.export.base import TARGETS, Wishes
 from servobench.export.first_order import comment_for, first_order_motor
-from servobench.export.tuning import Tuning, tuned
+from servobench.export.summary import ResultSummary
+from servobench.export.tuning import Tuning, tune_loops
 from servobench.systems.first_order import FirstOrderMotor, inverse, ratio
 
 _PERIOD = 0.02  # s, of a WPILib robot's loop
@@ -30,7 +30,7 @@ class Wpilib:
     suffix: ClassVar[str] = ".json"
     wishes: ClassVar[frozenset[str]] = frozenset({"unit", "sample_time", "closed_loop"})
 
-    def render(self, answer: Answer, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
+    def render(self, answer: ResultSummary, wishes: Wishes, stem: str) -> Mapping[str, bytes]:
         """Return the one file; raises `UsageError` for a motor that isn't of first order, or not driven by a voltage."""
         motor = first_order_motor(answer, "wpilib", wishes.unit)
         if motor.gain.value < 0:
@@ -38,7 +38,7 @@ class Wpilib:
                 "wpilib: a positive voltage turns this motor in the negative direction; invert the motor or the encoder, then "
                 "identify again (WPILib's constants are positive)"
             )
-        gains = tuned(motor, wishes.sample_time or _PERIOD, wishes.closed_loop)
+        gains = tune_loops(motor, wishes.sample_time or _PERIOD, wishes.closed_loop)
         document = {
             "from": list(comment_for(motor, answer)),
             "unit": motor.unit,
@@ -74,8 +74,9 @@ def _notes(motor: FirstOrderMotor) -> list[str]:
         )
     if motor.offset_voltage is not None:
         notes.append(
-            "kG is the offset voltage, which is a constant load (an elevator's weight) if nothing else shifts the input; it is "
-            "left out where it can't be told from zero. An arm's kG goes with the cosine of its angle."
+            "kG is the offset voltage, a constant load (an elevator's weight) if nothing else shifts the input; it "
+            "is left out if it isn't significantly different from zero. An arm's kG is multiplied by the cosine of "
+            "its angle."
         )
     return notes
 

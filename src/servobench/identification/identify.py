@@ -1,35 +1,41 @@
-"""The verb identify: from data to a result, with the reasons to trust it or not."""
+"""The verb identify: from data to a result, with the reasons to trust it or not.
+
+The model and its fit: source: see `identification.estimators.output_error`.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
+from typing import Unpack
 
 import numpy as np
 
 from servobench._version import __version__
+from servobench.core.arguments import check_type
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, Verdict, refusal, verdict
+from servobench.core.parameter_names import plain_words
 from servobench.identification.choice.noise_choice import (
-    allowing_for_disturbance,
+    allow_for_disturbance,
     as_it_is,
     with_counts_as_bins,
 )
 from servobench.identification.choice.records_apart import with_what_records_tell
 from servobench.identification.choice.restored_counts import with_counts_restored
-from servobench.identification.choice.structure_choice import chosen
+from servobench.identification.choice.structure_choice import choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
 from servobench.identification.models.level import single_level
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.models.nonlinear.structure import SINE
 from servobench.identification.models.stretches import stretches_of_motion
-from servobench.identification.motor_parameters.combined import MotorEstimates, motor_parameters
+from servobench.identification.motor_parameters.combination import MotorEstimates, motor_parameters
 from servobench.identification.motor_parameters.current import has_current
 from servobench.identification.motor_parameters.current_input import about_current_input
-from servobench.identification.reconciliation.asking import reconcile
+from servobench.identification.reconciliation.reconcile import reconcile
 from servobench.identification.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.identification.trust.doubts.base import about_data, about_fit
 from servobench.identification.trust.doubts.chain_unknown import with_unknown_chain
@@ -39,7 +45,7 @@ from servobench.identification.trust.doubts.single_level import (
     with_gain_and_friction_apart,
     with_what_one_level_tells,
 )
-from servobench.identification.trust.explanations.base import Causes, unexplained
+from servobench.identification.trust.explanations.base import Causes, is_unexplained
 from servobench.identification.trust.held_out import about_validation, cross_validate, validate_with
 from servobench.identification.trust.missing_terms import (
     missing_terms,
@@ -47,53 +53,148 @@ from servobench.identification.trust.missing_terms import (
     with_fast_pole,
     with_missing_terms,
 )
+from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
-from servobench.identification.uncertainty.answers import Answer, Combination, answers, combinations
+from servobench.identification.uncertainty.identifiability import (
+    Combination,
+    ParameterStatus,
+    combinations,
+    parameter_statuses,
+)
 from servobench.identification.uncertainty.model_error import with_model_error
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
-from servobench.identification.uncertainty.stated import about_answers
-from servobench.identification.uncertainty.unresolved import with_unresolved_time_constant
+from servobench.identification.uncertainty.status_findings import about_answers
+from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
+from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.reading import ReadingOptions, evidence_in
+from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, data_sheet
 
 
 def identify(
-    data: Dataset | Sequence[Dataset],
+    data: object = None,
     structure: str = "auto",
     estimator: str = "auto",
     nominal: str | MotorParameters | None = None,
-    validate_on: Sequence[Dataset] = (),
+    validate_on: object = (),
     known: Mapping[str, float | tuple[float, float]] | None = None,
+    *,
+    starts_at_rest: bool = False,
+    **options: Unpack[ReadingOptions],
 ) -> Result:
     """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
 
-    Several datasets are fitted jointly: they share the parameters, and each has its own start state. `structure` and
+    `data` is a `Dataset`, a `Recording`, the path of a file, a DataFrame (pandas, polars, Arrow, xarray), a time response of
+    python-control, or a list of such; arrays are given as `t`, `u` and `y` with their units. `options` say how to read what is no
+    `Dataset` yet, as on the command line: see `ReadingOptions`. `starts_at_rest` says that the shaft rests when each record
+    begins. What was recognised and not said is a finding.
+
+    Several records are fitted jointly: they share the parameters, and each has its own start state. `structure` and
     `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and which friction and
     gravity the data ask for (see `choice.structure_choice`), and the estimator by a likelihood-ratio test for a random
-    torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further datasets
-    to try the model on; without any, records, input levels or stretches are left out in turn (`held_out`). Where a current was
-    measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
+    torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further data, read
+    in the same way, to try the model on; without any, records, input levels or stretches are left out in turn (`held_out`). Where
+    a current was measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
     `motor_parameters`.
-    Data that can't support a model give a refused result, not an error. Raises `UsageError` for names that aren't
-    known, a structure and an estimator that can't go together, or data that don't.
+    Data that can't support a model give a refused result, not an error. Raises `UsageError` for what can't be read, names that
+    aren't known, a structure and an estimator that can't go together, or data that don't; `MissingInformation` where more has
+    to be said of the data.
+
+    >>> import numpy as np
+    >>> t = np.arange(0, 2, 0.002)
+    >>> u = np.where(t % 1 < 0.5, 2.0, 4.0)
+    >>> y = np.zeros(len(t))
+    >>> for k in range(len(t) - 1):  # a motor of 20 rad/(s·V) and 0.1 s
+    ...     y[k + 1] = y[k] + (1 - np.exp(-0.02)) * (20 * u[k] - y[k])
+    >>> result = identify(t=t, u=u, y=y, input_unit="V", output_unit="rad/s", chain="none")
+    >>> round(result["gain"].value, 3), round(result["time_constant"].value, 4)
+    (20.0, 0.1)
     """
-    records = (data,) if isinstance(data, Dataset) else tuple(data)
+    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
+    parts = evidence_in(data, **options)
+    others: tuple[Evidence | Dataset, ...] = ()
+    if not (isinstance(validate_on, Sequence) and not len(validate_on)):
+        alike = {name: value for name, value in options.items() if name not in ("t", "u", "y", "recordings")}
+        others = evidence_in(validate_on, argument="validate_on", **alike)
+    return identify_evidence(
+        parts, structure, estimator, nominal, validate_on=others, known=known, starts_at_rest=starts_at_rest
+    )
+
+
+def identify_evidence(
+    parts: Sequence[Evidence | Dataset],
+    structure: str = "auto",
+    estimator: str = "auto",
+    nominal: str | MotorParameters | None = None,
+    *,
+    validate_on: Sequence[Evidence | Dataset] = (),
+    known: Mapping[str, float | tuple[float, float]] | None = None,
+    starts_at_rest: bool = False,
+) -> Result:
+    """Return what `identify` does, for data of which all that has to be said is said."""
+    recordings = [part.recording for part in parts if isinstance(part, Evidence)]
+    try:
+        records = _datasets(parts, starts_at_rest)
+        others = _datasets(validate_on, starts_at_rest)
+    except NotIdentifiable as error:
+        return _without_data(recordings, error)
+    result = _identify(records, structure, estimator, nominal, others, known)
+    return with_other_output(result, recordings)
+
+
+def _datasets(parts: Sequence[Evidence | Dataset], starts_at_rest: bool) -> tuple[Dataset, ...]:
+    return tuple(part if isinstance(part, Dataset) else part.dataset(starts_at_rest) for part in parts)
+
+
+def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
+    told = [finding for recording in recordings for finding in recording.findings]
+    nowhere = (np.nan, np.nan)
+    return Result(
+        data=(),
+        fit=None,
+        findings=(*told, refusal("not-identifiable", f"{error}.")),
+        validation=None,
+        operating_range=OperatingRange(input=nowhere, speed=nowhere),
+        nominal=(),
+        provenance=_provenance(recordings),
+    )
+
+
+def _provenance(sources: Sequence[Recording | Dataset]) -> Provenance:
+    return Provenance(
+        version=__version__,
+        created=datetime.now(UTC).isoformat(timespec="seconds"),
+        inputs_sha256=tuple(sorted({each.source.sha256 for each in sources if each.source.sha256})),
+    )
+
+
+def _identify(
+    records: tuple[Dataset, ...],
+    structure: str,
+    estimator: str,
+    nominal: str | MotorParameters | None,
+    validate_on: Sequence[Dataset],
+    known: Mapping[str, float | tuple[float, float]] | None,
+) -> Result:
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
     records, restored = with_counts_restored(records, estimator)
     findings += [*restored, *about_data(records, _parameters(nominal))]
     records, left_out = stretches_of_motion(records)
     findings += left_out
-    judged = _Judged(causes=Causes(records))
+    judged = _Judgement(causes=Causes(records))
     try:
         if verdict(findings) is not Verdict.REFUSED:
-            judged = _judged(records, structure, estimator, nominal, validate_on, known)
+            judged = _judge(records, structure, estimator, nominal, validate_on, known)
     except NotIdentifiable as error:
         judged = replace(judged, findings=(refusal("not-identifiable", f"{error}."),))
     findings += judged.findings
-    if unexplained(findings):
+    if any(finding.code == "kind-mistaken" for finding in findings):  # no further record would help
+        findings = [finding for finding in findings if finding.code != "nothing-known"]
+    if is_unexplained(findings):
         told = {finding.code for finding in findings}
         causes = judged.causes.explain(judged.fit.fit_percent if judged.fit else np.nan)
         findings += [cause for cause in causes if cause.code not in told and not _in_model(cause, judged.fit)]
@@ -107,21 +208,17 @@ def identify(
         operating_range=_operating_range(records),
         nominal=judged.nominal,
         motor_parameters=judged.motor.estimates,
-        provenance=Provenance(
-            version=__version__,
-            created=datetime.now(UTC).isoformat(timespec="seconds"),
-            inputs_sha256=tuple(sorted({record.source.sha256 for record in records if record.source.sha256})),
-        ),
+        provenance=_provenance(records),
     )
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Judged:
+class _Judgement:
     """A fit and what was made of it, nothing where there is no fit; and what may be wrong with the records."""
 
     causes: Causes
     fit: Fit | None = None
-    answers: Mapping[str, Answer] = field(default_factory=dict)
+    answers: Mapping[str, ParameterStatus] = field(default_factory=dict)
     combinations: tuple[Combination, ...] = ()
     findings: tuple[Finding, ...] = ()
     validation: Validation | None = None
@@ -129,18 +226,18 @@ class _Judged:
     motor: MotorEstimates = field(default_factory=MotorEstimates)
 
 
-def _judged(
+def _judge(
     records: tuple[Dataset, ...],
     structure: str,
     estimator: str,
     nominal: str | MotorParameters | None,
     validate_on: Sequence[Dataset],
     known: Mapping[str, float | tuple[float, float]] | None,
-) -> _Judged:
+) -> _Judgement:
     """Fit what was asked for, or what the data need, and weigh what came out."""
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
-    allow = allowing_for_disturbance if estimator == "auto" else as_it_is
-    choice = chosen(method, records, structure, estimator, allow)
+    allow = allow_for_disturbance if estimator == "auto" else as_it_is
+    choice = choose_structure(method, records, structure, estimator, allow)
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
@@ -152,7 +249,7 @@ def _judged(
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
     fit = with_gain_and_friction_apart(fit)
-    told = answers(fit), combinations(fit)
+    told = parameter_statuses(fit), combinations(fit)
     fit = with_what_one_level_tells(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
@@ -171,7 +268,7 @@ def _judged(
     motor = MotorEstimates()
     if (known or has_current(fit)) and verdict(findings) is not Verdict.REFUSED:
         motor = motor_parameters(fit, known=known)
-    return _Judged(
+    return _Judgement(
         causes=choice.causes,
         fit=fit,
         answers=told[0],
@@ -195,7 +292,7 @@ def _check_together(records: Sequence[Dataset]) -> None:
         found = sorted({str(getattr(record, what)) for record in records})
         if len(found) > 1:
             raise UsageError(
-                f"the records can't be fitted together: their {what.replace('_', ' ')}s are {' and '.join(found)}"
+                f"the records can't be fitted together: their {plain_words(what)}s are {' and '.join(found)}"
             )
 
 
@@ -240,7 +337,7 @@ def _causes(fit: Fit, nominal: str | MotorParameters | None) -> list[Finding]:
 
 def _operating_range(records: Sequence[Dataset]) -> OperatingRange:
     inputs = np.concatenate([record.u for record in records])
-    speeds = np.concatenate([smoothed_speed(record) for record in records])
+    speeds = np.concatenate([smooth_speed(record) for record in records])
     return OperatingRange(
         input=(float(inputs.min()), float(inputs.max())), speed=(float(speeds.min()), float(speeds.max()))
     )

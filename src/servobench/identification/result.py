@@ -3,36 +3,42 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from servobench.core.errors import NotIdentifiable
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Finding, Verdict, verdict
+from servobench.core.finding import Finding, Severity, Verdict, verdict
 from servobench.core.json_numbers import finite
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import as_known
+from servobench.identification import notebook, plots, simulation
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.base import Output
-from servobench.identification.uncertainty.answers import Answer, Combination, State
 from servobench.identification.uncertainty.composition import BudgetLine, composition
+from servobench.identification.uncertainty.identifiability import Combination, ParameterStatus, State
 from servobench.identification.uncertainty.propagation import (
     Derived,
     continuous_loop_margins,
-    derived,
+    derive,
     loop_margins,
 )
 from servobench.identification.uncertainty.purpose import good_for
+from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems import interop
 from servobench.systems.transfer_function import TransferFunction
 
 if TYPE_CHECKING:
     import control
+    import pandas
     import scipy.signal
+    from matplotlib.axes import Axes
 
 SCHEMA = "servobench.result/2"
 SCHEMAS = ("servobench.result/1", SCHEMA)
@@ -123,10 +129,31 @@ class Result:
     """The parameters held against a data sheet; empty where none was named."""
     provenance: Provenance
     motor_parameters: Mapping[str, Estimate] = field(default_factory=dict)
-    answers: Mapping[str, Answer] = field(default_factory=dict)
+    answers: Mapping[str, ParameterStatus] = field(default_factory=dict)
     """What the data tell of each parameter of the model: its value, a combination, a bound, or nothing."""
     combinations: tuple[Combination, ...] = ()
     """What is known of several parameters together where not each of them is."""
+
+    def __getitem__(self, name: str) -> Estimate:
+        """Return the estimate of a parameter, of the model or of the motor, with its unit and its 95 % interval.
+
+        Raises `NotIdentifiable` where there is no fit, `UnknownName` for a name that isn't among the parameters.
+        """
+        estimates = {**self._require_fit().estimates, **self.motor_parameters}
+        if not isinstance(name, str) or name not in estimates:
+            raise UnknownName("parameter", name, estimates)
+        return estimates[name]
+
+    def keys(self) -> tuple[str, ...]:
+        """Return the names of the parameters; none where there is no fit."""
+        return (*(self.fit.estimates if self.fit else ()), *self.motor_parameters)
+
+    def __iter__(self) -> Iterator[str]:
+        """Iterate over the names of the parameters."""
+        return iter(self.keys())
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.keys()
 
     @property
     def verdict(self) -> Verdict:
@@ -168,7 +195,7 @@ class Result:
 
         See `uncertainty.propagation.derived`; empty where there is no fit.
         """
-        return derived(self.fit) if self.fit else {}
+        return derive(self.fit) if self.fit else {}
 
     @cached_property
     def budget(self) -> tuple[BudgetLine, ...]:
@@ -203,7 +230,7 @@ class Result:
         feedback. `sample_time` [s] is the time between two ticks; without one it is that of the data. Raises `NotIdentifiable`
         where there is no fit, `UsageError` for a sample time that isn't above zero.
         """
-        return loop_margins(self._known(), controller, around, sample_time=sample_time)
+        return loop_margins(self._require_fit(), controller, around, sample_time=sample_time)
 
     def continuous_margins(
         self, controller: TransferFunction | Any = None, around: Output = "position"
@@ -213,7 +240,7 @@ class Result:
         See `propagation.continuous_loop_margins`; `controller` is as in `margins`. A loop that runs at ticks bears less: for that
         take `margins`. Raises `NotIdentifiable` where there is no fit.
         """
-        return continuous_loop_margins(self._known(), controller, around)
+        return continuous_loop_margins(self._require_fit(), controller, around)
 
     def to_control(
         self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER
@@ -223,59 +250,117 @@ class Result:
         `pade_order` is another order; `to_control_and_delay` is exact. A delay whose 95 % interval holds zero, or that is below
         zero, is left out. Raises `NotIdentifiable` where there is no fit.
         """
-        return interop.to_control(self._handed_over(output), pade_order=pade_order)
+        return interop.to_control(self._export_model(output), pade_order=pade_order)
 
     def to_control_and_delay(self, output: Output = "speed") -> tuple[control.TransferFunction, float]:
         """Return the rational part as a `control.TransferFunction`, and the delay [s], 0 where `to_control` leaves it out.
 
         Raises `NotIdentifiable` where there is no fit.
         """
-        return interop.to_control_and_delay(self._handed_over(output))
+        return interop.to_control_and_delay(self._export_model(output))
 
     def to_scipy(self, output: Output = "speed", *, pade_order: int = interop.PADE_ORDER) -> scipy.signal.lti:
         """Return the transfer function as a `scipy.signal.lti`, with its delay as `to_control` has it.
 
         Raises `NotIdentifiable` where there is no fit.
         """
-        return interop.to_scipy(self._handed_over(output), pade_order=pade_order)
+        return interop.to_scipy(self._export_model(output), pade_order=pade_order)
 
     def to_scipy_and_delay(self, output: Output = "speed") -> tuple[scipy.signal.lti, float]:
         """Return the rational part as a `scipy.signal.lti`, and the delay [s], 0 where `to_control` leaves it out.
 
         Raises `NotIdentifiable` where there is no fit.
         """
-        return interop.to_scipy_and_delay(self._handed_over(output))
+        return interop.to_scipy_and_delay(self._export_model(output))
 
-    def _handed_over(self, output: Output) -> TransferFunction:
-        fit = self._known()
+    def simulate(
+        self,
+        t: Array,
+        u: Callable[[Array], Array] | Array,
+        *,
+        output: Output = "speed",
+        chain: Chain | str = "",
+        start: Mapping[str, float] = simulation.AT_REST,
+    ) -> Array:
+        """Return the output (N,) for an input u (N,), or a signal, at times t (N,) [s]; see `simulation.simulate`."""
+        return simulation.simulate(self, u, t, output=output, chain=chain, start=start)
+
+    def predict(self, data: Dataset) -> Array:
+        """Return each sample of a record (M,) as foretold by those before it; see `simulation.predict`."""
+        return simulation.predict(self, data)
+
+    def plot(self, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
+        """Draw measured and simulated output of each record; see `plots.plot_fit`. Raises `NotIdentifiable` without a fit."""
+        return plots.plot_fit(self._require_fit(), axes, dark=dark)
+
+    def plot_residuals(
+        self, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False
+    ) -> Sequence[Axes]:
+        """Draw what is left over and its autocorrelation; see `plots.plot_residuals`. Raises `NotIdentifiable` without a fit."""
+        return plots.plot_residuals(self._require_fit(), axes, dark=dark)
+
+    def plot_bode(self, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
+        """Draw the frequency response with its bands; see `plots.plot_bode`. Raises `NotIdentifiable` without a fit."""
+        return plots.plot_bode(self._require_fit(), axes, dark=dark)
+
+    def plot_budget(self, axes: Axes | Sequence[Axes] | None = None, *, dark: bool = False) -> Sequence[Axes]:
+        """Draw what each interval is made of; see `plots.plot_budget`. Raises `NotIdentifiable` without a fit."""
+        self._require_fit()
+        return plots.plot_budget(self.budget, self.answers, axes, dark=dark)
+
+    def to_frame(self) -> pandas.DataFrame:
+        """Return the parameters as a pandas DataFrame: a row each, with value, sd, low, high, unit and state.
+
+        Raises `NotIdentifiable` where there is no fit, `UsageError` where pandas isn't installed.
+        """
+        try:
+            import pandas
+        except ImportError:
+            raise UsageError(
+                "to_frame needs pandas: python -m pip install pandas, or take to_dict()"
+            ) from None
+        rows = {
+            name: {
+                "value": e.value,
+                "sd": e.sd,
+                "low": e.interval[0],
+                "high": e.interval[1],
+                "unit": e.unit,
+                "state": self._state(name)["state"],
+            }
+            for name, e in {**self._require_fit().estimates, **self.motor_parameters}.items()
+        }
+        return pandas.DataFrame.from_dict(rows, orient="index")
+
+    def _export_model(self, output: Output) -> TransferFunction:
+        fit = self._require_fit()
         delay = fit.estimates.get("delay")
-        system, _ = interop.handed_over(
-            fit.model.transfer_function(output), delay.interval if delay else None
-        )
+        system, _ = interop.hand_over(fit.model.transfer_function(output), delay.interval if delay else None)
         return system
 
-    def _known(self) -> Fit:
+    def _require_fit(self) -> Fit:
         if self.fit is None:
             raise NotIdentifiable(
                 "this result has no model, its findings say why: identify again with other data or another structure"
             )
         return self.fit
 
-    def __str__(self) -> str:
-        """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
+    def _rows(self) -> list[tuple[str, str]]:
+        """Each parameter by its name for people, with its value and half of its 95 % interval, or what is known of it."""
         from servobench.core.rounding import rounded_interval
-        from servobench.identification.uncertainty.words import in_words
+        from servobench.identification.uncertainty.status_text import in_words
 
-        lines = []
+        rows = []
         for name, e in self.fit.estimates.items() if self.fit else ():
             told = rounded_interval(e.value, e.interval, e.unit)
             instead = in_words(self.answers.get(name)) or ("" if told.low else "not known")
-            lines.append(f"{name.replace('_', ' '):16} {instead or told}")
-        for each in self.combinations:
-            told = rounded_interval(each.estimate.value, each.estimate.interval, each.estimate.unit)
-            lines.append(f"{each.meaning:16} {told}")
-        for name, e in self.motor_parameters.items():
-            lines.append(f"{name.replace('_', ' '):16} {rounded_interval(e.value, e.interval, e.unit)}")
+            rows.append((parameter_in_words(name, e.unit), instead or str(told)))
+        rows += [(each.meaning, str(each.estimate)) for each in self.combinations]
+        return rows + [(parameter_in_words(name), str(e)) for name, e in self.motor_parameters.items()]
+
+    def __str__(self) -> str:
+        """The answer in lines: each parameter with half of its 95 % interval, the verdict, and the findings."""
+        lines = [f"{name:16} {value}" for name, value in self._rows()]
         if self.transfer_function is not None:
             lines.append(self.equation)
         lines += [self.good_for] if self.good_for else []
@@ -283,7 +368,17 @@ class Result:
         lines += [f"- {finding.severity}: {finding.sentence}" for finding in self.findings]
         return "\n".join(lines)
 
-    __repr__ = __str__
+    def __repr__(self) -> str:
+        """The answer in one line: the verdict and each parameter."""
+        parts = [f"{name} {value}" for name, value in self._rows()]
+        return f"<Result {self.verdict}: {', '.join(parts) or 'no model'}>"
+
+    def _repr_html_(self) -> str:
+        """The answer for a notebook: the table of parameters, the verdict, what it is good for, and a small plot."""
+        sentences = [self.equation, f"{str(self.verdict).capitalize()}. {self.good_for}".strip()]
+        sentences += [each.sentence for each in self.findings if each.severity is not Severity.INFO]
+        image = notebook.picture(self.fit) if self.fit else ""
+        return notebook.answer(self._rows(), filter(None, sentences), image)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the result as plain data of the schema `servobench.result/2`; numbers are finite or None."""

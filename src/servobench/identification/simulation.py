@@ -5,26 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from types import MappingProxyType
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.disturbance import Disturbance, innovation_sd, whitened
-from servobench.identification.estimators.output_error import simulated
-from servobench.identification.models.base import Model, Output
-from servobench.identification.result import Result
+from servobench.identification.estimators.disturbance import Disturbance, innovation_sd, whiten
+from servobench.identification.estimators.output_error import simulate_record
+from servobench.identification.models.base import Model, Output, check_output
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
+
+
+@runtime_checkable
+class HasFit(Protocol):
+    """What has a fit, or None where the data couldn't support one: a `Result`."""
+
+    @property
+    def fit(self) -> Fit | None:
+        """The fit."""
+        ...
+
 
 AT_REST: Mapping[str, float] = MappingProxyType({})
 _PASSES = 5  # of the search for a start state
 
 
 def simulate(
-    model: Model | Fit | Result,
+    model: Model | Fit | HasFit,
     drive: Dataset | Callable[[Array], Array] | Array,
     t: Array | None = None,
     *,
@@ -53,11 +65,11 @@ def simulate(
     elif t is None:
         raise UsageError("an input without times can't be simulated: give t, the times of its values [s]")
     else:
-        data = _driven(known, drive, np.asarray(t, dtype=np.float64), output, chain)
+        data = _input_dataset(known, drive, np.asarray(t, dtype=np.float64), output, chain)
     return known.simulate(data, _start(known, data, start))
 
 
-def predict(fit: Fit | Result, data: Dataset) -> Array:
+def predict(fit: Fit | HasFit, data: Dataset) -> Array:
     """Return the one-step-ahead prediction of a record's output (M,): each sample from the input and the samples before it.
 
     The noise model is the fit's own. With a disturbance (`prediction_error`) it is the Kalman filter for random torque and
@@ -67,28 +79,31 @@ def predict(fit: Fit | Result, data: Dataset) -> Array:
     Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain where the fit has a disturbance.
     """
     known = _fit(fit)
+    check_type("data", data, Dataset, "a Dataset, which measure() makes of a recording")
     if known.disturbance is not None and data.chain.linear:
         raise UsageError(
             f"{data.name} stands behind a measurement chain (`{data.chain}`), and the fit's noise model is that of the shaft "
             "itself: simulate the record, or fit data of the same chain"
         )
-    return _predicted(known, _record(known, data))
+    return _prediction(known, _record(known, data))
 
 
-def residuals(fit: Fit | Result) -> tuple[Array, ...]:
+def residuals(fit: Fit | HasFit) -> tuple[Array, ...]:
     """Return what is left of each record that a fit was made from: measured minus predicted output, (M,) each.
 
     These are the errors of `predict`; those of the simulation are `residual` of each of the fit's `records`.
     NaN where the chain still looks back before the record. Raises `NotIdentifiable` for a result without a model.
     """
     known = _fit(fit)
-    return tuple(record.data.y - _predicted(known, record) for record in known.records)
+    return tuple(record.data.y - _prediction(known, record) for record in known.records)
 
 
-def _driven(
+def _input_dataset(
     model: Model, drive: Callable[[Array], Array] | Array, t: Array, output: Output, chain: Chain | str
 ) -> Dataset:
     """A dataset with nothing measured yet: an input, and the times and the chain of the output that it is to have."""
+    check_output(output)
+    check_type("chain", chain, (str, Chain), "a text such as `lowpass 50 rad/s`, or a Chain")
     stages = Chain.parse(chain) if isinstance(chain, str) else chain
     kind = stages.yields(output)
     position, u = model.data.position_unit, drive(t) if callable(drive) else drive
@@ -123,11 +138,11 @@ def _record(fit: Fit, data: Dataset) -> FittedRecord:
     for record in fit.records:
         if record.data is data:
             return record
-    record = simulated(fit.model.structure, fit.model.theta, data)
-    return record if fit.disturbance is None else _restarted(fit, record, fit.disturbance)
+    record = simulate_record(fit.model.structure, fit.model.theta, data)
+    return record if fit.disturbance is None else _restart(fit, record, fit.disturbance)
 
 
-def _restarted(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> FittedRecord:
+def _restart(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> FittedRecord:
     """The record from the start state that makes its innovations least, by Gauss-Newton from that of the simulation."""
     structure, data, shared = fit.model.structure, record.data, len(fit.model.theta)
     best, cost = record, np.inf
@@ -137,7 +152,7 @@ def _restarted(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Fitt
         sliding = structure.sliding(theta, data)
         residual = data.y - prediction.y
         columns = np.column_stack([residual, prediction.jacobian[:, shared:]])
-        white = whitened(columns, data, sliding, disturbance)
+        white = whiten(columns, data, sliding, disturbance)
         now = float(white[:, 0] @ white[:, 0])
         if not now < cost:
             break
@@ -147,7 +162,7 @@ def _restarted(fit: Fit, record: FittedRecord, disturbance: Disturbance) -> Fitt
     return best
 
 
-def _predicted(fit: Fit, record: FittedRecord) -> Array:
+def _prediction(fit: Fit, record: FittedRecord) -> Array:
     """Measured output less innovation, where there is a noise model, and the simulation where there is none."""
     data = record.data
     if fit.disturbance is None:
@@ -157,13 +172,14 @@ def _predicted(fit: Fit, record: FittedRecord) -> Array:
     return np.where(record.valid, data.y - sd * record.innovations, np.nan)
 
 
-def _model(source: Model | Fit | Result) -> Model:
+def _model(source: Model | Fit | HasFit) -> Model:
     return source if isinstance(source, Model) else _fit(source).model
 
 
-def _fit(source: Fit | Result) -> Fit:
+def _fit(source: Fit | HasFit) -> Fit:
     if isinstance(source, Fit):
         return source
+    check_type("the model", source, HasFit, "a Result that identify() returned, or its fit")
     if source.fit is None:
         raise NotIdentifiable(
             "this result has no model, its findings say why: identify again with other data or another structure"

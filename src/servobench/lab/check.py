@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from servobench.core.errors import NotIdentifiable, UnitError, UsageError
-from servobench.core.rounding import SPACE, plain, rounded
+from servobench.core.rounding import SPACE, plain, round_value
 from servobench.core.units import quantity
 from servobench.lab.exercise import Blank, Exercise
 from servobench.lab.expression import Expression, Fact
@@ -23,11 +23,14 @@ _SUM = re.compile(r"[-+*/^().0-9eE\s]*(?:(?:pi|π|sqrt)[-+*/^().0-9eE\s]*)*")
 
 # The factors that students lose, each with what was likely done; the answer is the right one times the factor.
 _FACTORS: tuple[tuple[float, str], ...] = (
-    (60 / (2 * math.pi), "that factor is 60/2π: it looks like revolutions a minute where rad/s are asked for"),
-    (2 * math.pi / 60, "that factor is 2π/60, which leads from revolutions a minute to rad/s; it isn't due here"),
-    (180 / math.pi, "that factor is 180/π: it looks like degrees in place of radians"),
-    (math.pi / 180, "that factor is π/180: it looks like radians in place of degrees"),
-    (2 * math.pi, "that factor is 2π: between revolutions and radians, or hertz and rad/s, it was taken once too often"),
+    (60 / (2 * math.pi), "that factor is 60/2π: it looks like rpm instead of rad/s"),
+    (2 * math.pi / 60, "that factor is 2π/60, which converts rpm to rad/s; it isn't needed here"),
+    (180 / math.pi, "that factor is 180/π: it looks like degrees instead of radians"),
+    (math.pi / 180, "that factor is π/180: it looks like radians instead of degrees"),
+    (2 * math.pi, (
+                      "that factor is 2π: between revolutions and radians, or hertz and rad/s, it was applied "
+                      "once too often"
+                  )),
     (1 / (2 * math.pi), "that factor is 1/2π: between revolutions and radians, or hertz and rad/s, it is missing"),
     (0.25, "it is a quarter of it: quadrature gives four counts for each line of the encoder's disc"),
     (4.0, "it is four times as much: the four counts for each line may have been taken twice"),
@@ -37,14 +40,16 @@ _FACTORS: tuple[tuple[float, str], ...] = (
 
 
 @dataclass(frozen=True, kw_only=True)
-class Checked:
+class CheckedAnswer:
     """Whether an answer is right, and the sentence for who gave it."""
 
     right: bool
     sentence: str
 
 
-def check(exercise: Exercise, answers: Mapping[str, str], facts: Mapping[str, Fact]) -> dict[str, Checked]:
+def check(
+    exercise: Exercise, answers: Mapping[str, str], facts: Mapping[str, Fact]
+) -> dict[str, CheckedAnswer]:
     """Return what is to be said of each answer that was given, by the id of its blank.
 
     Raises `UnknownName` for a blank that the exercise hasn't, and `UsageError`, with the file and line of the rule, for a rule
@@ -56,62 +61,64 @@ def check(exercise: Exercise, answers: Mapping[str, str], facts: Mapping[str, Fa
         try:
             checked[name] = check_blank(blank, text, facts)
         except NotIdentifiable as error:
-            checked[name] = Checked(right=False, sentence=f"Nothing can be said of this answer: {error}")
+            checked[name] = CheckedAnswer(
+                right=False, sentence=f"Nothing can be said of this answer: {error}"
+            )
         except UsageError as error:
             raise UsageError(f"{exercise.place(blank)}: blank {blank.id!r}: {error}") from error
     return checked
 
 
-def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> Checked:
+def check_blank(blank: Blank, text: str, facts: Mapping[str, Fact]) -> CheckedAnswer:
     """Return what is to be said of an answer to a blank.
 
     Raises `NotIdentifiable` where the recording behind the facts can't tell the right answer, and `UsageError` for a rule that
     asks for something that isn't among the facts.
     """
     given = _number(blank, text)
-    if isinstance(given, Checked):
+    if isinstance(given, CheckedAnswer):
         return given
     known = Expression(blank.answer).evaluate(facts)
     allowed = Tolerance(blank.tolerance, blank.unit).around(known)
     if not math.isfinite(allowed):
         raise NotIdentifiable(
-            f"the recording doesn't tell `{blank.answer}`: its interval has no end; take an experiment that tells it, or "
-            "another tolerance"
+            f"the recording doesn't determine `{blank.answer}`: its interval has no end; use an experiment that "
+            "determines it, or another tolerance"
         )
     if abs(given - known.value) <= allowed:
-        return Checked(right=True, sentence=_praise(blank, known, allowed))
-    said = _known_mistake(blank, given, facts)
+        return CheckedAnswer(right=True, sentence=_praise(blank, known, allowed))
+    said = _explain_mistake(blank, given, facts)
     if not said:
         said = " ".join(filter(None, [_difference(blank, given, known.value, allowed), blank.hint]))
-    return Checked(right=False, sentence=said)
+    return CheckedAnswer(right=False, sentence=said)
 
 
 def right_answer(blank: Blank, facts: Mapping[str, Fact]) -> str:
     """Return the right answer as text with its unit, and by how much it may be off; raises as `check_blank` does."""
     known = Expression(blank.answer).evaluate(facts)
-    return _told(blank, known, Tolerance(blank.tolerance, blank.unit).around(known))
+    return _answer_text(blank, known, Tolerance(blank.tolerance, blank.unit).around(known))
 
 
-def _number(blank: Blank, text: str) -> float | Checked:
+def _number(blank: Blank, text: str) -> float | CheckedAnswer:
     """The answer in the blank's unit, or what is wrong with it as a number."""
     written = text.strip().replace("−", "-")
     if not written:
-        return Checked(right=False, sentence="There is no answer yet.")
+        return CheckedAnswer(right=False, sentence="There is no answer yet.")
     if len(written) > _LONGEST:
-        return Checked(right=False, sentence=f"An answer has {_LONGEST} characters at most.")
-    if _SUM.fullmatch(written) and (worked_out := _worked_out(written)) is not None:
+        return CheckedAnswer(right=False, sentence=f"An answer has {_LONGEST} characters at most.")
+    if _SUM.fullmatch(written) and (worked_out := _evaluate(written)) is not None:
         return worked_out
     try:
         return quantity(written, blank.unit or "1")
     except UnitError as error:
         example = f' (for example "12.5 {blank.unit}")' if blank.unit else ' (for example "12.5")'
         reason = str(error).partition(", expected")[0].partition("; expected")[0]
-        return Checked(
+        return CheckedAnswer(
             right=False, sentence=f"This can't be read: {reason}. Enter a number with its unit{example}."
         )
 
 
-def _worked_out(written: str) -> float | None:
+def _evaluate(written: str) -> float | None:
     """A sum of numbers and π, such as `2*pi/2048` or `5π`, in the blank's unit; None where it is none."""
     text = re.sub(r"(?<=[0-9.)])\s*(?=pi\b)", " * ", written.replace("π", "pi").replace("^", "**"))
     try:
@@ -120,19 +127,19 @@ def _worked_out(written: str) -> float | None:
         return None
 
 
-def _told(blank: Blank, known: Fact, allowed: float) -> str:
+def _answer_text(blank: Blank, known: Fact, allowed: float) -> str:
     if blank.tolerance == "exact":
         return f"{plain(known.value, 12)}{SPACE}{blank.unit}".rstrip()
     # In the blank's own unit, which a bare answer is taken to be in: no prefix is put before it.
-    return f"{rounded(known.value, allowed, '')}{SPACE}{blank.unit}".rstrip()
+    return f"{round_value(known.value, allowed, '')}{SPACE}{blank.unit}".rstrip()
 
 
 def _praise(blank: Blank, known: Fact, allowed: float) -> str:
-    within = "" if blank.tolerance == "exact" else f" What counts as right is {_told(blank, known, allowed)}."
+    within = "" if blank.tolerance == "exact" else f" Accepted: {_answer_text(blank, known, allowed)}."
     return f"Right.{within}"
 
 
-def _known_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str:
+def _explain_mistake(blank: Blank, given: float, facts: Mapping[str, Fact]) -> str:
     """What the exercise says to this answer, where it knows it."""
     for mistake in blank.mistakes:
         wrong = Expression(mistake.answer).evaluate(facts)
@@ -152,7 +159,7 @@ def _difference(blank: Blank, given: float, known: float, allowed: float) -> str
     if ratio < 0 and abs(abs(given) - abs(known)) <= allowed:
         return "The sign is wrong; the size is right."
     if blank.unit == "%" and abs(100 * ratio - 1) <= _NEAR:
-        return "It looks like a part of one; in per cent it is a hundred times as much."
+        return "It looks like a fraction; in per cent it is a hundred times as much."
     # Of two numbers below zero the one that is further from it is the smaller: the size is what is spoken of.
     what = _size(abs(ratio), " in size" if known < 0 else "")
     if ratio < 0:
@@ -166,14 +173,14 @@ def _size(ratio: float, of_what: str) -> str:
     if abs(ratio - 1) <= _SAME:
         return ""
     if abs(ratio - 1) <= _NEAR:
-        return f"It is close: within 5 %, a little too {way}. Look at how exactly it was read or rounded."
+        return f"It is close: within 5 %, a little too {way}. Check how precisely it was read or rounded."
     if math.isinf(ratio):
         return f"It is too {way} by more than any number tells."
     power = math.log10(ratio)
     if round(power) and abs(power - round(power)) < math.log10(1 + _SAME):
         return (
-            f"The digits are right, the power of ten isn't: it is too {way} by 10^{abs(round(power))}. "
-            "Look at the prefix of the unit, such as ms for s."
+            f"The digits are right, but not the power of ten: it is too {way} by 10^{abs(round(power))}. Check the "
+            "prefix of the unit, such as ms for s."
         )
     for factor, meaning in _FACTORS:
         if abs(ratio / factor - 1) <= _SAME:

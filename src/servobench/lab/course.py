@@ -12,7 +12,7 @@ from servobench.lab.motion import motion_of, speed_of
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.measure import measure
 from servobench.report import figures
-from servobench.report.decimation import held
+from servobench.report.decimation import hold_line
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 
@@ -37,7 +37,7 @@ def course_of(recording: Recording, chain: str) -> Illustration | None:
         panels.append(_output("Speed", shown))
     if position.kind == "position":
         panels.append(_output("Position", position))
-    behind = f" The speed is what comes out of the chain ‘{shown.chain}’." if shown.kind == "speed" else ""
+    behind = f" The speed is the output of the chain ‘{shown.chain}’." if shown.kind == "speed" else ""
     name = "" if recording.info is None else f" on the device ‘{recording.info.name}’"
     return Illustration(
         name=NAME,
@@ -64,7 +64,7 @@ def from_rest(recording: Recording, title: str) -> Course:
 
 def _voltage(data: Dataset) -> Panel:
     start = data.t_output[0]
-    t, u = held(data.t_input - start, data.u, data.input_before, data.duration)
+    t, u = hold_line(data.t_input - start, data.u, data.input_before, data.duration)
     return Panel(title="Voltage", unit=data.input_unit, curves=(Curve(t=t, y=u, look="input"),), height=90.0)
 
 
@@ -74,7 +74,7 @@ def _output(title: str, data: Dataset) -> Panel:
     measured = Curve(t=data.t_output - start, y=data.y, look="measured", label="measured" if followed else "")
     curves: tuple[Curve, ...] = (measured,)
     if followed and data.reference is not None:
-        t, r = held(data.t_input - start, data.reference, float(data.reference[0]), data.duration)
+        t, r = hold_line(data.t_input - start, data.reference, float(data.reference[0]), data.duration)
         curves = (measured, Curve(t=t, y=r, look="model", label="reference"))
     return Panel(title=title, unit=data.output_unit, curves=curves)
 

@@ -7,13 +7,13 @@ from typing import Any
 
 from servobench.core.json_numbers import finite
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import Column, Shown
-from servobench.lab.worked import Corrected, Worked
+from servobench.lab.studies.base import Column, StudyResult
+from servobench.lab.worked_exercise import EvaluatedCorrection, WorkedExercise
 
 SCHEMA = "servobench.lab/1"
 
 
-def to_dict(lab: Sequence[Worked], *, solution: bool) -> dict[str, Any]:
+def to_dict(lab: Sequence[WorkedExercise], *, solution: bool) -> dict[str, Any]:
     """Return exercises that were worked through as plain data; with `solution` the right answers are told."""
     plain: dict[str, Any] = finite(
         {"schema": SCHEMA, "exercises": [_exercise(worked, solution=solution) for worked in lab]}
@@ -21,7 +21,7 @@ def to_dict(lab: Sequence[Worked], *, solution: bool) -> dict[str, Any]:
     return plain
 
 
-def _exercise(worked: Worked, *, solution: bool) -> dict[str, Any]:
+def _exercise(worked: WorkedExercise, *, solution: bool) -> dict[str, Any]:
     exercise = worked.exercise
     return {
         "name": exercise.name,
@@ -30,12 +30,12 @@ def _exercise(worked: Worked, *, solution: bool) -> dict[str, Any]:
         "order": exercise.order,
         "device": worked.stand.info.name,
         "blanks": [_blank(worked, number, solution=solution) for number in range(len(exercise.blanks))],
-        "studies": {name: _study(worked.shown(name)) for name in exercise.studies},
+        "studies": {name: _study(worked.study_result(name)) for name in exercise.studies},
         "corrections": [_correction(each) for each in worked.corrections],
     }
 
 
-def _blank(worked: Worked, number: int, *, solution: bool) -> dict[str, Any]:
+def _blank(worked: WorkedExercise, number: int, *, solution: bool) -> dict[str, Any]:
     blank = worked.exercise.blanks[number]
     said = worked.checked.get(blank.id)
     return {
@@ -49,7 +49,7 @@ def _blank(worked: Worked, number: int, *, solution: bool) -> dict[str, Any]:
     }
 
 
-def _study(shown: Shown) -> dict[str, Any]:
+def _study(shown: StudyResult) -> dict[str, Any]:
     return {
         "tables": [
             {"title": table.title, "note": table.note, "columns": [_column(each) for each in table.columns]}
@@ -78,7 +78,7 @@ def _fact(fact: Fact) -> dict[str, float | None]:
     return {"value": fact.value, "half": fact.half}
 
 
-def _correction(each: Corrected) -> dict[str, Any]:
+def _correction(each: EvaluatedCorrection) -> dict[str, Any]:
     return {
         "where": each.correction.where,
         "paper": each.correction.paper,

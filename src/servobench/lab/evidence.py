@@ -58,8 +58,8 @@ class Evidence(Mapping[str, Fact]):
         fact = found[name]
         if name in _NEVER_ZERO and fact.half >= fact.value:
             raise NotIdentifiable(
-                f"the recording tells no {name}: its 95 % interval is ±{with_unit(fact.half, identifiable()[name], 2)}, as large "
-                "as itself"
+                f"the recording doesn't determine {name}: its 95 % interval is "
+                f"±{with_unit(fact.half, identifiable()[name], 2)}, as large as itself"
             )
         return fact
 
@@ -115,7 +115,7 @@ class Evidence(Mapping[str, Fact]):
         """The identified parameters, and the lag of the chain."""
         from servobench.identification.estimators.unseen_torque import SOURCE as UNSEEN_TORQUE
         from servobench.identification.uncertainty.model_error import SOURCE as MODEL_ERROR
-        from servobench.recordings.measurement.cost import lag_of
+        from servobench.recordings.measurement.lag import lag_of
 
         if self._identified.fit is None:
             return {}

@@ -30,7 +30,7 @@ STANDS = re.compile(r"\{\{ *([^{}]*?) *\}\}")
 def _id_of_a_blank(text: str) -> str:
     if not re.fullmatch("[a-z][a-z0-9_]*", text):
         raise ValueError(
-            f"{text!r} is no name of a blank; expected a small letter, then small letters, digits and underscores"
+            f"{text!r} isn't the name of a blank; expected a small letter, then small letters, digits and underscores"
         )
     return text
 
@@ -99,7 +99,7 @@ class Correction(Settings):
         if self.answer:
             Expression(self.answer)
         if bool(self.answer) != ("{}" in self.ours):
-            raise ValueError("`answer` and a `{}` in `ours` belong together; give both or none")
+            raise ValueError("`answer` and a `{}` in `ours` go together; give both or none")
         return self
 
 

@@ -22,7 +22,7 @@ from servobench.recordings.measurement.base import Chain
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.lines import Path as KeyPath
 from servobench.rig.experiment.lines import line_of, lines_of_keys
-from servobench.rig.experiment.reading import TABLES, experiment_of, explain, parsed
+from servobench.rig.experiment.reading import TABLES, experiment_of, explain, parse
 from servobench.rig.motor.parameters import data_sheet
 
 _FENCE = "+++"
@@ -54,7 +54,7 @@ FOLDER = Path(__file__).parent / "exercises"
 def _name_of_a_study(text: str) -> str:
     if not re.fullmatch("[a-z][a-z0-9]*", text):
         raise ValueError(
-            f"{text!r} is no name of a study; expected a small letter, then small letters and digits"
+            f"{text!r} isn't the name of a study; expected a small letter, then small letters and digits"
         )
     return text
 
@@ -88,11 +88,11 @@ def exercise(name: str, folder: Path = FOLDER) -> Exercise:
     if name not in known:  # a name is never made into a path, so that none leads out of the folder
         raise UnknownName("exercise", name, known)
     path = folder / f"{name}.md"
-    return _loaded(path, path.stat().st_mtime_ns)
+    return _load(path, path.stat().st_mtime_ns)
 
 
 @lru_cache(maxsize=64)
-def _loaded(path: Path, changed: int) -> Exercise:
+def _load(path: Path, changed: int) -> Exercise:
     """The exercise in a file as it was when it was last changed: the same object, so that what was found for it is kept."""
     return load_exercise(path)
 
@@ -107,7 +107,7 @@ def load_exercise(path: Path) -> Exercise:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
-        raise FormatError(f"{path}:{line}: this is no UTF-8; save the file as UTF-8") from None
+        raise FormatError(f"{path}:{line}: this isn't UTF-8; save the file as UTF-8") from None
     return read_exercise(text, path.stem, str(path))
 
 
@@ -117,8 +117,8 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     Raises `FormatError` where it doesn't begin with TOML between two lines of `+++`, and `ExperimentError` with a line for each
     mistake in it.
     """
-    front, body, first = _divided(text, source)
-    tables = parsed(front, source)
+    front, body, first = _divide(text, source)
+    tables = parse(front, source)
     lines = lines_of_keys(front)
     _check_keys(tables, lines, source)
     own = {key: tables.pop(key) for key in _OWN if key in tables}
@@ -130,7 +130,7 @@ def read_exercise(text: str, name: str, source: str) -> Exercise:
     _check_named(experiment, lines, source)
     if experiment.duration is None or experiment.duration > _LONGEST:
         raise FormatError(
-            f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment has to end within {_LONGEST:g} s, as "
+            f"{source}:{line_of(('experiment', 'duration'), lines) or 1}: the experiment must end within {_LONGEST:g} s, as "
             'answers are checked by running it; expected a duration such as "10 s"'
         )
     found = Exercise(
@@ -206,8 +206,8 @@ def _check_studies(
     for name in studies:
         if name in _WORDS_OF_FACTS:
             raise FormatError(
-                f"{source}:{line_of(('studies', name), lines) or 1}: a study can't be called {name!r}, as names of facts begin "
-                "like this; expected another name"
+                f"{source}:{line_of(('studies', name), lines) or 1}: a study can't be called {name!r}, as fact names "
+                "start like that; expected another name"
             )
     seen: dict[str, int] = {}
     for number, line in enumerate(body.splitlines(), start=first):
@@ -215,7 +215,7 @@ def _check_studies(
             name, place = stands[1], f"{source}:{number}"
             if stands[0] != line.strip():
                 raise FormatError(
-                    f"{place}: `{stands[0]}` is where a study stands; expected it in a line of its own"
+                    f"{place}: `{stands[0]}` marks the place of a study; expected it on a line of its own"
                 )
             if name not in studies:
                 known = f"{UnknownName('study', name, studies)}" if studies else "there are no studies"
@@ -227,8 +227,8 @@ def _check_studies(
             seen[name] = number
         if "{{" in STANDS.sub("", line):
             raise FormatError(
-                f"{source}:{number}: `{line.strip()[:40]}` begins with {{{{ and doesn't end; expected {{{{ NAME }}}} with the "
-                "name of a study"
+                f"{source}:{number}: `{line.strip()[:40]}` starts with {{{{ and doesn't end; expected {{{{ NAME }}}} "
+                "with the name of a study"
             )
 
 
@@ -241,7 +241,7 @@ def _check_paper(items: Sequence[PaperItem], body: str, lines: Mapping[KeyPath, 
             raise FormatError(f"{place}: {UnknownName('study in the text', each.study, stand)}")
 
 
-def _divided(text: str, source: str) -> tuple[str, str, int]:
+def _divide(text: str, source: str) -> tuple[str, str, int]:
     """The TOML, with an empty line for each before it so that lines count as in the file, the Markdown, and its first line."""
     lines = text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
     if lines[0].strip() != _FENCE:

@@ -94,7 +94,7 @@ class Expression:
         try:
             return ast.parse(self.text.strip(), mode="eval").body
         except (SyntaxError, ValueError, RecursionError, MemoryError):
-            raise UsageError(f"`{self.text}` is no expression; {_expected(self.text)}") from None
+            raise UsageError(f"`{self.text}` is no expression; {_expectation(self.text)}") from None
 
 
 def _with(values: Mapping[str, float]) -> str:
@@ -106,7 +106,7 @@ def _why(error: ArithmeticError | ValueError) -> str:
     if isinstance(error, ZeroDivisionError):
         return "it divides by zero"
     if isinstance(error, ValueError):
-        return "a root or a logarithm in it is of a number that has none"
+        return "it takes a root or a logarithm of a number that has none"
     return str(error) if len(error.args) == 1 else "a number in it is too large"
 
 
@@ -121,7 +121,7 @@ _OTHERWISE = (
 )
 
 
-def _expected(text: str) -> str:
+def _expectation(text: str) -> str:
     hints = [hint for pattern, hint in _OTHERWISE if pattern.search(text)]
     return "; ".join([_EXPECTED, *hints])
 
@@ -143,7 +143,7 @@ def _check(node: ast.expr, text: str) -> None:
             return _check(right, text)
         case ast.Call(func=ast.Name(id=name), args=[inner], keywords=[]) if name in _FUNCTIONS:
             return _check(inner, text)
-    raise UsageError(f"`{ast.unparse(node)}` in `{text}` can't be computed; {_expected(text)}")
+    raise UsageError(f"`{ast.unparse(node)}` in `{text}` can't be computed; {_expectation(text)}")
 
 
 def _value(node: ast.expr, values: Mapping[str, float]) -> float:

@@ -89,7 +89,7 @@ def nearby(rise: Rise, sample_time: float, quantum: float, count: int = _SPEEDS)
     """Return rises whose speeds at 63.2 % are spread over one count a sample, about that of the given one.
 
     Where the level of a reading lies between two numbers of counts moves a noisy reading to and fro. Who names a speed of
-    20 rad/s doesn't mean it to a hundredth of that: `pooled` over these the error is what is to be expected.
+    20 rad/s doesn't mean it to a hundredth of that: `pool_errors` over these the error is what is to be expected.
     `sample_time` is in s, `quantum` in rad. Raises `UsageError` for a speed that is too slow to be spread like that.
     """
     check_positive("the sample time", sample_time, "s")
@@ -98,13 +98,13 @@ def nearby(rise: Rise, sample_time: float, quantum: float, count: int = _SPEEDS)
     offsets = width * ((np.arange(count) + 0.5) / count - 0.5)
     if rise.speed <= -offsets[0]:
         raise UsageError(
-            f"a speed of {rise.speed:g} rad/s is less than a count a sample, so that speeds about it can't be spread over one: "
-            f"expected more than {-offsets[0]:.3g} rad/s; take a larger step, or longer samples"
+            f"a speed of {rise.speed:g} rad/s is less than a count a sample, so speeds near it can't be spread over "
+            f"one count: expected more than {-offsets[0]:.3g} rad/s; use a larger step, or longer samples"
         )
     return tuple(Rise(speed=rise.speed + offset, time_constant=rise.time_constant) for offset in offsets)
 
 
-def pooled(errors: Sequence[ReadingError]) -> ReadingError:
+def pool_errors(errors: Sequence[ReadingError]) -> ReadingError:
     """Return mean and standard deviation of the errors of several equally likely cases, the scatter of their means included."""
     biases = np.array([error.bias for error in errors])
     within = float(np.mean([error.sd**2 for error in errors]))
@@ -154,7 +154,7 @@ def best_cutoff(
 
     A low cut-off reads the filter's own lag, a high one the encoder's steps. `cutoffs` are those tried [rad/s], by default 40
     from 1/τ to where the filter's pole reaches zero, above which it rings: 1/T by forward Euler, 2/T by Tustin. The error is
-    `pooled` over speeds `nearby`. Raises what `reading_error` and `nearby` raise, and `UsageError` where there is none to try.
+    `pool_errors` over speeds `nearby`. Raises what `reading_error` and `nearby` raise, and `UsageError` where there is none.
     """
     check_positive("the sample time", sample_time, "s")
     if cutoffs is None:
@@ -167,7 +167,8 @@ def best_cutoff(
     chains = [filtered_derivative(cutoff, discretisation) for cutoff in cutoffs]
     rises = nearby(rise, sample_time, quantum)
     errors = [
-        pooled([reading_error(chain, each, sample_time, quantum, 16) for each in rises]) for chain in chains
+        pool_errors([reading_error(chain, each, sample_time, quantum, 16) for each in rises])
+        for chain in chains
     ]
     sizes = np.array([error.rms for error in errors])
     best = int(np.argmin(sizes))
@@ -194,12 +195,13 @@ def _error(speeds: Array, t: Array, rise: Rise) -> ReadingError:
     steady = speeds[t >= (1 - _TAIL) * t[-1]].mean(axis=0)
     if not (steady > 0).all():
         raise NotIdentifiable(
-            f"a speed of {rise.speed:g} rad/s moves the shaft by less than a count in {_TAIL * t[-1]:g} s, so that nothing can "
-            "be read; take a larger step"
+            f"a speed of {rise.speed:g} rad/s moves the shaft by less than a count in {_TAIL * t[-1]:g} s, so "
+            "nothing can be read; use a larger step"
         )
     read = np.array([time_to_63(t[after], part) for part in (speeds[after] / steady).T])
     if not np.isfinite(read).all():
         raise NotIdentifiable(
-            f"a speed of {rise.speed:g} rad/s never passes 63.2 % behind this filter within {t[-1]:g} s; take a higher cut-off"
+            f"a speed of {rise.speed:g} rad/s never passes 63.2 % behind this filter within {t[-1]:g} s; use a "
+            "higher cut-off"
         )
     return ReadingError(bias=float(read.mean()) - rise.time_constant, sd=float(read.std()))

@@ -70,8 +70,8 @@ def formula_html(source: str, *, display: bool = False) -> str:
 
 def formula_text(source: str) -> str:
     """Return a formula as a line of text: indices and exponents as small letters, where there are such, and words unquoted."""
-    text = _INDEX.sub(lambda found: _lowered(found[1] or found[2]), source)
-    text = _EXPONENT.sub(lambda found: _raised(found[1] or found[2]), text)
+    text = _INDEX.sub(lambda found: _subscript(found[1] or found[2]), source)
+    text = _EXPONENT.sub(lambda found: _superscript(found[1] or found[2]), text)
     return " ".join(text.replace('"', "").replace("-", "−").split())
 
 
@@ -85,16 +85,16 @@ def line_html(text: str) -> Markup:
 
 def line_text(text: str) -> str:
     """Return a line of plain text with indices as small letters, where there are such: `ω_n` as ωₙ."""
-    return _INDEXED.sub(lambda found: found[1] + _lowered(found[2]), text)
+    return _INDEXED.sub(lambda found: found[1] + _subscript(found[2]), text)
 
 
-def _lowered(index: str) -> str:
+def _subscript(index: str) -> str:
     if all(letter in _LOWERED for letter in index):
         return "".join(_LOWERED[letter] for letter in index)
     return f"_{index}" if index.isalnum() else f"_({index})"
 
 
-def _raised(exponent: str) -> str:
+def _superscript(exponent: str) -> str:
     plain = exponent.replace("-", "−")
     if all(letter in _RAISED for letter in plain):
         return "".join(_RAISED[letter] for letter in plain)
@@ -107,16 +107,16 @@ class _Reader:
     def __init__(self, source: str, display: bool) -> None:
         self._source = source
         self._display = display
-        self._tokens = list(self._divided())
+        self._tokens = list(self._fraction_tokens())
         self._at = 0
 
     def whole(self) -> str:
         """The MathML of all of it."""
         if not self._tokens:
-            raise FormatError("there is a formula with nothing in it; expected one such as $K/(τs + 1)$")
-        return _joined(self._parts(until=""))
+            raise FormatError("there is an empty formula; expected one such as $K/(τs + 1)$")
+        return _join(self._parts(until=""))
 
-    def _divided(self) -> Iterator[_Token]:
+    def _fraction_tokens(self) -> Iterator[_Token]:
         at, apart = 0, False
         while at < len(self._source):
             found = _TOKEN.match(self._source, at)
@@ -166,7 +166,7 @@ class _Reader:
 
     def _divide(self, parts: list[_Part]) -> None:
         """What stands before a `/`, up to the blank before it, over what follows up to the next."""
-        above = _taken(parts)
+        above = _take_numerator(parts)
         below = [self._factor()] if self._starts_factor() else []
         while below and self._starts_factor() and not self._tokens[self._at].is_apart:
             below.append(self._factor())
@@ -174,11 +174,9 @@ class _Reader:
             raise self._wrong("expected something on both sides of '/'")
         following = self._next()
         if following is not None and following.text in "/·" and not following.is_apart:
-            raise self._wrong(
-                "it doesn't say what the second of two signs for a division or a product takes; set brackets"
-            )
+            raise self._wrong("the order of two divisions or products is ambiguous; add brackets")
         if self._display:
-            bar = f"<mfrac>{_grouped(above)}{_grouped(below)}</mfrac>"
+            bar = f"<mfrac>{_without_brackets(above)}{_without_brackets(below)}</mfrac>"
             parts.append(_Part(mathml=bar, kind="fraction", is_apart=above[0].is_apart))
         else:
             parts += [*above, _Part(mathml=_mo("/"), kind="operator"), *below]
@@ -200,7 +198,7 @@ class _Reader:
                 above = self._script()
             elif not above and token.kind == "above":
                 self._at += 1
-                above = _levelled(token.text)
+                above = _as_exponent(token.text)
             else:
                 break
         if not (below or above):
@@ -235,7 +233,7 @@ class _Reader:
         if token.text in _CLOSING:
             closing = _CLOSING[token.text]
             parts = self._parts(until=closing)
-            inner = _joined(parts)
+            inner = _join(parts)
             if (
                 token.text == "("
                 and parts[0].kind == "fraction"
@@ -259,7 +257,7 @@ class _Reader:
         return _Part(mathml=_mi(text), kind="name", is_apart=token.is_apart)
 
 
-def _taken(parts: list[_Part]) -> list[_Part]:
+def _take_numerator(parts: list[_Part]) -> list[_Part]:
     """What a `/` divides, taken off the end: back to a blank, an operator that isn't a point, or the beginning."""
     first = len(parts)
     while first and (parts[first - 1].kind != "operator" or parts[first - 1].mathml == _mo("·")):
@@ -271,7 +269,7 @@ def _taken(parts: list[_Part]) -> list[_Part]:
     return above
 
 
-def _joined(parts: list[_Part]) -> str:
+def _join(parts: list[_Part]) -> str:
     """Parts beside each other; what multiplies and what a function takes is said to who hears the formula."""
     texts: list[str] = []
     for before, part in zip([None, *parts], parts, strict=False):
@@ -292,12 +290,12 @@ def _joined(parts: list[_Part]) -> str:
     return _row(texts)
 
 
-def _grouped(parts: list[_Part]) -> str:
+def _without_brackets(parts: list[_Part]) -> str:
     """What stands above or below a bar: a bracket around all of it has nothing to keep together there."""
-    return (parts[0].inner or parts[0].mathml) if len(parts) == 1 else _joined(parts)
+    return (parts[0].inner or parts[0].mathml) if len(parts) == 1 else _join(parts)
 
 
-def _levelled(above: str) -> str:
+def _as_exponent(above: str) -> str:
     """Small raised letters as an exponent, the digits of a number together."""
     pieces = re.findall(r"\d+|\D", "".join(_ABOVE[letter] for letter in above))
     return _row(

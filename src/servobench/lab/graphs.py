@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.palette import Palette
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Look, Panel
 from servobench.report.illustrations import Illustration
@@ -19,7 +20,6 @@ from servobench.report.palette import (
     RIGHT,
     TITLE,
     Box,
-    Palette,
     Style,
     axes,
     legend,

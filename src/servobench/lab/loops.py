@@ -77,11 +77,11 @@ def tunable(controller: Controller) -> Tunable:
     if isinstance(controller, Pid | Lead | StateFeedback):
         return controller
     raise UsageError(
-        f"{type(controller).__name__} is no feedback law that a loop is computed of; expected pid, lead or state_feedback"
+        f"{type(controller).__name__} isn't a supported feedback law; expected pid, lead or state_feedback"
     )
 
 
-def named(controller: Controller) -> str:
+def gains_text(controller: Controller) -> str:
     """Return what a law is called in a table: its gains."""
     if isinstance(controller, Pid):
         parts = (("kp", controller.kp), ("ki", controller.ki), ("kd", controller.kd))

@@ -30,8 +30,8 @@ def to_html(text: str) -> str:
     Raises `FormatError` for a formula that can't be read.
     """
     reader = _reader().disable("image")
-    reader.add_render_rule(_FORMULA, _written)
-    reader.add_render_rule(_SHOWN, _written)
+    reader.add_render_rule(_FORMULA, _render)
+    reader.add_render_rule(_SHOWN, _render)
     tokens = reader.parse(text)
     for token in tokens:
         token.attrs.pop("style", None)  # the alignment of a column; a page's policy forbids styles in tags
@@ -121,7 +121,7 @@ def _is_formula(text: str, first: int, marks: str) -> bool:
     return "`" not in text[first:last]  # there the second sign stands in code
 
 
-def _written(_: object, tokens: Sequence[Token], at: int, *__: object) -> str:
+def _render(_: object, tokens: Sequence[Token], at: int, *__: object) -> str:
     token = tokens[at]
     if token.type == _FORMULA:
         return formula_html(token.content)

@@ -60,7 +60,7 @@ class Motion:
 
 def motion_of(recording: Recording) -> Motion:
     """Return the motion in a recording of a run; raises `MissingInformation` where it doesn't say how many counts make a turn."""
-    from servobench.recordings.measurement.unwrap import unwrapped
+    from servobench.recordings.measurement.unwrap import unwrap
 
     counts = recording["counts"]
     per_rev, bits = counts.channel.counts_per_rev, counts.channel.counter_bits
@@ -71,7 +71,7 @@ def motion_of(recording: Recording) -> Motion:
         )
     travel = np.asarray(counts.values, dtype=float)
     if bits is not None:
-        travel = unwrapped(travel, 2.0**bits).count
+        travel = unwrap(travel, 2.0**bits).count
     count = 2 * math.pi / per_rev
     return Motion(t=t, voltage=recording["applied"].values, angle=(travel - travel[0]) * count, count=count)
 

@@ -16,12 +16,12 @@ from servobench.lab.exercise import Exercise
 from servobench.lab.formula import line_html
 from servobench.lab.markdown import to_html
 from servobench.lab.paper_items import PaperItem
-from servobench.lab.studies.base import Shown
-from servobench.lab.told import OFF, PAPER, Told, told
-from servobench.lab.worked import Worked
-from servobench.report import words
+from servobench.lab.studies.base import StudyResult
+from servobench.lab.table_text import OFF, PAPER, TextColumn, text_columns
+from servobench.lab.worked_exercise import WorkedExercise
+from servobench.report import summary
 from servobench.report.document import write_page
-from servobench.report.html import Drawn, single, source, template
+from servobench.report.html import DrawnFigure, single, source, template
 from servobench.report.tables import capital
 
 INDEX, PAPERS = "index.html", "paper.html"
@@ -49,10 +49,10 @@ class Block:
 
     html: str = ""
     study: str = ""
-    tables: tuple[tuple[str, tuple[Told, ...], str], ...] = ()
+    tables: tuple[tuple[str, tuple[TextColumn, ...], str], ...] = ()
     sentences: tuple[str, ...] = ()
     paper: tuple[PaperItem, ...] = ()
-    drawings: tuple[Drawn, ...] = ()
+    drawings: tuple[DrawnFigure, ...] = ()
 
     @property
     def is_broad(self) -> bool:
@@ -86,7 +86,7 @@ class InPart(KeyboardInterrupt):
 
 
 def exercise_page(
-    worked: Worked,
+    worked: WorkedExercise,
     *,
     solution: bool,
     studies: bool = False,
@@ -120,7 +120,7 @@ def exercise_page(
 
 
 def write_exercise(
-    worked: Worked, path: Path, *, solution: bool, studies: bool = False, form: str = ""
+    worked: WorkedExercise, path: Path, *, solution: bool, studies: bool = False, form: str = ""
 ) -> None:
     """Write the page of an exercise to a file; raises `StorageError`, which says why it can't be."""
     write_page(exercise_page(worked, solution=solution, studies=studies, form=form), path)
@@ -128,11 +128,11 @@ def write_exercise(
 
 def write_lab(
     folder: Path,
-    lab: Sequence[Worked],
+    lab: Sequence[WorkedExercise],
     *,
     solution: bool,
     studies: bool = False,
-    begun: Callable[[int, Worked], object],
+    begun: Callable[[int, WorkedExercise], object],
 ) -> None:
     """Write the pages of all exercises, of what they correct, and the way in; `begun` is told of each exercise before its page.
 
@@ -144,7 +144,7 @@ def write_lab(
     except OSError as error:
         raise StorageError(f"{folder} can't be written: {error.strerror or error}") from error
 
-    def page(worked: Worked, neighbours: Neighbours) -> str:
+    def page(worked: WorkedExercise, neighbours: Neighbours) -> str:
         return exercise_page(worked, solution=solution, studies=studies, neighbours=neighbours)
 
     done = 0
@@ -164,19 +164,21 @@ def write_lab(
         raise InPart(folder, done, len(lab)) from interrupt
 
 
-def _write_ways_in(folder: Path, lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> None:
+def _write_ways_in(
+    folder: Path, lab: Sequence[WorkedExercise], missing: Sequence[WorkedExercise] = ()
+) -> None:
     write_page(papers_page(lab, missing), folder / PAPERS)
     write_page(index_page(lab, missing), folder / INDEX)
 
 
-def index_page(lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> str:
+def index_page(lab: Sequence[WorkedExercise], missing: Sequence[WorkedExercise] = ()) -> str:
     """Return the way in: all exercises in their order, the missing ones without a link, and what leads to corrections."""
     return _page(
         "lab_index.html.j2", title="The laboratory", lab=lab, missing=missing, numbers=len(_beside(lab))
     )
 
 
-def papers_page(lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> str:
+def papers_page(lab: Sequence[WorkedExercise], missing: Sequence[WorkedExercise] = ()) -> str:
     """Return the page on the paper: what it contains and where that is here, what is corrected, and its numbers beside ours.
 
     What is `missing` is named, as its part of all that isn't there.
@@ -186,7 +188,7 @@ def papers_page(lab: Sequence[Worked], missing: Sequence[Worked] = ()) -> str:
         title="The paper’s figures and ours",
         lab=lab,
         missing=missing,
-        contained=_contained(lab),
+        contained=_contents(lab),
         beside=_beside(lab),
     )
 
@@ -200,7 +202,7 @@ def _page(name: str, **known: Any) -> str:
     text = template(name).render(
         style=f"{source('style.css')}\n{source('lab.css')}",
         version=__version__,
-        sentence=words.sentence,
+        sentence=summary.sentence,
         capital=capital,
         line=line_html,
         page_of=page_of,
@@ -211,22 +213,22 @@ def _page(name: str, **known: Any) -> str:
     return text.encode("utf-8", "replace").decode("utf-8")
 
 
-def _blocks(worked: Worked) -> tuple[Block, ...]:
+def _blocks(worked: WorkedExercise) -> tuple[Block, ...]:
     return tuple(
-        _study(piece.study, worked.shown(piece.study), worked.exercise.shows(piece.study))
+        _study(piece.study, worked.study_result(piece.study), worked.exercise.shows(piece.study))
         if piece.study
         else _text(piece.text)
         for piece in worked.exercise.pieces
     )
 
 
-def _is_broad(columns: Sequence[Told]) -> bool:
+def _is_broad(columns: Sequence[TextColumn]) -> bool:
     beside = [column for column in columns if column.kind != "off"]
     width = sum(_least_width(column) + _GAP for column in beside)
     return len(beside) > _MOST_BESIDE or width > _WIDEST
 
 
-def _least_width(column: Told) -> int:
+def _least_width(column: TextColumn) -> int:
     """How many characters a column takes at the least: words are wrapped, numbers aren't."""
     wrapped = [column.heading, *(column.texts if column.kind == "word" else ())]
     words = [word for text in wrapped for word in text.split()]
@@ -241,17 +243,17 @@ def _text(text: str) -> Block:
     return Block(html=Markup(html))
 
 
-def _study(name: str, shown: Shown, paper: tuple[PaperItem, ...]) -> Block:
+def _study(name: str, shown: StudyResult, paper: tuple[PaperItem, ...]) -> Block:
     return Block(
         study=name,
         paper=paper,
-        tables=tuple((table.title, told(table), table.note) for table in shown.tables),
+        tables=tuple((table.title, text_columns(table), table.note) for table in shown.tables),
         sentences=shown.sentences,
         drawings=tuple(drawn for figure in shown.figures if (drawn := single(figure))),
     )
 
 
-def _neighbours(lab: Sequence[Worked], number: int) -> Neighbours:
+def _neighbours(lab: Sequence[WorkedExercise], number: int) -> Neighbours:
     return Neighbours(
         number=number + 1,
         of=len(lab),
@@ -260,25 +262,25 @@ def _neighbours(lab: Sequence[Worked], number: int) -> Neighbours:
     )
 
 
-def _contained(lab: Sequence[Worked]) -> list[tuple[PaperItem, Exercise]]:
+def _contents(lab: Sequence[WorkedExercise]) -> list[tuple[PaperItem, Exercise]]:
     """What the paper contains and the exercise that does it again, by the paper's parts and then in the exercises' order."""
     found = [(item, worked.exercise) for worked in lab for item in worked.exercise.paper]
     return sorted(found, key=lambda each: each[0].part)
 
 
-def _beside(lab: Sequence[Worked]) -> tuple[Beside, ...]:
+def _beside(lab: Sequence[WorkedExercise]) -> tuple[Beside, ...]:
     """Each number of the paper that a table of an exercise has, in the order of the exercises."""
     return tuple(
         found
         for worked in lab
         for piece in worked.exercise.pieces
         if piece.study
-        for table in worked.shown(piece.study).tables
-        for found in _in_table(worked.exercise, table.title, told(table))
+        for table in worked.study_result(piece.study).tables
+        for found in _in_table(worked.exercise, table.title, text_columns(table))
     )
 
 
-def _in_table(exercise: Exercise, title: str, columns: Sequence[Told]) -> list[Beside]:
+def _in_table(exercise: Exercise, title: str, columns: Sequence[TextColumn]) -> list[Beside]:
     """The paper's numbers in a table; a row is called by its words or, without any, by its first number."""
     rows = range(len(columns[0].texts)) if columns else ()
     units = next((column.texts for column in columns if column.heading == "unit"), None)

@@ -127,7 +127,8 @@ def _check_names(exercise: Exercise, names: Iterable[str]) -> None:
             raise UnknownName("fact", name, [*known, *(f"{study}_..." for study in exercise.studies)])
         if name.startswith(_SHEET) and not exercise.experiment.nominal:
             raise UsageError(
-                f"{name!r} stands in a data sheet, and the experiment names none; add nominal to the table [experiment]"
+                f"{name!r} comes from a data sheet, and the experiment names none; add nominal to the table "
+                "[experiment]"
             )
 
 
@@ -140,13 +141,13 @@ def _check_unit(place: str, answer: str, unit: str, of: str) -> None:
     asked = unit_named(unit or "1")
     if powers != _mechanical(asked):
         raise UsageError(
-            f"{place}: `{answer}` comes out in {_told(powers)}, apart from a prefix or an angle, and the unit of {of} is "
-            f"{unit or 'none'!r}; mend one of them"
+            f"{place}: `{answer}` comes out in {_unit_text(powers)}, apart from a prefix or an angle, and the unit of "
+            f"{of} is {unit or 'none'!r}; correct one of them"
         )
     if powers != _NUMBER and asked.factor != 1.0 and not _has_numbers(tree) and not _counts(tree):
         raise UsageError(
-            f"{place}: `{answer}` comes out in {_told(powers)}, as facts are in SI units, and the unit of {of} is {unit!r}; "
-            f"multiply by {1 / asked.factor:.6g}, or take the SI unit"
+            f"{place}: `{answer}` comes out in {_unit_text(powers)}, as facts are in SI units, and the unit of {of} is "
+            f"{unit!r}; multiply by {1 / asked.factor:.6g}, or use the SI unit"
         )
 
 
@@ -159,12 +160,12 @@ def _check_sums(place: str, answer: str) -> None:
                 continue
             one, other = (f"`{ast.unparse(side)}`" for side in (node.left, node.right))
             raise UsageError(
-                f"{place}: `{answer}`: {one} is in {_told(a)} and {other} in {_told(b)}; what differs in kind can't be "
-                "added or subtracted"
+                f"{place}: `{answer}`: {one} is in {_unit_text(a)} and {other} in {_unit_text(b)}; different quantities can't "
+                "be added or subtracted"
             )
 
 
-def _told(powers: _Powers) -> str:
+def _unit_text(powers: _Powers) -> str:
     si = Unit(symbol="", factor=0.0, dimension=(*powers, 0.0, 0.0, 0.0)).si
     if si == "1":
         return "no unit"
@@ -220,11 +221,11 @@ def _powers(node: ast.expr) -> _Powers | None:
             sign, size = (-1.0, right.operand) if isinstance(right, ast.UnaryOp) else (1.0, right)
             return _times(_powers(left), sign * float(size.value)) if isinstance(size, ast.Constant) else None  # type: ignore[arg-type]
         case ast.BinOp(left=left, op=op, right=right):
-            return _joined(left, op, right)
+            return _combine(left, op, right)
     return None
 
 
-def _joined(left: ast.expr, op: ast.operator, right: ast.expr) -> _Powers | None:
+def _combine(left: ast.expr, op: ast.operator, right: ast.expr) -> _Powers | None:
     a, b = _powers(left), _powers(right)
     if isinstance(op, ast.Add | ast.Sub):
         # A number that stands by itself in a sum is in the unit of the rest.

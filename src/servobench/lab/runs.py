@@ -26,7 +26,7 @@ SETTLING = 2.0  # s; twenty time constants of a motor of 0.1 s
 STEADY = 4.0  # s that are looked at
 
 
-def simulated(experiment: Experiment, faults: Sequence[Fault] = (), **settings: object) -> Recording:
+def simulate_run(experiment: Experiment, faults: Sequence[Fault] = (), **settings: object) -> Recording:
     """Carry out an experiment on a twin in virtual time, and return what happened.
 
     `settings` are the twin's, and go before those that the experiment gives a twin; `faults` are injected. Raises `UsageError`
@@ -86,7 +86,7 @@ def steady_run(stand: Stand, voltage: float, sample_time: float) -> SteadyRun:
     steady = data.t_output >= data.t_output[0] + SETTLING
     speed = _slope(data.t_output[steady], data.y[steady])
     if abs(speed) * sample_time < 1e-3 * quantum_of(data):
-        raise UsageError(f"the motor stands still at {voltage:g} V; take a voltage that turns it")
+        raise UsageError(f"the motor stands still at {voltage:g} V; use a voltage that turns it")
     return SteadyRun(data=data, speed=speed, first=int(np.argmax(steady)))
 
 
@@ -94,7 +94,8 @@ def quantum_of(data: Dataset) -> float:
     """Return the step of a position [rad]; raises `UsageError` where the data have none, or are no position in rad."""
     if data.quantum is None or data.kind != "position" or data.output_unit != "rad":
         raise UsageError(
-            f"{data.name} is a {data.kind} in {data.output_unit}; expected an encoder's counts, with the counts of a turn known"
+            f"{data.name} is a {data.kind} in {data.output_unit}; expected an encoder's counts, with known counts "
+            "per turn"
         )
     return data.quantum
 

@@ -16,7 +16,7 @@ from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.lab.evidence import Evidence
 from servobench.lab.exercise import Exercise
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import Shown, carried_out, facts_in
+from servobench.lab.studies.base import StudyResult, carry_out, facts_in
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
 
@@ -39,7 +39,7 @@ class MotorStand:
     made: Recording | None = None
     """The recording of the experiment, where there is one already."""
     carry_out: Callable[[Experiment], Recording]
-    _shown: dict[str, Shown] = field(default_factory=dict, init=False)
+    _shown: dict[str, StudyResult] = field(default_factory=dict, init=False)
     _under_way: list[str] = field(default_factory=list, init=False)
     _one_at_a_time: RLock = field(default_factory=RLock, init=False)  # a panel asks from several threads
 
@@ -58,7 +58,7 @@ class MotorStand:
         """All facts by name: of the evidence, and of the studies as `NAME_...`."""
         return _AllFacts(Evidence(self.experiment, self.info, lambda: self.recording), self)
 
-    def shown(self, name: str) -> Shown:
+    def study_result(self, name: str) -> StudyResult:
         """Return what the study of that name found; it is carried out when it is first asked for.
 
         Raises `UnknownName` for a study that the exercise hasn't, `UsageError` with file and line for one that can't be carried
@@ -76,7 +76,7 @@ class MotorStand:
             if name not in self._shown:
                 self._under_way.append(name)
                 try:
-                    self._shown[name] = carried_out(self.exercise.studies[name], self)
+                    self._shown[name] = carry_out(self.exercise.studies[name], self)
                 except NotIdentifiable as error:
                     raise NotIdentifiable(f"the study {name!r}: {error}") from error
                 except UsageError as error:
@@ -87,7 +87,7 @@ class MotorStand:
                     self._under_way.pop()
             return self._shown[name]
 
-    def found(self) -> Mapping[str, Fact]:
+    def facts_so_far(self) -> Mapping[str, Fact]:
         """Return the facts of the studies that were carried out until now, by name."""
         return {
             key: fact for name, shown in self._shown.items() for key, fact in facts_in(name, shown).items()
@@ -105,11 +105,11 @@ class _AllFacts(Mapping[str, Fact]):
         """Return a fact; raises `KeyError` where there is none of that name."""
         study, _, rest = name.partition("_")
         if rest and study in self.stand.exercise.studies:
-            return facts_in(study, self.stand.shown(study))[name]
+            return facts_in(study, self.stand.study_result(study))[name]
         return self.evidence[name]
 
     def __iter__(self) -> Iterator[str]:
-        return iter({**dict.fromkeys(self.evidence), **dict.fromkeys(self.stand.found())})
+        return iter({**dict.fromkeys(self.evidence), **dict.fromkeys(self.stand.facts_so_far())})
 
     def __len__(self) -> int:
         return len(list(iter(self)))
@@ -136,7 +136,7 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
         from servobench.rig.loop.live import run_where_its_time_passes
 
         asked = experiment.model_copy(update={"device": _same_motor(chosen, experiment.device)})
-        recording = run_where_its_time_passes(asked, _connected(asked.device))
+        recording = run_where_its_time_passes(asked, _make_device(asked.device))
         if recording.stopped.reason == "interrupted":
             raise KeyboardInterrupt(recording.stopped.sentence)  # who stops a run doesn't want the next one
         return recording
@@ -144,7 +144,7 @@ def stand_with(exercise: Exercise, device: DeviceChoice) -> MotorStand:
     return MotorStand(
         exercise=exercise,
         experiment=exercise.experiment.model_copy(update={"device": chosen}),
-        info=_connected(chosen).info,
+        info=_make_device(chosen).info,
         carry_out=carry_out,
     )
 
@@ -157,15 +157,15 @@ def stand_of(exercise: Exercise, recording: Recording, called: str = "") -> Moto
     """
     if recording.info is None:
         raise UsageError(
-            f"{called or recording.name} doesn't say which device it is of, so it can't be held against an exercise; expected a "
-            "recording that servobench made: the panel's, or that of `servobench run`. "
-            f"`servobench identify {called or recording.name}` tells the motor of any other"
+            f"{called or recording.name} doesn't name its device, so it can't be used for an exercise; expected a "
+            "recording made by the panel or by `servobench run`. For any other, `servobench identify "
+            f"{called or recording.name}` finds the motor"
         )
 
     def refuse(experiment: Experiment) -> Recording:
         raise NotIdentifiable(
-            f"this takes further runs of the motor, and {called or recording.name} is one recording alone; "
-            "do the exercise with the motor, or with the simulated one"
+            f"this takes further runs of the motor, and {called or recording.name} is a single recording; do the "
+            "exercise with the motor, or with the simulated one"
         )
 
     return MotorStand(
@@ -196,13 +196,14 @@ def check_made_for(exercise: Exercise, recording: Recording, called: str = "") -
     other = [name for name, (theirs, ours) in parts.items() if theirs != ours]
     if other:
         raise UsageError(
-            f"{called or recording.name} is of another experiment than the exercise {exercise.name!r}: its {' and '.join(other)} "
-            f"{'is' if len(other) == 1 else 'are'} not the exercise's, whose answers are those of its own experiment. Load that "
-            f"in the panel, or copy it from the page of `servobench lab {exercise.name} --out PAGE.html`, and record it"
+            f"{called or recording.name} comes from another experiment than the exercise {exercise.name!r}: its "
+            f"{' and '.join(other)} {'is' if len(other) == 1 else 'are'} not the exercise's, whose answers are "
+            "those of its own experiment. Load that "
+            f"in the panel, or copy it from the page of `servobench lab do {exercise.name} --page PAGE.html`, and record it"
         )
 
 
-def _connected(device: DeviceChoice) -> Device:
+def _make_device(device: DeviceChoice) -> Device:
     """The device, not yet entered."""
     from servobench.rig.devices.base import connect
     from servobench.rig.devices.faulty import with_faults

@@ -48,8 +48,8 @@ def truth_of(recording: Recording) -> Truth:
     info = recording.info
     if info is None or info.name != "twin":
         raise NotIdentifiable(
-            f"this compares estimates with the motor's true parameters, and nobody knows those of the motor in {recording.name}; "
-            "do the exercise with the simulated one"
+            "this compares estimates with the motor's true parameters, which aren't known for the motor in "
+            f"{recording.name}; do the exercise with the simulated one"
         )
     given = {name: value for name, value in info.settings if name in TwinSettings.model_fields}
     settings = TwinSettings.model_validate(given)

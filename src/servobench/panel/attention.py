@@ -14,9 +14,11 @@ SILENCE = 0.7  # s without a beat after which a page sees nothing
 LAG = 0.7  # s for which a row may wait to be drawn
 # With a look each 0.1 s, and the tick in which the loop takes the command, that is zero volts within 1 s.
 
-HIDDEN = "the page that drives was hidden by another tab or window, and nobody watched the motor"
-SILENT = f"the page that drives has drawn nothing for {SILENCE} s: it is hidden or frozen, or its computer is too busy"
-LATE = f"the page that drives shows the motor more than {LAG} s late: its computer or the network is too slow"
+HIDDEN = "the driving page was hidden by another tab or window, so nobody was watching the motor"
+SILENT = (
+    f"the driving page has drawn nothing for {SILENCE} s: it is hidden or frozen, or its computer is too busy"
+)
+LATE = f"the driving page shows the motor more than {LAG} s late: its computer or the network is too slow"
 
 
 class Rows(Protocol):
@@ -38,7 +40,7 @@ class Attention:
         """The page has just asked for something that only the operator asks for: its code runs."""
         self._heard = time.monotonic()
 
-    def beat(self, drawn: int) -> None:
+    def heartbeat(self, drawn: int) -> None:
         """The page has drawn all rows before number `drawn`."""
         self._heard, self._drawn = time.monotonic(), drawn
 
@@ -51,7 +53,7 @@ class Attention:
         """Whether the page's own code was heard lately."""
         return time.monotonic() - self._heard < SILENCE
 
-    def lacking(self, rows: Rows) -> str:
+    def reason_unseen(self, rows: Rows) -> str:
         """Return why nobody sees the motor as it is now on this page, as a sentence; empty where somebody may."""
         if not self.there:
             return SILENT

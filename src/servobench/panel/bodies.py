@@ -29,7 +29,7 @@ async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
     """Yield the body of a request as it comes; raises `Refused` once it has, or says that it has, more than `largest` bytes."""
     told = request.headers.get("content-length")
     if told is not None and (not told.isdecimal() or len(told) > 15 or int(told) > largest):
-        raise Refused(413, f"{told[:20]} bytes are too many; expected {largest} at most")
+        raise Refused(413, f"{told[:20]} bytes are too many; expected at most {largest}")
     got = 0
     async for piece in request.stream():
         got += len(piece)
@@ -38,7 +38,7 @@ async def pieces(request: Request, largest: int) -> AsyncIterator[bytes]:
         yield piece
 
 
-async def gathered(pieces: AsyncIterator[bytes], size: int = WRITTEN_AT_ONCE) -> AsyncIterator[bytes]:
+async def gather(pieces: AsyncIterator[bytes], size: int = WRITTEN_AT_ONCE) -> AsyncIterator[bytes]:
     """Yield pieces of at least `size` bytes, but for the last, put together from smaller ones."""
     body = bytearray()
     async for piece in pieces:
@@ -50,7 +50,7 @@ async def gathered(pieces: AsyncIterator[bytes], size: int = WRITTEN_AT_ONCE) ->
         yield bytes(body)
 
 
-class Listening:
+class BodyReceiver:
     """A request's `receive` that knows whether all of the body has come."""
 
     def __init__(self, receive: Receive) -> None:
@@ -74,7 +74,7 @@ class Listening:
 
 async def json_object(request: Request) -> dict[str, Any]:
     """Return the JSON object that came with a request; raises `Refused` for anything else."""
-    return parsed(await _read_body(request, LARGEST_JSON))
+    return parse_object(await _read_body(request, LARGEST_JSON))
 
 
 async def form_field(request: Request, name: str) -> str:
@@ -82,9 +82,7 @@ async def form_field(request: Request, name: str) -> str:
     body = await _read_body(request, LARGEST_FORM)
     found = parse_qs(body.decode("ascii", "replace"), keep_blank_values=True).get(name, [])
     if len(found) != 1:
-        raise Refused(
-            400, f"expected a form with the field {name!r}, once; it is in there {len(found)} times"
-        )
+        raise Refused(400, f"expected a form with the field {name!r} once; found it {len(found)} times")
     return found[0]
 
 
@@ -99,7 +97,7 @@ async def _read_body(request: Request, largest: int) -> bytes:
     return bytes(body)
 
 
-def parsed(text: str | bytes) -> dict[str, Any]:
+def parse_object(text: str | bytes) -> dict[str, Any]:
     """Return the JSON object in a text, numbers finite; raises `Refused` (400) for anything else."""
     try:
         found = json.loads(text, parse_constant=_no_number, parse_float=_finite)
@@ -107,9 +105,9 @@ def parsed(text: str | bytes) -> dict[str, Any]:
             found, ensure_ascii=False
         ).encode()  # half a surrogate pair is no text that a file can hold
     except RecursionError:
-        raise Refused(400, "lists or objects in there are nested too deeply") from None
+        raise Refused(400, "its lists or objects are nested too deeply") from None
     except ValueError as error:  # UnicodeDecodeError is one, too
-        raise Refused(400, f"that is no JSON: {error}") from None
+        raise Refused(400, f"that isn't JSON: {error}") from None
     if not isinstance(found, dict):
         raise Refused(400, f"expected a JSON object, not {type(found).__name__}")
     return found

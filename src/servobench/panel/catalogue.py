@@ -12,6 +12,7 @@ from annotated_types import Ge, Gt, Le, Lt
 from pydantic import BaseModel, TypeAdapter
 from pydantic.fields import FieldInfo
 
+from servobench.core.parameter_names import plain_words
 from servobench.core.settings import MemberOf, unit_of
 
 _UNITS = {"encoder": ["counts", "deg", "rad"]}
@@ -57,7 +58,7 @@ def member(name: str, kind: type, settings: Any) -> dict[str, Any]:
     fields: dict[str, FieldInfo] = settings.model_fields if issubclass(settings, BaseModel) else {}
     return {
         "name": name,
-        "title": name.upper() if name in _INITIALS else name.replace("_", " ").capitalize(),
+        "title": name.upper() if name in _INITIALS else plain_words(name).capitalize(),
         "sentence": lines[0],
         "fields": [field_of(key, field) for key, field in fields.items()],
     }

@@ -53,23 +53,23 @@ def mapping_of(given: Given[str, Any]) -> Mapping:
         if name not in known:
             raise UnknownName("answer about a file's columns", str(name)[:80], known)
         if not isinstance(value, str) or len(value) > _LONGEST:
-            raise UsageError(f"the answer about {name} has to be a text of {_LONGEST} letters at most")
+            raise UsageError(f"the answer about {name} must be a text of at most {_LONGEST} letters")
     said: dict[str, Any] = {name: value.strip() for name, value in given.items() if value.strip()}
     for role, meaning in _NEEDED.items():
         if role not in said:
-            raise UsageError(f"the {role} isn't said: choose the column that is {meaning}, and its unit")
+            raise UsageError(f"the {role} is missing: choose the column that is {meaning}, and its unit")
     for role in ("time", *_NEEDED):
         if role in said and ColumnSpec.parse(said[role]).unit is None:
-            raise UsageError(f"the unit of the {role} isn't said: choose the one that its values are in")
+            raise UsageError(f"the unit of the {role} is missing: choose the unit of its values")
     if "sample_time" in said:
         said["sample_time"] = seconds(said["sample_time"])
     return Mapping(**said)
 
 
-def mapped(recording: Recording, folder: Path) -> Recording:
+def apply_mapping(recording: Recording, folder: Path) -> Recording:
     """Return a recording as the mapping in its folder says; as it is where there is none."""
     file = folder / MAPPING
-    return Mapping.read(file).assigned(recording) if file.is_file() else recording
+    return Mapping.read(file).assign_to(recording) if file.is_file() else recording
 
 
 def _column(series: Series) -> dict[str, Any]:

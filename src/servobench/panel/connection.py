@@ -63,7 +63,7 @@ class Connection:
         self.live: LiveProcess | None = None
 
     @classmethod
-    async def begun(cls, context: LoopContext) -> Connection:
+    async def begin(cls, context: LoopContext) -> Connection:
         """Start a loop, which opens its device; raises what keeps it from that."""
         return cls(context, await asyncio.to_thread(context.__enter__))
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 
 from servobench.core.channels import Channel, DeviceInfo
 from servobench.core.errors import UsageError
+from servobench.core.parameter_names import plain_words
 from servobench.core.registry import Registry
 from servobench.core.rounding import plain
 from servobench.core.settings import unit_of
@@ -181,16 +182,12 @@ def _symbol(member: object) -> tuple[str, ...]:
     return tuple(member.symbol) if isinstance(member, Symbolic) else ()
 
 
-def _titled(name: str) -> str:
-    return name.replace("_", " ")
-
-
 def _signal(experiment: Experiment) -> Block:
     units = {"V": experiment.controller.reference_unit}
     return Block(
         id="signal",
         kind="signal",
-        title=_titled(SIGNALS.name_of(experiment.signal)),
+        title=plain_words(SIGNALS.name_of(experiment.signal)),
         curve=_curve(experiment.signal, experiment.duration),
         settings=tuple(settings_of(experiment.signal, units)),  # type: ignore[arg-type]
     )
@@ -218,7 +215,7 @@ def _controller(experiment: Experiment) -> Block:
     return Block(
         id="controller",
         kind="controller",
-        title=_titled(CONTROLLERS.name_of(law)),
+        title=plain_words(CONTROLLERS.name_of(law)),
         symbol=_symbol(law),
         settings=tuple(settings_of(law)),  # type: ignore[arg-type]
     )
@@ -258,9 +255,9 @@ def _device_settings(experiment: Experiment, info: DeviceInfo) -> Iterator[Setti
     """What the experiment says of the device, and what the device says of itself."""
     yield Setting(name="name", value=experiment.device.name, sentence="Name of the device")
     yield Setting(name="serial", value=info.serial, sentence="Serial number")
-    yield Setting(name="timing", value=info.timing, sentence="Who keeps the time")
+    yield Setting(name="timing", value=info.timing, sentence="What keeps the time")
     yield Setting(
-        name="delay", value=info.delay, unit="s", sentence="Time from a write until its voltage acts"
+        name="delay", value=info.delay, unit="s", sentence="Time from a write to its effect on the motor"
     )
     asked = dict(_members("settings", experiment.device.settings))
     asked.pop("settings", None)
@@ -271,7 +268,7 @@ def _device_settings(experiment: Experiment, info: DeviceInfo) -> Iterator[Setti
             yield Setting(name=f"settings.{name}", value=said, sentence="A setting of the device")
     for path, value in _members("faults", [dict(fault) for fault in experiment.device.faults]):
         if value != []:
-            yield Setting(name=path, value=_plain(value), sentence="A fault that is injected on purpose")
+            yield Setting(name=path, value=_plain(value), sentence="A fault injected on purpose")
 
 
 def _amplifier(channel: Channel) -> Block:
@@ -296,7 +293,7 @@ def _sensor(channel: Channel) -> Block:
         kind="sensor",
         title="encoder"
         if encoder
-        else f"{_titled(channel.name)} sensor".replace("tachometer sensor", "tachometer"),
+        else f"{plain_words(channel.name)} sensor".replace("tachometer sensor", "tachometer"),
         symbol=(plain(per_rev, 7), "2π") if encoder and per_rev else (),
         curve=() if encoder and per_rev else ((0.0, 0.0), (1.0, 1.0)),
         settings=tuple(_channel_settings(channel)),
@@ -310,7 +307,7 @@ def _channel_settings(channel: Channel) -> Iterator[Setting]:
         ("minimum", channel.minimum, unit, "Smallest value"),
         ("maximum", channel.maximum, unit, "Largest value"),
         ("resolution", channel.resolution, unit, "Smallest step"),
-        ("counts_per_rev", channel.counts_per_rev, "counts/rev", "Counts in a turn of the shaft"),
+        ("counts_per_rev", channel.counts_per_rev, "counts/rev", "Counts per turn of the shaft"),
         ("counter_bits", channel.counter_bits, "bit", "Width of the counter, at which it wraps"),
     )
     yield Setting(name="channel", value=channel.name, sentence="Name of the channel in a recording")
@@ -331,13 +328,13 @@ def _recorder(experiment: Experiment, info: DeviceInfo) -> Block:
         title="recorder",
         symbol=(f"T = {every} ms",),
         settings=(
-            *_picked(experiment, _OF_THE_RECORDER),
+            *_pick(experiment, _OF_THE_RECORDER),
             Setting(name="channels", value=channels, sentence="What is recorded"),
         ),
     )
 
 
-def _picked(experiment: Experiment, names: Sequence[str]) -> tuple[Setting, ...]:
+def _pick(experiment: Experiment, names: Sequence[str]) -> tuple[Setting, ...]:
     """The experiment's settings of those names, with what is inside of them."""
     return tuple(s for s in settings_of(experiment) if s.name.partition(".")[0] in names)
 
@@ -357,7 +354,7 @@ def _stages(info: DeviceInfo, chain: Chain) -> Iterator[Block]:
 
 
 def _angle(counts_per_rev: float) -> Block:
-    said = "Counts in a turn of the shaft"
+    said = "Counts per turn of the shaft"
     turn = Setting(name="counts_per_rev", value=_plain(counts_per_rev), unit="counts/rev", sentence=said)
     step = Setting(
         name="resolution",
@@ -383,19 +380,19 @@ def _stage(name: str, stage: Stage, origin: str) -> Block:
         )
         for field in declared
     ]
-    text = Setting(name="text", value=str(stage), sentence="As it is written in a chain")
+    text = Setting(name="text", value=str(stage), sentence="As written in a chain")
     linear = Setting(
         name="linear",
         value=stage.linear,
-        sentence="Whether the identified model's prediction goes through it",
+        sentence="Whether the identified model's prediction passes through it",
     )
     said = Setting(
-        name="asked_for_by", value=origin, sentence="What asks for it: the chain, or the width of the counter"
+        name="asked_for_by", value=origin, sentence="Why it is there: the chain, or the width of the counter"
     )
     return Block(
         id=name,
         kind="stage",
-        title=_titled(STAGES.name_of(stage)),
+        title=plain_words(STAGES.name_of(stage)),
         symbol=_symbol(stage),
         settings=(*settings, text, linear, said),
     )
@@ -406,22 +403,20 @@ def _scope(chain: Chain) -> Block:
     what = "speed" if chain.takes == "speed" else chain.yields("position")
     symbol, unit = {"speed": ("ω(t)", "rad/s"), "position": ("θ(t)", "rad")}[what]
     shown = Setting(name="shows", value=what, unit=unit)
-    text = Setting(name="chain", value=str(chain), sentence="The stages between the counts and what is shown")
+    text = Setting(name="chain", value=str(chain), sentence="The stages between the counts and the display")
     return Block(id="scope", kind="scope", title=what, symbol=(symbol,), settings=(shown, text))
 
 
 def _identification(experiment: Experiment, chain: Chain) -> Block:
     """What is identified, through the same chain."""
-    prediction = (
-        "The stages that the model's prediction goes through, so that their lag isn't taken for the motor's"
-    )
+    prediction = "The stages that the model's prediction passes through, so that their lag isn't attributed to the motor"
     return Block(
         id="identification",
         kind="identification",
         title="model",
         symbol=("K, τ",),
         settings=(
-            *_picked(experiment, ("nominal", "until", "chain")),
+            *_pick(experiment, ("nominal", "until", "chain")),
             Setting(name="prediction", value=str(chain.linear), sentence=prediction),
         ),
     )

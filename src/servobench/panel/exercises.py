@@ -38,7 +38,7 @@ _facts: WeakKeyDictionary[Exercise, _Facts] = WeakKeyDictionary()
 
 async def list_exercises(request: Request) -> JSONResponse:
     """Answer GET /api/exercises: name, title and sentence of each exercise, in their order; `error` for a file with a mistake."""
-    return JSONResponse(await asyncio.to_thread(_listed, _folder(request)))
+    return JSONResponse(await asyncio.to_thread(_list_exercises, _folder(request)))
 
 
 async def show_exercise(request: Request) -> JSONResponse:
@@ -46,8 +46,10 @@ async def show_exercise(request: Request) -> JSONResponse:
 
     The text is in pieces: HTML of ours, or the name of a study that stands there.
     """
-    found = await _named(request)
-    return found if isinstance(found, JSONResponse) else JSONResponse(await asyncio.to_thread(_shown, found))
+    found = await _find_exercise(request)
+    return (
+        found if isinstance(found, JSONResponse) else JSONResponse(await asyncio.to_thread(_page_data, found))
+    )
 
 
 async def show_results(request: Request, work: Work) -> JSONResponse:
@@ -55,7 +57,7 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
 
     They are carried out once, by `work`, as that takes seconds.
     """
-    found = await _named(request)
+    found = await _find_exercise(request)
     if isinstance(found, JSONResponse):
         return found
     if found not in _results:
@@ -63,7 +65,7 @@ async def show_results(request: Request, work: Work) -> JSONResponse:
         try:
             _results[found] = await work(asked)
         except ServobenchError as error:
-            return _error(_told(error, _folder(request)), _WRONG)
+            return _error(_error_text(error, _folder(request)), _WRONG)
     return JSONResponse(_results[found])
 
 
@@ -73,7 +75,7 @@ async def check_exercise(request: Request, work: Work) -> JSONResponse:
     Answers are held against the exercise's experiment on the simulated motor. What has to be known for them is found once, by
     `work`, as that takes seconds.
     """
-    found = await _named(request)
+    found = await _find_exercise(request)
     if isinstance(found, JSONResponse):
         return found
     body = await _body(request)
@@ -82,9 +84,9 @@ async def check_exercise(request: Request, work: Work) -> JSONResponse:
     try:
         answers = _answers(body)
         facts = await _facts_for(found, answers, _folder(request), work)
-        checked = await asyncio.to_thread(_checked, found, answers, facts)
+        checked = await asyncio.to_thread(_check_answers, found, answers, facts)
     except ServobenchError as error:
-        return _error(_told(error, _folder(request)), _WRONG)
+        return _error(_error_text(error, _folder(request)), _WRONG)
     return JSONResponse({"answers": checked})
 
 
@@ -139,14 +141,14 @@ async def _facts_for(found: Exercise, answers: Mapping[str, str], folder: Path, 
     return facts
 
 
-async def _named(request: Request) -> Exercise | JSONResponse:
+async def _find_exercise(request: Request) -> Exercise | JSONResponse:
     """The exercise that a request names, or the answer that says why there is none."""
     try:
         return await asyncio.to_thread(exercise, request.path_params["name"], _folder(request))
     except UnknownName as error:
         return _error(str(error), _NOT_FOUND)
     except ServobenchError as error:
-        return _error(_told(error, _folder(request)), _WRONG)
+        return _error(_error_text(error, _folder(request)), _WRONG)
 
 
 def _folder(request: Request) -> Path:
@@ -154,25 +156,25 @@ def _folder(request: Request) -> Path:
     return Path(getattr(request.app.state, "exercises", FOLDER))
 
 
-def _told(error: ServobenchError, folder: Path) -> str:
+def _error_text(error: ServobenchError, folder: Path) -> str:
     """What is wrong, with the names of files alone: who reads it in a browser needn't know where they lie."""
     return str(error).replace(f"{folder}{os.sep}", "")
 
 
-def _listed(folder: Path) -> list[dict[str, str]]:
+def _list_exercises(folder: Path) -> list[dict[str, str]]:
     found: list[Exercise] = []
     broken: list[dict[str, str]] = []
     for name in names(folder):
         try:
             found.append(exercise(name, folder))
         except ServobenchError as error:  # one file with a mistake doesn't take the others away
-            broken.append({"name": name, "title": name, "sentence": "", "error": _told(error, folder)})
+            broken.append({"name": name, "title": name, "sentence": "", "error": _error_text(error, folder)})
     found.sort(key=lambda each: (each.order, each.name))
     told = ({"name": e.name, "title": line_text(e.title), "sentence": line_text(e.sentence)} for e in found)
     return [*told, *broken]
 
 
-def _shown(found: Exercise) -> dict[str, Any]:
+def _page_data(found: Exercise) -> dict[str, Any]:
     return {
         "name": found.name,
         "title": line_text(found.title),
@@ -184,7 +186,7 @@ def _shown(found: Exercise) -> dict[str, Any]:
     }
 
 
-def _checked(
+def _check_answers(
     found: Exercise, answers: dict[str, str], facts: Mapping[str, Fact]
 ) -> dict[str, dict[str, Any]]:
     said = check(found, answers, facts)
@@ -207,7 +209,7 @@ def _answers(body: bytes) -> dict[str, str]:
     try:
         given = json.loads(body)
     except (ValueError, RecursionError):
-        raise UsageError(f"the body is no JSON; {expected}") from None
+        raise UsageError(f"the body isn't JSON; {expected}") from None
     answers = given.get("answers") if isinstance(given, dict) else None
     if not isinstance(answers, dict) or not all(isinstance(text, str) for text in answers.values()):
         raise UsageError(f"the body has no answers; {expected}")

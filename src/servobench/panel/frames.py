@@ -13,9 +13,9 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.panel.kernels import BEFORE, shown_block
+from servobench.panel.kernels import BEFORE, display_block
 from servobench.recordings.measurement.base import Chain
-from servobench.recordings.measurement.continued import continued
+from servobench.recordings.measurement.block_processing import process_block
 from servobench.recordings.measurement.derivative import Derivative
 from servobench.recordings.measurement.scale import Scale
 from servobench.recordings.measurement.unwrap import Unwrap
@@ -86,7 +86,7 @@ class _Through:
         )  # s since its first sample; None once all that comes out is known
 
     def __call__(self, x: Array, dt: Array) -> Array:
-        self._state, y = continued(self.chain, self._state, x, dt)
+        self._state, y = process_block(self.chain, self._state, x, dt)
         y[: self._unknown(dt)] = math.nan
         return y
 
@@ -128,7 +128,7 @@ class Scope:
         shown = found[: len(COLUMNS)].T
         if not len(rows):
             return shown
-        shown_block(rows, self._columns, self._counts, self._modulus, self._radians, self._before, found)
+        display_block(rows, self._columns, self._counts, self._modulus, self._radians, self._before, found)
         if math.isnan(self._radians):
             return shown
         position, dt = found[-3], found[-1]
@@ -211,13 +211,13 @@ class History:
         together = [wanted[0]]
         for before, block in pairwise(wanted):
             if block[0] != before[0] + len(before[1]):
-                frames.append(_joined(together))
+                frames.append(_join(together))
                 together = []
             together.append(block)
-        return [*frames, _joined(together)]
+        return [*frames, _join(together)]
 
 
-def _joined(blocks: list[tuple[int, Array, bytes]]) -> bytes:
+def _join(blocks: list[tuple[int, Array, bytes]]) -> bytes:
     if len(blocks) == 1:
         return blocks[0][2]
     return encode(blocks[0][0], np.concatenate([values for _, values, _ in blocks]))

@@ -86,7 +86,7 @@ class Door:
         """Return the session of a request whose host is right, None where none is asked for; raises `Refused`."""
         self._check_page(headers, asks)
         if asks.body != "none" and headers.get("content-type", "").partition(";")[0].strip() != asks.body:
-            raise Refused(415, f"what is sent here has to be {asks.body}, and say so in its Content-Type")
+            raise Refused(415, f"the request's body must be {asks.body}, with that Content-Type")
         if not asks.session:
             return None
         session = self.session(headers)
@@ -109,12 +109,14 @@ class Door:
             return
         allowed = ("same-origin",) if asks.own_page else ("same-origin", "none", None)
         if site not in allowed:
-            raise Refused(403, f"a page of this panel has to ask for this, and the browser says {site!r}")
+            raise Refused(
+                403, f"only a page of this panel may request this, and the browser reports {site!r}"
+            )
         origins = headers.getlist("origin")
         ours = f"{self.scheme}://{headers['host'].lower()}"
         if (asks.origin and not origins) or any(origin.lower() != ours for origin in origins):
             raise Refused(
-                403, f"the page of {', '.join(origins) or 'no origin'} can't ask for this; {ours} can"
+                403, f"the page of {', '.join(origins) or 'no origin'} can't request this; {ours} can"
             )
 
 
@@ -218,14 +220,10 @@ async def not_so(request: Request, error: Exception) -> Response:
     """Answer a request whose method its path doesn't have."""
     headers = error.headers if isinstance(error, HTTPException) else None
     known = (headers or {}).get("Allow", "another method")
-    sentence = f"{request.method[:20]} can't be asked of {request.url.path[:80]}; expected {known}"
+    sentence = f"{request.method[:20]} isn't possible for {request.url.path[:80]}; expected {known}"
     return error_answer(Refused(405, sentence), headers)
 
 
-async def broken(request: Request, error: Exception) -> Response:
+async def respond_with_failure(request: Request, error: Exception) -> Response:
     """Answer a request at which the panel has a mistake of its own; the server writes it to the terminal after that."""
-    return error_answer(
-        Refused(
-            500, "the panel made a mistake at this, which is nothing that you did: its terminal tells which"
-        )
-    )
+    return error_answer(Refused(500, "the panel has an internal error, not caused by you; see its terminal"))

@@ -17,7 +17,7 @@ _WAITING, _DONE = "waiting for its turn", "done"
 Tell = Callable[[Mapping[str, Any]], None]
 
 
-class Ended(UsageError):
+class JobEnded(UsageError):
     """What was asked for was ended by somebody before it was done; or it goes on already."""
 
 
@@ -41,12 +41,12 @@ class _Job:
     def now(self, doing: str) -> None:
         """It does this from now on: a stage, or something else within the one before."""
         if self.doing == self.stage:
-            self.spent[self.stage] = self.spent_on_stage()
+            self.spent[self.stage] = self.time_on_stage()
         self.doing, self.since = doing, time.monotonic()
         if doing in STAGES:
             self.stage = doing
 
-    def spent_on_stage(self) -> float:
+    def time_on_stage(self) -> float:
         """For how long it has been at its stage [s]."""
         going = time.monotonic() - self.since if self.doing == self.stage else 0.0
         return self.spent.get(self.stage, 0.0) + going
@@ -62,9 +62,9 @@ class Jobs:
     async def identify(
         self, work: Work, tell: Tell, name: str, asked: Mapping[str, Any], samples: int
     ) -> dict[str, Any]:
-        """Return what the work brings; raises what it raises, and `Ended` where somebody ended it, or it goes on already."""
+        """Return what the work brings; raises what it raises, and `JobEnded` where somebody ended it, or it goes on already."""
         if name in self._going:
-            raise Ended(f"{name} is being identified already: wait for that, or end it")
+            raise JobEnded(f"{name} is already being identified: wait, or end it")
         job = self._going[name] = _Job(name, samples)
         job.task = asyncio.ensure_future(work(asked, job.now))
         telling = asyncio.create_task(self._tell_often(job, tell))
@@ -75,7 +75,7 @@ class Jobs:
         except asyncio.CancelledError:
             if not job.ended:
                 raise
-            raise Ended(f"the identification of {name} was ended") from None
+            raise JobEnded(f"the identification of {name} was ended") from None
         finally:
             telling.cancel()
             del self._going[name]
@@ -85,7 +85,7 @@ class Jobs:
         """End an identification; raises `UnknownName` where none goes on."""
         job = self._going.get(name)
         if job is None or job.task is None:
-            raise UnknownName("identification that goes on", name, self._going)
+            raise UnknownName("identification in progress", name, self._going)
         job.ended = True
         job.task.cancel()
 
@@ -101,14 +101,14 @@ class Jobs:
         """
         left = None
         if job.doing in STAGES and all(stage in self._pace for stage in STAGES):
-            here, *later = [self._expected(stage, job) for stage in STAGES[STAGES.index(job.doing) :]]
-            rest = here - job.spent_on_stage()
+            here, *later = [self._expected_time(stage, job) for stage in STAGES[STAGES.index(job.doing) :]]
+            rest = here - job.time_on_stage()
             left = rest + sum(later) if rest > 0 else None
         step = STAGES.index(job.stage) + 1 if job.stage in STAGES else 0
         seconds = time.monotonic() - job.asked
         return {"doing": job.doing, "step": step, "of": len(STAGES), "seconds": seconds, "left": left}
 
-    def _expected(self, stage: str, job: _Job) -> float:
+    def _expected_time(self, stage: str, job: _Job) -> float:
         return self._pace[stage] * (job.samples if stage == IDENTIFYING else 1)
 
     def _learn(self, job: _Job) -> None:

@@ -6,14 +6,14 @@ import math
 
 from servobench.core.channels import Array
 from servobench.core.compiled import compiled
-from servobench.recordings.measurement.kernels import slopes, unwrapped_block
+from servobench.recordings.measurement.kernels import slopes, unwrap_block
 
 BEFORE = 4
 """The numbers that are carried from block to block: time [s], counts, wraps, position [rad] of the last row."""
 
 
 @compiled
-def shown_block(
+def display_block(
     rows: Array, columns: Array, counts: int, modulus: float, radians: float, before: Array, into: Array
 ) -> None:
     """Fill `into` (C, N), N at least 1: the columns of rows (N, K), and last position [rad], its slope [rad/s], and times dt [s].
@@ -34,7 +34,7 @@ def shown_block(
         dt[k] = rows[k, 0] - (rows[k - 1, 0] if k else before[0])
     count = rows[:, counts].copy()
     if modulus > 0.0:
-        before[2], count = unwrapped_block(count, before[1], before[2], modulus)
+        before[2], count = unwrap_block(count, before[1], before[2], modulus)
     position[:] = radians * count
     slope[:] = slopes(position, before[3], dt, known)
     slope[:known] = math.nan
@@ -42,7 +42,7 @@ def shown_block(
 
 
 @compiled
-def flagged(rows: Array, late: int, saturated: int) -> tuple[int, float]:
+def count_flags(rows: Array, late: int, saturated: int) -> tuple[int, float]:
     """Return in how many rows (N, C) column `late` is 1, and the time, column 0 [s], of the last with `saturated` 1, or NaN."""
     count, last = 0, math.nan
     for k in range(len(rows)):

@@ -77,7 +77,7 @@ class Keys:
     def open(self, text: str, carrier: Carrier = "link") -> Session | None:
         """Return a new session for a key that its carrier brings; None where it isn't one, was used, or is over."""
         if carrier == "code":
-            text = _grouped(text)
+            text = _group(text)
         found = None
         for each in self._keys:
             if same(each.text, text) and each.carrier == carrier:
@@ -125,10 +125,10 @@ class Keys:
 
 def _code() -> str:
     """A random code that a person can type, in groups of four signs."""
-    return _grouped("".join(secrets.choice(_CODE_SIGNS) for _ in range(_CODE_LENGTH)))
+    return _group("".join(secrets.choice(_CODE_SIGNS) for _ in range(_CODE_LENGTH)))
 
 
-def _grouped(typed: str) -> str:
+def _group(typed: str) -> str:
     signs = "".join(sign for sign in typed.lower() if sign.isalnum())
     return "-".join(signs[k : k + 4] for k in range(0, len(signs), 4))
 

@@ -26,14 +26,14 @@ class Lease:
         if viewer.role != "operator":
             raise Refusal("this page may watch, and stop the motor; it can't drive it")
         if self.taken and self.operator is not viewer:
-            raise Refusal("another page drives the motor; it has to let go first")
+            raise Refusal("another page drives the motor; it must release it first")
         self.operator = viewer
         viewer.attention.begin()
 
     def check(self, viewer: Viewer) -> None:
         """Raise `Refusal` for all but the operator."""
         if self.operator is not viewer:
-            raise Refusal("this page doesn't drive the motor: take the lease first")
+            raise Refusal("this page doesn't drive the motor: take control first")
 
     def end(self) -> None:
         """From now on nobody is the operator."""

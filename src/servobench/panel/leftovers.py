@@ -7,8 +7,8 @@ from datetime import datetime
 from pathlib import Path
 
 from servobench.core.errors import FormatError, ServobenchError, UsageError
+from servobench.panel.capture import about
 from servobench.panel.library import ABOUT, EXPERIMENT, RECORDING, Library, keep_about
-from servobench.panel.taking import about
 from servobench.recordings.native.lease import is_held
 from servobench.recordings.native.mcap_file import PART
 from servobench.rig.experiment import read_experiment
@@ -36,10 +36,10 @@ def _complete(folder: Path) -> None:
             return
         make_whole(recording)
     if recording.is_file() and not recording.is_symlink():
-        keep_about(folder, about(recording, _begun(folder), _signal(folder)))
+        keep_about(folder, about(recording, _start_time(folder), _signal(folder)))
 
 
-def _begun(folder: Path) -> str:
+def _start_time(folder: Path) -> str:
     """When it was begun, in local time: the experiment is written just before, and never again."""
     experiment = folder / EXPERIMENT
     file = experiment if experiment.exists() else folder / RECORDING

@@ -52,7 +52,7 @@ class About:
     """What reading it warns of, such as that its file was damaged and the end is missing: a sentence each."""
 
 
-def checked_name(name: object) -> str:
+def check_name(name: object) -> str:
     """Return a name that a recording may have; raises `UsageError` for any other.
 
     Up to 64 letters, digits, dots, underscores and hyphens of ASCII, of which the first is a letter or a digit. Names that mean
@@ -65,19 +65,19 @@ def checked_name(name: object) -> str:
         or name.endswith(".")
     ):
         raise UsageError(
-            f"{str(name)[:80]!r} can't be the name of a recording; expected up to 64 letters, digits, dots, _ and -, the first "
-            "a letter or a digit"
+            f"{str(name)[:80]!r} can't be the name of a recording; expected up to 64 letters, digits, dots, _ and -, "
+            "starting with a letter or a digit"
         )
     return name
 
 
-def fitting_name(text: str) -> str:
+def nearest_name(text: str) -> str:
     """Return the name of a recording that is nearest to a text: letters without their accents, `-` for what can't stand there."""
     plain = unicodedata.normalize("NFKD", text).encode("ascii", "ignore").decode()
     name = re.sub(r"[^A-Za-z0-9._-]+", "-", plain).lstrip("._-")[:_LONGEST_FITTED].rstrip("._-")
     if not name or _DEVICES.fullmatch(name):
         name = f"import-{name}".rstrip("-")
-    return checked_name(name)
+    return check_name(name)
 
 
 class Library:
@@ -94,11 +94,12 @@ class Library:
             self._trash.mkdir(parents=True, exist_ok=True)
         except OSError as error:
             raise StorageError(
-                f"the folder for recordings {self.folder} can't be made: {error.strerror or error}; give another `folder=...`"
+                f"the folder for recordings {self.folder} can't be created: {error.strerror or error}; give another "
+                "`folder=...`"
             ) from error
 
     @contextmanager
-    def held(self, address: str) -> Iterator[None]:
+    def hold(self, address: str) -> Iterator[None]:
         """Keep all other panels out of the folder; `address` is where they are told to look.
 
         However this process ends, the folder is free again then. Raises `UsageError` where another panel has it, and
@@ -132,7 +133,7 @@ class Library:
 
         Raises `UsageError` for a name that can't be or is taken, `StorageError` where the folder can't be made.
         """
-        made = self._made([checked_name(name)] if name else _times())
+        made = self._make_folder([check_name(name)] if name else _times())
         if made is None:
             raise UsageError(
                 f"there is a recording called {name!r} already, maybe a deleted one; give another name"
@@ -144,13 +145,13 @@ class Library:
 
         Raises `StorageError`, and `UsageError` where a thousand are called so.
         """
-        name = fitting_name(text)
-        made = self._made([name, *(f"{name}-{again}" for again in range(2, 1000))])
+        name = nearest_name(text)
+        made = self._make_folder([name, *(f"{name}-{again}" for again in range(2, 1000))])
         if made is None:
             raise UsageError(f"there are a thousand recordings called {name!r} already; rename the file")
         return made
 
-    def _made(self, candidates: Iterable[str]) -> Path | None:
+    def _make_folder(self, candidates: Iterable[str]) -> Path | None:
         """Make a folder with the first of some names that isn't taken; None where all are."""
         taken = {each.name.casefold() for each in (*self._entries(self.folder), *self._entries(self._trash))}
         for candidate in candidates:
@@ -193,7 +194,7 @@ class Library:
             raise UnknownName(f"file of {folder.name}", which, [])
         return path
 
-    def named(self, sentence: str) -> str:
+    def with_names(self, sentence: str) -> str:
         """Return a sentence with recordings' names in the place of their files' paths, which are nobody's business on a page."""
         within = re.escape(os.path.join(self.folder, ""))
         short = re.sub(
@@ -204,7 +205,7 @@ class Library:
     def note(self, name: object, notes: object) -> None:
         """Keep notes with a recording; raises `UsageError` for what is no text, or too long."""
         if not isinstance(notes, str) or len(notes) > _LONGEST_NOTES:
-            raise UsageError(f"notes have to be a text of {_LONGEST_NOTES} characters at most")
+            raise UsageError(f"notes must be a text of at most {_LONGEST_NOTES} characters")
         self._revise(self.folder_of(name), notes=notes)
 
     def judge(self, folder: Path, result: Mapping[str, Any]) -> None:
@@ -251,7 +252,7 @@ class Library:
         shutil.rmtree(folder)
 
     def _in(self, place: Path, name: object) -> Path:
-        wanted = checked_name(name)
+        wanted = check_name(name)
         for folder in self._entries(place):
             if folder.name == wanted:
                 return folder

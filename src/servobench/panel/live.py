@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array, DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.core.rounding import TWO_SIDED
-from servobench.identification.estimators.recursion.beginning import Setting
 from servobench.identification.estimators.recursion.motion import Samples
+from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.estimators.recursive import Recursive
 
 _INTERVAL = 0.2  # s of the run between two messages
@@ -39,8 +39,8 @@ class LiveFit:
         encoder = info.channel("counts")
         if encoder is None or not encoder.counts_per_rev:
             raise UsageError(
-                f"the device {info.name!r} doesn't say how many counts its encoder has in a revolution, so that it can't be "
-                "identified live: record, and say it when you identify"
+                f"the device {info.name!r} doesn't give its encoder's counts per revolution, so it can't be "
+                "identified live: make a recording, and give them when you identify it"
             )
         self._quantum = 2 * math.pi / encoder.counts_per_rev
         self._modulus = 2.0**encoder.counter_bits if encoder.counter_bits else None
@@ -81,9 +81,9 @@ class LiveFit:
         begin = self._next or 0
         self._next = begin + len(t)
         driven, seen = np.isfinite(t) & np.isfinite(u), np.isfinite(t) & np.isfinite(counts)
-        y = (self._unwrapped(counts[seen]) + 0.5) * self._quantum
+        y = (self._unwrap(counts[seen]) + 0.5) * self._quantum
         if seen.any():
-            t_in = self._holding_from(columns, t)[driven]
+            t_in = self._hold_times(columns, t)[driven]
             known = self._recursive.take_samples(Samples(t=t[seen], y=y, t_in=t_in, u=u[driven]))
             self._keep(known, begin + np.flatnonzero(seen))
         if not seen.any() or t[seen][-1] - self._told < _INTERVAL:
@@ -137,11 +137,11 @@ class LiveFit:
                 for name, (value, sd) in found.items()
             },
             "white": white,
-            "enough": white is not False and self._reached(found),
+            "enough": white is not False and self._is_reached(found),
             "samples": self._recursive.samples,
         }
 
-    def _holding_from(self, columns: Mapping[str, Array], t: Array) -> Array:
+    def _hold_times(self, columns: Mapping[str, Array], t: Array) -> Array:
         """The times from which the inputs hold [s], (N,): when the device had taken them, where that is noted; see `measure`."""
         if not self._by_host or "written" not in columns:
             return t
@@ -165,14 +165,14 @@ class LiveFit:
         self._ahead = np.concatenate([self._ahead, ahead[np.isfinite(ahead)]])[-self._recent :]
         return float(self._ahead.min()) if len(self._ahead) else math.nan
 
-    def _reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
+    def _is_reached(self, found: Mapping[str, tuple[float, float]]) -> bool:
         """Whether there is a wish, and each interval wished for is narrow enough."""
         return bool(self._wish) and all(
             name in found and TWO_SIDED * found[name][1] <= share * abs(found[name][0])
             for name, share in self._wish.items()
         )
 
-    def _unwrapped(self, counts: Array) -> Array:
+    def _unwrap(self, counts: Array) -> Array:
         """Counts without the wraps of the counter, over all rows so far: a step is less than half the counter's range."""
         if not len(counts):
             return counts

@@ -24,8 +24,8 @@ import numpy as np
 
 from servobench.core.channels import Array, DeviceInfo
 from servobench.core.json_numbers import finite
-from servobench.panel.beat import Beat
-from servobench.panel.beside import FLAGS, give_way, surroundings
+from servobench.panel.frame_clock import FrameClock
+from servobench.panel.low_priority import FLAGS, give_way, surroundings
 from servobench.recordings.recording import Recording
 from servobench.rig.loop.messages import info_from_json, info_to_json
 from servobench.rig.loop.ring import MessageRing, RowReader, RowRing
@@ -43,7 +43,7 @@ _LOOKED_AT = ("t", "applied", "counts", "handed", "written", "received")
 _RESIDUALS = 61  # in a record of the ring, behind `reached`, `first` and their number
 
 
-class Seen(NamedTuple):
+class Look(NamedTuple):
     """What a look came to.
 
     Residuals (N,) of rows from number `first` on [rad], NaN where there are none; `reached` is the number of the first row that
@@ -66,7 +66,7 @@ class Seen(NamedTuple):
         return records
 
     @classmethod
-    def of(cls, record: Array) -> Seen:
+    def of(cls, record: Array) -> Look:
         """Return what a record (64,) says."""
         reached, first, count = record[:3].astype(np.int64).tolist()
         return cls(reached=reached, first=first, residuals=record[3 : 3 + count])
@@ -91,7 +91,7 @@ class LiveSpec:
     wish: Mapping[str, float]
 
 
-class Identified(Protocol):
+class IdentifiedLoop(Protocol):
     """A loop, as far as it is identified: the info of its device, its recording without rows, and the ring with the rows."""
 
     info: DeviceInfo
@@ -102,7 +102,7 @@ class Identified(Protocol):
 class LiveProcess:
     """The process, as the server sees it: `look` takes what it has published, `close` ends it. One thread at a time looks."""
 
-    def __init__(self, loop: Identified, sample_time: float, wish: Mapping[str, float]) -> None:
+    def __init__(self, loop: IdentifiedLoop, sample_time: float, wish: Mapping[str, float]) -> None:
         names = ["t", *(series.channel.name for series in loop.recording.series)]
         with ExitStack() as stack:
             self._ring = stack.enter_context(RowRing.create(3 + _RESIDUALS, 1024))
@@ -119,7 +119,7 @@ class LiveProcess:
                 sample_time=sample_time,
                 wish=dict(wish),
             )
-            self._process = _started(spec, self._errors)
+            self._process = _start(spec, self._errors)
             stack.callback(self._end)
             self._stack = stack.pop_all()
         self._seen, self._said = self._ring.reader(0), self._messages.reader(0)
@@ -135,7 +135,7 @@ class LiveProcess:
         """Say how well the parameters are to be known; it hears it at its next look."""
         self._wishes.push(json.dumps(dict(wish)))
 
-    def look(self, patience: float = PATIENCE) -> list[Seen]:
+    def look(self, patience: float = PATIENCE) -> list[Look]:
         """Return what it has published since the last look.
 
         Where it is late it is waited for `patience` [s] at most, and not at all where it was late before.
@@ -148,7 +148,7 @@ class LiveProcess:
         self._silent = 0 if len(records) else self._silent + 1
         if self._silent % _SILENT == 0 and self._silent:
             self._status = self._process.poll()
-        return [Seen.of(record) for record in records]
+        return [Look.of(record) for record in records]
 
     def message(self) -> str:
         """Return the newest `live` message of `LiveFit`, as JSON; empty where there is none since the last."""
@@ -162,8 +162,8 @@ class LiveProcess:
         self._errors.seek(0)
         said = self._errors.read().decode("utf-8", "replace").strip().splitlines()
         return (
-            f"Live identification has ended ({said[-1][:200] if said else f'status {self._status}'}). Scopes and recordings "
-            "go on: record, and identify the recording; or open the device again."
+            f"Live identification has ended ({said[-1][:200] if said else f'status {self._status}'}). Scopes and "
+            "recordings still work: make a recording and identify that, or open the device again."
         )
 
     def close(self) -> None:
@@ -177,7 +177,7 @@ class LiveProcess:
             _pipe(self._process.stdin).close()
 
 
-def _started(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
+def _start(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
     process = subprocess.Popen(
         [sys.executable, "-P", "-m", "servobench.panel.live_process"],
         stdin=subprocess.PIPE,
@@ -192,7 +192,7 @@ def _started(spec: LiveSpec, errors: IO[bytes]) -> subprocess.Popen[bytes]:
     return process
 
 
-def live_of(loop: Identified, sample_time: float, wish: Mapping[str, float]) -> LiveProcess | None:
+def live_of(loop: IdentifiedLoop, sample_time: float, wish: Mapping[str, float]) -> LiveProcess | None:
     """Return what identifies a loop's device while it runs; None where it can't be, as the device doesn't tell its angle.
 
     The loop's sample time is in s.
@@ -226,20 +226,18 @@ def main() -> int:
         for ring in (seen, messages, wishes):
             stack.callback(ring.clear_up)
         rows = stack.enter_context(RowRing.attach(spec.rows)).reader()
-        beat = Beat(LEAD)
+        beat = FrameClock(LEAD)
         while not gone.wait(beat.wait()):
             for wish in wished.read():
                 live.set_wish(json.loads(wish))
-            told = looked(live, rows, spec.columns, seen)
+            told = look(live, rows, spec.columns, seen)
             if told is not None:
                 messages.push(json.dumps(finite(told), allow_nan=False, separators=(",", ":")))
         _await_another_parent(server)
     return 0
 
 
-def looked(
-    live: LiveFit, reader: RowReader, columns: Mapping[str, int], to: RowRing
-) -> dict[str, Any] | None:
+def look(live: LiveFit, reader: RowReader, columns: Mapping[str, int], to: RowRing) -> dict[str, Any] | None:
     """Give what is new in a ring of rows to a `LiveFit`, publish its residuals, and return its message where one is due."""
     before, told = live.reached, None
     rows = reader.read(_MOST)
@@ -247,7 +245,7 @@ def looked(
         told = live.take({name: rows[:, k] for name, k in columns.items()}, reader.next - len(rows))
     reached = live.reached
     first = max(before, reached - 2 * _MOST)  # rows that were lost are no news
-    for record in Seen(reached=reached, first=first, residuals=live.residuals(first, reached)).records():
+    for record in Look(reached=reached, first=first, residuals=live.residuals(first, reached)).records():
         to.push(record.tolist())
     return told
 

@@ -47,7 +47,10 @@ class LocalPage:
         """Write it for the panel at an address and have the browser open it; `unused` is called if no browser does in time."""
 
         def wait() -> None:
-            with suppress(OSError), written(address, key, folder) as file:  # a full disk has no place for it
+            with (
+                suppress(OSError),
+                write_page(address, key, folder) as file,
+            ):  # a full disk has no place for it
                 Thread(target=webbrowser.open, args=(file.as_uri(),), daemon=True).start()
                 self._over.wait(LOCAL_TIME)
             if not self._over.is_set():
@@ -58,17 +61,17 @@ class LocalPage:
 
     def end(self) -> None:
         """Remove it, and wait until it is."""
-        self.used()
+        self.discard()
         if self._thread is not None:
             self._thread.join(_END_TIME)
 
-    def used(self) -> None:
+    def discard(self) -> None:
         """Remove it without waiting for that."""
         self._over.set()
 
 
 @contextmanager
-def written(address: str, key: str, folder: Path) -> Iterator[Path]:
+def write_page(address: str, key: str, folder: Path) -> Iterator[Path]:
     """Give the file of the page, which is there meanwhile: mode 0600, in a new folder of mode 0700.
 
     On Linux that is in `folder`: browsers that come as snaps see no others than the home folder's.

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 LOOP = "starting the loop and the device"
-LIVE = "getting ready to follow the motor"
+LIVE = "preparing live identification"
 _STEPS = (LOOP, LIVE)
 
 

@@ -19,17 +19,17 @@ from servobench._version import __version__
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.lab.exercise_file import FOLDER
-from servobench.panel.asked import ASSIGNED
 from servobench.panel.bodies import LARGEST_UPLOAD, form_field, json_object
 from servobench.panel.catalogue import catalogue as all_that_can_be_chosen
+from servobench.panel.commands import ASSIGNED
 from servobench.panel.exercises import check_exercise, list_exercises, show_exercise, show_results
 from servobench.panel.gate import NO_ORIGIN, Asks, Door, Refused, page_policy
 from servobench.panel.jobs import Jobs
 from servobench.panel.keys import Carrier, Session
 from servobench.panel.library import Library
-from servobench.panel.preview import previewed
+from servobench.panel.preview import preview_signal
 from servobench.panel.session import MotorSession
-from servobench.panel.work import Work, done_elsewhere
+from servobench.panel.work import Work, do_elsewhere
 from servobench.recordings.measurement.base import Chain
 from servobench.rig.experiment import Experiment
 
@@ -50,7 +50,7 @@ class Panel:
     motor: MotorSession
     library: Library
     door: Door
-    work: Work = field(default=done_elsewhere, repr=False)
+    work: Work = field(default=do_elsewhere, repr=False)
     """Has a piece of work done in another process."""
     exercises: Path = FOLDER
     """The folder of the exercises."""
@@ -68,7 +68,7 @@ async def front(request: Request, panel: Panel) -> Response:
         return await _why_not(refused, request, panel)
 
 
-async def opened(request: Request, panel: Panel) -> Response:
+async def open_with_key(request: Request, panel: Panel) -> Response:
     """The way in for a key that no address has: one that a local page sends, or a code that was typed. As `front`.
 
     The answer is a page that goes on to the panel by itself: a redirection would still be the other page's doing, and the browser
@@ -78,17 +78,17 @@ async def opened(request: Request, panel: Panel) -> Response:
     carrier: Carrier = "local page" if request.headers["origin"] == NO_ORIGIN else "code"
     session = panel.door.keys.open(key, carrier)
     if session is None:
-        used = "the token of this local page was used, or is over: open the link in the panel's terminal"
-        what = used if carrier == "local page" else "this code is wrong, or over"
+        used = "the token of this local page was used or has expired: open the link in the panel's terminal"
+        what = used if carrier == "local page" else "this code is wrong or has expired"
         return await _why_not(Refused(401, what), request, panel)
-    return _with_cookie(await asyncio.to_thread(packaged, "opened.html"), session, panel.door)
+    return _with_cookie(await asyncio.to_thread(page_file, "opened.html"), session, panel.door)
 
 
 async def _why_not(refused: Refused, request: Request, panel: Panel) -> Response:
     """The page that tells a person why they weren't let in, and takes a code if there is one; raises `refused` for a program."""
     if "text/html" not in request.headers.get("accept", ""):
         raise refused
-    page = bytes((await asyncio.to_thread(packaged, "refused.html")).body)
+    page = bytes((await asyncio.to_thread(page_file, "refused.html")).body)
     page = page.replace(b"REASON", escape(_as_sentence(refused.sentence)).encode())
     if panel.door.keys.has_code:
         page = page.replace(b"<form hidden", b"<form")
@@ -108,22 +108,21 @@ async def _let_in(request: Request, panel: Panel) -> Response:
     key = request.query_params.get("token")
     if key is None:
         panel.door.admit(request.headers, Asks())
-        return await asyncio.to_thread(packaged, "index.html")
+        return await asyncio.to_thread(page_file, "index.html")
     if _looks_ahead(request):
-        raise Refused(403, "this link opens the panel once, for who opens it: nothing is loaded ahead")
+        raise Refused(403, "this link opens the panel once and can't be preloaded")
     session = panel.door.keys.open(key)
     if session is not None:
         return _with_cookie(RedirectResponse("/", status_code=303), session, panel.door)
     if not panel.door.keys.is_spent(key):
-        raise Refused(
-            401, "no link of this panel has this token; open the last one that it printed in its terminal"
-        )
+        raise Refused(401, "no link of this panel has this token; open the last one printed in its terminal")
     own = panel.door.session(request.headers)
     if own is not None and own.role == "operator":  # the browser that the link let in, once more
         return RedirectResponse("/", status_code=303)
     raise Refused(
         401,
-        "this link was used, or is older than twelve hours, and each works once; a fresh one stands in the panel's terminal",
+        "this link was used or is older than twelve hours, and each works once; there is a new one in the panel's "
+        "terminal",
     )
 
 
@@ -147,14 +146,14 @@ def _with_cookie(response: Response, session: Session, door: Door) -> Response:
 
 async def static(request: Request, panel: Panel) -> Response:
     """A file of the page."""
-    return await asyncio.to_thread(packaged, request.path_params["name"])
+    return await asyncio.to_thread(page_file, request.path_params["name"])
 
 
 async def uplot(request: Request, panel: Panel) -> Response:
     """A file of uPlot, as its package has it; raises `Refused` for one that isn't asked for by the page."""
     name = request.path_params["name"]
     if name not in UPLOT:
-        raise Refused(404, f"no file of uPlot is called that here; there are {', '.join(UPLOT)}")
+        raise Refused(404, f"there is no such uPlot file here; there are {', '.join(UPLOT)}")
     return Response(await asyncio.to_thread(_of_uplot, name), media_type=_TYPES[name[name.rindex(".") :]])
 
 
@@ -180,22 +179,22 @@ async def catalogue(request: Request, panel: Panel) -> Response:
 async def preview(request: Request, panel: Panel) -> Response:
     """A signal as it would be."""
     given = await json_object(request)
-    return as_json(await asyncio.to_thread(previewed, given, panel.motor.experiment))
+    return as_json(await asyncio.to_thread(preview_signal, given, panel.motor.experiment))
 
 
 async def stop(request: Request, panel: Panel) -> Response:
     """STOP, for everybody who is let in at all."""
     await json_object(request)
-    panel.motor.stop("STOP was pressed; zero volts are put out")
+    panel.motor.stop("STOP was pressed; the voltage is zero")
     return as_json({"stopped": True})
 
 
-async def drawn(request: Request, panel: Panel) -> Response:
+async def block_diagram(request: Request, panel: Panel) -> Response:
     """The block diagram of what goes on at the moment; raises `Refused` where no device is open."""
     loop, experiment = panel.motor.loop, panel.motor.experiment
     if loop is None:
         raise Refused(409, "no device is open: open one first")
-    return as_json(await asyncio.to_thread(_drawn, experiment, loop.info))
+    return as_json(await asyncio.to_thread(_diagram_data, experiment, loop.info))
 
 
 async def exercise_list(request: Request, panel: Panel) -> Response:
@@ -226,7 +225,7 @@ def _outside_of_assessments(panel: Panel) -> None:
         raise Refused(409, "this motor is yours alone: your answers are marked from your form, not here")
 
 
-def packaged(name: str) -> Response:
+def page_file(name: str) -> Response:
     """Return a file of the page; raises `Refused` where there is none."""
     # Compared with the names that there are: none of them leads anywhere else.
     found = next((each for each in _static_files() if each == name), None)
@@ -256,7 +255,7 @@ def _of_uplot(name: str) -> bytes:
     return found.read_binary()
 
 
-def _drawn(experiment: Experiment, info: DeviceInfo) -> dict[str, Any]:
+def _diagram_data(experiment: Experiment, info: DeviceInfo) -> dict[str, Any]:
     from servobench.panel.diagram import diagram
     from servobench.panel.placement import drawing
 

@@ -90,9 +90,9 @@ def drawing(diagram: Diagram) -> dict[str, Any]:
 
 def placement(diagram: Diagram) -> Placement:
     """Return where everything stands: no two blocks touch, and a wire begins and ends at the edge of its blocks."""
-    boxes, frame = _driving(diagram)
+    boxes, frame = _motor_row(diagram)
     lines = frame.bottom + _LINE + 4
-    boxes |= _seeing(diagram, lines + _LINE + _CAPTION + 24)
+    boxes |= _sensor_row(diagram, lines + _LINE + _CAPTION + 24)
     paths = tuple(_path(wire, boxes, frame, lines) for wire in diagram.wires)
     right = max(box.right for box in (*boxes.values(), frame)) + _OUT
     bottom = max(box.bottom for box in boxes.values())
@@ -113,7 +113,7 @@ def _row(blocks: Sequence[Block], x: float, y: float) -> dict[str, Box]:
     return boxes
 
 
-def _driving(diagram: Diagram) -> tuple[dict[str, Box], Box]:
+def _motor_row(diagram: Diagram) -> tuple[dict[str, Box], Box]:
     """The upper row, with sensors beside the encoder under the motor, and the device's frame."""
     asked = [block for block in diagram.blocks if block.kind in {"signal", "controller", "limits"}]
     device = [block for block in diagram.blocks if block.kind in {"device", "motor"} or block.id == "encoder"]
@@ -132,7 +132,7 @@ def _driving(diagram: Diagram) -> tuple[dict[str, Box], Box]:
     return boxes, frame
 
 
-def _seeing(diagram: Diagram, y: float) -> dict[str, Box]:
+def _sensor_row(diagram: Diagram, y: float) -> dict[str, Box]:
     """The lower row, and the identification under the scope."""
     row = [b for b in diagram.blocks if b.kind in {"recorder", "stage", "conversion", "scope"}]
     last = next(block for block in diagram.blocks if block.id == "identification")

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Severity
-from servobench.panel.asked import told
+from servobench.panel.commands import settings_error_text
 from servobench.rig.experiment import Experiment
 from servobench.systems.signals.base import AnySignal, Signal
 from servobench.systems.signals.multisine import Multisine
@@ -31,7 +31,7 @@ _HARMONIC = 1.5  # the work of one harmonic, measured: its cosine, and its part 
 _SEGMENT = 0.25  # the work of looking which samples are a segment's
 
 
-def previewed(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
+def preview_signal(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any]:
     """Return what a signal does over a duration [s] in an experiment, and what can't be put out as it is drawn.
 
     The signal is sampled as the loop does it. `low` and `high` (N,), N up to `COLUMNS`, are its least and largest value from
@@ -45,7 +45,7 @@ def previewed(given: Mapping[str, Any], experiment: Experiment) -> dict[str, Any
     try:
         signal = TypeAdapter(AnySignal).validate_python(given.get("signal"))
     except ValidationError as error:
-        raise UsageError(told(error)) from None
+        raise UsageError(settings_error_text(error)) from None
     step, most = experiment.sample_time, MOST_WORK / work_of(signal)
     length = max(float(asked), LEAST_SAMPLES * step)
     wanted = length / step

@@ -12,10 +12,10 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from servobench.core.channels import Array, DeviceInfo
-from servobench.panel.beat import Beat
+from servobench.panel.frame_clock import FrameClock
 from servobench.panel.frames import COLUMNS, Scope
-from servobench.panel.kernels import flagged
-from servobench.panel.live_process import Seen
+from servobench.panel.kernels import count_flags
+from servobench.panel.live_process import Look
 from servobench.recordings.recording import Recording, Stopped
 from servobench.rig.experiment import Experiment
 from servobench.rig.loop.messages import Command, Notice
@@ -90,7 +90,7 @@ class Live(Protocol):
         """A sentence about how it ended by itself; empty while it hasn't."""
         ...
 
-    def look(self) -> list[Seen]:
+    def look(self) -> list[Look]:
         """Return what it has made of rows since the last look; it may be waited for a moment."""
         ...
 
@@ -140,7 +140,7 @@ class Pump(Thread):
 
     def run(self) -> None:
         """Look thirty times a second."""
-        beat = Beat()
+        beat = FrameClock()
         while not self._over:
             news = self.look()
             self._hand_on(news)
@@ -156,7 +156,7 @@ class Pump(Thread):
 
     def look(self) -> News:
         """Return what is new."""
-        ended = self._ended()  # before the rings: what it said last is in them by then
+        ended = self._loop_end()  # before the rings: what it said last is in them by then
         events = tuple(Notice.parse(text) for text in self._events.read())
         self._chains += [
             (event.about["number"], event.about["what"]["chain"])
@@ -165,9 +165,9 @@ class Pump(Thread):
         ]
         seen = [] if self._live is None else self._live.look()
         rows = self._rows.read((ended is None and self._ready(seen)) or _MOST)
-        first, values = self._rows.next - len(rows), self._shown(rows)
+        first, values = self._rows.next - len(rows), self._display_rows(rows)
         _put_residuals(seen, first, values)
-        late, limited = flagged(values, _LATE, _SATURATED) if len(values) else (0, math.nan)
+        late, limited = count_flags(values, _LATE, _SATURATED) if len(values) else (0, math.nan)
         self._late += late
         return News(
             events=events,
@@ -176,17 +176,17 @@ class Pump(Thread):
             late=self._late,
             missed=self._missed,
             limited=limited,
-            live=self._told(),
+            live=self._identification_news(),
             ended=ended,
         )
 
-    def _ended(self) -> Stopped | None:
+    def _loop_end(self) -> Stopped | None:
         """Why the loop ended; whether its process lives is asked only where no rows come."""
         ring = self._loop.ring
         silent = ring.written == self._rows.next or ring.get(LOOP_STATE) == ENDED
         return self._loop.ended if silent else None
 
-    def _told(self) -> str:
+    def _identification_news(self) -> str:
         """What identification says that is new; where it has ended by itself, that, once."""
         if self._live is None:
             return ""
@@ -195,11 +195,11 @@ class Pump(Thread):
             return json.dumps({**_NOTHING_KNOWN, "ended": why})
         return self._live.message()
 
-    def _ready(self, seen: list[Seen]) -> int:
+    def _ready(self, seen: list[Look]) -> int:
         """How many rows can be shown with their residuals; 0 where none can, and nobody waits for that."""
         return min(max(seen[-1].reached - self._rows.next, 0), _MOST) if seen else 0
 
-    def _shown(self, rows: Array) -> Array:
+    def _display_rows(self, rows: Array) -> Array:
         """What rows show; another chain counts from the row on that its command was in force."""
         if not len(rows):
             return self._scope.take(rows)
@@ -222,7 +222,7 @@ class Pump(Thread):
         self._tick = tick
 
 
-def _put_residuals(seen: list[Seen], first: int, values: Array) -> None:
+def _put_residuals(seen: list[Look], first: int, values: Array) -> None:
     """Put residuals into the rows (N, 13) from number `first` on that they are of; those of other rows came too late."""
     for each in seen:
         begin = max(each.first, first)

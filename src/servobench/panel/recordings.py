@@ -19,8 +19,9 @@ from starlette.responses import FileResponse, Response
 
 from servobench.core import toml
 from servobench.core.errors import FormatError, UsageError
-from servobench.panel.bodies import LARGEST_UPLOAD, gathered, json_object, pieces
+from servobench.panel.bodies import LARGEST_UPLOAD, gather, json_object, pieces
 from servobench.panel.columns import QUESTIONS
+from servobench.panel.field_names import with_fields
 from servobench.panel.gate import REPORT_POLICY, Refused
 from servobench.panel.leftovers import complete_leftovers
 from servobench.panel.library import (
@@ -29,46 +30,45 @@ from servobench.panel.library import (
     REPORT,
     About,
     about_in,
-    checked_name,
-    fitting_name,
+    check_name,
     keep_about,
+    nearest_name,
     replace_file,
 )
 from servobench.panel.pages import Panel, as_json
-from servobench.panel.replayed import frame_of
-from servobench.panel.wording import with_fields
+from servobench.panel.replay import frame_of
 from servobench.panel.work import Said, nobody_asks
 
 _SUFFIXES = 16  # characters of a file's ending that matter to what it is
 _LONGEST_SHOWN = 80  # characters of a file's name in a sentence
 
 
-async def listed(request: Request, panel: Panel) -> Response:
+async def list_all(request: Request, panel: Panel) -> Response:
     """All recordings, those among them that a killed panel left."""
     await asyncio.to_thread(complete_leftovers, panel.library, panel.motor.takings.name)
     return as_json(await asyncio.to_thread(panel.library.list))
 
 
-async def noted(request: Request, panel: Panel) -> Response:
+async def save_notes(request: Request, panel: Panel) -> Response:
     """Notes to one."""
     given = await json_object(request)
     await asyncio.to_thread(panel.library.note, _name(request), given.get("notes"))
-    return _changed(panel)
+    return _announce_change(panel)
 
 
-async def deleted(request: Request, panel: Panel) -> Response:
+async def delete(request: Request, panel: Panel) -> Response:
     """Away with one, where it can be brought back from."""
     await json_object(request)
     _check_not_being_made(request, panel)
     await asyncio.to_thread(panel.library.delete, _name(request))
-    return _changed(panel)
+    return _announce_change(panel)
 
 
-async def undeleted(request: Request, panel: Panel) -> Response:
+async def undelete(request: Request, panel: Panel) -> Response:
     """One is brought back."""
     await json_object(request)
     await asyncio.to_thread(panel.library.undelete, _name(request))
-    return _changed(panel)
+    return _announce_change(panel)
 
 
 async def download(request: Request, panel: Panel) -> Response:
@@ -79,7 +79,7 @@ async def download(request: Request, panel: Panel) -> Response:
     if wanted == "mcap":
         return FileResponse(native, filename=f"{name}.mcap", media_type="application/octet-stream")
     if wanted != "csv":
-        raise UsageError(f"a recording can't be had as {wanted[:20]!r}; expected mcap or csv")
+        raise UsageError(f"a recording isn't available as {wanted[:20]!r}; expected mcap or csv")
     folder = await asyncio.to_thread(TemporaryDirectory, prefix="servobench-")
     try:
         text = Path(folder.name) / f"{name}.csv"
@@ -99,17 +99,17 @@ async def download(request: Request, panel: Panel) -> Response:
 async def rows(request: Request, panel: Panel) -> Response:
     """One as scopes show it; raises `Refused` with 422 where its file can't be read, so that nothing else can be done with it."""
 
-    def drawn() -> bytes:
+    def draw() -> bytes:
         return frame_of(panel.library.file(_name(request), RECORDING))
 
     try:
-        frame = await asyncio.to_thread(drawn)
+        frame = await asyncio.to_thread(draw)
     except FormatError as error:
-        raise Refused(422, with_fields(panel.library.named(str(error)))) from error
+        raise Refused(422, with_fields(panel.library.with_names(str(error)))) from error
     return Response(frame, media_type="application/octet-stream")
 
 
-async def identified(request: Request, panel: Panel) -> Response:
+async def identify_one(request: Request, panel: Panel) -> Response:
     """What one says about the motor.
 
     Raises `UsageError` for a structure that is no name, `Refused` where nobody has said what its columns are.
@@ -117,7 +117,7 @@ async def identified(request: Request, panel: Panel) -> Response:
     given = await json_object(request)
     structure = given.get("structure", "auto")
     if not isinstance(structure, str):
-        raise UsageError(f"{structure!r} is no name of a model structure")
+        raise UsageError(f"{structure!r} isn't the name of a model structure")
     name = _name(request)
     native = await asyncio.to_thread(panel.library.file, name, RECORDING)
     page = native.parent / REPORT
@@ -130,15 +130,15 @@ async def identified(request: Request, panel: Panel) -> Response:
     }
     known = await asyncio.to_thread(about_in, native.parent)
     if known.columns == "open":
-        raise Refused(409, f"what the columns of {name} are has to be said first: choose Columns there")
+        raise Refused(409, f"the columns of {name} aren't assigned yet: choose Columns there")
 
-    async def judged(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
+    async def identify_and_keep(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
         """The result, kept before anybody is told that the identification is over: who asks then gets it."""
         found: dict[str, Any] = (await panel.work(asked, said))["result"]
         await asyncio.to_thread(panel.library.judge, native.parent, found)
         return found
 
-    result = await panel.jobs.identify(judged, panel.motor.tell, name, asked, known.samples)
+    result = await panel.jobs.identify(identify_and_keep, panel.motor.tell, name, asked, known.samples)
     panel.motor.tell({"kind": "library"})
     return _answer(name, result)
 
@@ -173,7 +173,7 @@ async def report(request: Request, panel: Panel) -> Response:
     )
 
 
-async def uploaded(request: Request, panel: Panel) -> Response:
+async def upload(request: Request, panel: Panel) -> Response:
     """A file that somebody has, as a recording; its name is made to fit, and what its columns are may have to be said."""
     given = request.query_params.get("name", "")
     stem, suffix = _stem_and_suffix(given)
@@ -182,12 +182,12 @@ async def uploaded(request: Request, panel: Panel) -> Response:
         place = await asyncio.to_thread(TemporaryDirectory, prefix=".", dir=folder)
         try:
             # Its recording is called after it; what can't be a name everywhere is none on this disk.
-            file = Path(place.name) / f"{fitting_name(stem)}{suffix}"
-            await _kept(request, file)
+            file = Path(place.name) / f"{nearest_name(stem)}{suffix}"
+            await _store_body(request, file)
             asked = {
                 "do": "import",
                 "file": os.fspath(file),
-                "called": _shown(given),
+                "called": _file_text(given),
                 "name": file.name,
                 "to": os.fspath(folder / RECORDING),
                 "created": datetime.now().isoformat(timespec="seconds"),
@@ -195,7 +195,7 @@ async def uploaded(request: Request, panel: Panel) -> Response:
             found = await panel.work(asked)
         finally:
             await asyncio.to_thread(place.cleanup)
-        await asyncio.to_thread(_described, folder, found)
+        await asyncio.to_thread(_write_description, folder, found)
     except BaseException:
         await asyncio.to_thread(panel.library.forget, folder)
         raise
@@ -233,10 +233,10 @@ async def columns_said(request: Request, panel: Panel) -> Response:
     await asyncio.to_thread(
         panel.library.say_columns, native.parent, said["mapping"], said["length"], said["samples"]
     )
-    return _changed(panel)
+    return _announce_change(panel)
 
 
-def _described(folder: Path, found: dict[str, Any]) -> None:
+def _write_description(folder: Path, found: dict[str, Any]) -> None:
     """Keep what is known of an imported file, and what is asked about it."""
     replace_file(folder / QUESTIONS, json.dumps(found["questions"]))
     known = About(**found["about"])
@@ -247,11 +247,11 @@ def _described(folder: Path, found: dict[str, Any]) -> None:
     )
 
 
-async def _kept(request: Request, file: Path) -> None:
+async def _store_body(request: Request, file: Path) -> None:
     """Write the body of a request to a file as it comes, and no more of it than may be."""
     out = await asyncio.to_thread(file.open, "xb")
     try:
-        async for piece in gathered(pieces(request, LARGEST_UPLOAD)):
+        async for piece in gather(pieces(request, LARGEST_UPLOAD)):
             await asyncio.to_thread(out.write, piece)
         length = out.tell()
     finally:
@@ -264,19 +264,17 @@ def _stem_and_suffix(name: str) -> tuple[str, str]:
     """The name of a file without its ending, and the ending; raises `UsageError` where it has none that could be one."""
     stem, dot, suffix = name.rpartition(".")
     if not stem or not re.fullmatch(f"[A-Za-z0-9]{{1,{_SUFFIXES}}}", suffix):
-        raise UsageError(
-            f"{name[:80]!r} has no ending that says what kind of file it is; expected one such as .csv"
-        )
+        raise UsageError(f"{name[:80]!r} has no file ending; expected one such as .csv")
     return stem, dot + suffix.lower()
 
 
-def _shown(name: str) -> str:
+def _file_text(name: str) -> str:
     """The name of somebody's file in a sentence: in one line, and not longer than a line."""
     return "".join(each if each.isprintable() else "?" for each in name)[:_LONGEST_SHOWN]
 
 
 def _name(request: Request) -> str:
-    return checked_name(request.path_params["name"])
+    return check_name(request.path_params["name"])
 
 
 def _check_not_being_made(request: Request, panel: Panel) -> None:
@@ -284,6 +282,6 @@ def _check_not_being_made(request: Request, panel: Panel) -> None:
         raise Refused(409, "this is being recorded: end that first")
 
 
-def _changed(panel: Panel) -> Response:
+def _announce_change(panel: Panel) -> Response:
     panel.motor.tell({"kind": "library"})
     return as_json({})

@@ -14,13 +14,13 @@ from starlette.websockets import WebSocket
 
 from servobench.core.errors import DeviceError, ServobenchError, StorageError, UnknownName
 from servobench.panel import pages, recordings
-from servobench.panel.bodies import Listening
+from servobench.panel.bodies import BodyReceiver
+from servobench.panel.field_names import with_fields
 from servobench.panel.gate import Asks, Door, Refused, error_answer, refuse
-from servobench.panel.jobs import Ended
+from servobench.panel.jobs import JobEnded
 from servobench.panel.lease import Refusal
 from servobench.panel.pages import Panel
 from servobench.panel.socket import converse
-from servobench.panel.wording import with_fields
 
 Answers = Callable[[Request, Panel], Awaitable[Response]]
 
@@ -46,20 +46,20 @@ class Way:
 
 TABLE = (
     Way(method="GET", path="/", asks=ANYBODY, answer=pages.front),
-    Way(method="POST", path="/open", asks=BRINGS_KEY, answer=pages.opened),
+    Way(method="POST", path="/open", asks=BRINGS_KEY, answer=pages.open_with_key),
     Way(method="GET", path="/static/{name}", asks=ANYBODY, answer=pages.static),
     Way(method="GET", path="/uplot/{name}", asks=ANYBODY, answer=pages.uplot),
     Way(method="GET", path="/api/session", asks=OWN_PAGE, answer=pages.session),
     Way(method="GET", path="/api/catalogue", asks=READS, answer=pages.catalogue),
     Way(method="POST", path="/api/preview", asks=SAYS, answer=pages.preview),
     Way(method="POST", path="/api/stop", asks=SAYS, answer=pages.stop),
-    Way(method="GET", path="/api/recordings", asks=READS, answer=recordings.listed),
-    Way(method="POST", path="/api/recordings/{name}/notes", asks=CHANGES, answer=recordings.noted),
-    Way(method="POST", path="/api/recordings/{name}/delete", asks=CHANGES, answer=recordings.deleted),
-    Way(method="POST", path="/api/recordings/{name}/undelete", asks=CHANGES, answer=recordings.undeleted),
+    Way(method="GET", path="/api/recordings", asks=READS, answer=recordings.list_all),
+    Way(method="POST", path="/api/recordings/{name}/notes", asks=CHANGES, answer=recordings.save_notes),
+    Way(method="POST", path="/api/recordings/{name}/delete", asks=CHANGES, answer=recordings.delete),
+    Way(method="POST", path="/api/recordings/{name}/undelete", asks=CHANGES, answer=recordings.undelete),
     Way(method="GET", path="/api/recordings/{name}/download", asks=READS, answer=recordings.download),
     Way(method="GET", path="/api/recordings/{name}/rows", asks=READS, answer=recordings.rows),
-    Way(method="POST", path="/api/recordings/{name}/identify", asks=CHANGES, answer=recordings.identified),
+    Way(method="POST", path="/api/recordings/{name}/identify", asks=CHANGES, answer=recordings.identify_one),
     Way(
         method="POST",
         path="/api/recordings/{name}/identify/end",
@@ -70,8 +70,8 @@ TABLE = (
     Way(method="GET", path="/api/recordings/{name}/columns", asks=READS, answer=recordings.columns),
     Way(method="POST", path="/api/recordings/{name}/columns", asks=CHANGES, answer=recordings.columns_said),
     Way(method="GET", path="/reports/{name}", asks=READS, answer=recordings.report),
-    Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.uploaded),
-    Way(method="GET", path="/api/diagram", asks=READS, answer=pages.drawn),
+    Way(method="POST", path="/api/upload", asks=UPLOADS, answer=recordings.upload),
+    Way(method="GET", path="/api/diagram", asks=READS, answer=pages.block_diagram),
     Way(method="GET", path="/api/exercises", asks=READS, answer=pages.exercise_list),
     Way(method="GET", path="/api/exercises/{name}", asks=READS, answer=pages.exercise),
     Way(method="GET", path="/api/exercises/{name}/results", asks=READS, answer=pages.exercise_results),
@@ -88,10 +88,10 @@ def routes(panel: Panel, door: Door, table: tuple[Way, ...] = TABLE) -> list[Bas
 def _route(way: Way, panel: Panel, door: Door) -> BaseRoute:
     if way.answer is None:
         return WebSocketRoute(way.path, _Socket(way.asks, panel, door))
-    return Route(way.path, _Answering(way.asks, way.answer, panel, door), methods=[way.method])
+    return Route(way.path, _Endpoint(way.asks, way.answer, panel, door), methods=[way.method])
 
 
-class _Answering:
+class _Endpoint:
     """Answers requests that bring what is asked for; what goes wrong is a sentence."""
 
     def __init__(self, asks: Asks, answer: Answers, panel: Panel, door: Door) -> None:
@@ -101,7 +101,7 @@ class _Answering:
         self._door = door
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        heard = Listening(receive)
+        heard = BodyReceiver(receive)
         try:
             scope.setdefault("state", {})["session"] = self._door.admit(Headers(scope=scope), self._asks)
             response = await self._answer(Request(scope, heard), self._panel)
@@ -109,10 +109,10 @@ class _Answering:
             response = error_answer(refused)
         except ServobenchError as error:
             response = error_answer(
-                Refused(_status(error), with_fields(self._panel.library.named(str(error))))
+                Refused(_status(error), with_fields(self._panel.library.with_names(str(error))))
             )
         except RecursionError:
-            response = error_answer(Refused(400, "lists or objects in there are nested too deeply"))
+            response = error_answer(Refused(400, "its lists or objects are nested too deeply"))
         if not heard.over:
             await heard.let_pass()
         if not heard.over:
@@ -143,7 +143,7 @@ def _status(error: ServobenchError) -> int:
     """The status that an error of ours is answered with."""
     for kind, status in (
         (Refusal, 409),
-        (Ended, 409),
+        (JobEnded, 409),
         (UnknownName, 404),
         (StorageError, 507),
         (DeviceError, 409),

@@ -22,7 +22,7 @@ from uvicorn.server import HANDLED_SIGNALS
 from servobench.core.errors import DeviceError, UsageError
 from servobench.panel import half_open
 from servobench.panel.catalogue import catalogue
-from servobench.panel.gate import Door, Gate, broken, not_so, nowhere
+from servobench.panel.gate import Door, Gate, not_so, nowhere, respond_with_failure
 from servobench.panel.keys import Keys
 from servobench.panel.pages import Panel
 from servobench.panel.routes import routes
@@ -60,7 +60,7 @@ def app(panel: Panel) -> ASGIApp:
     inner = Starlette(
         routes=routes(panel, panel.door),
         lifespan=lifespan,
-        exception_handlers={405: not_so, Exception: broken},
+        exception_handlers={405: not_so, Exception: respond_with_failure},
     )
     inner.router.redirect_slashes = False
     inner.router.default = nowhere
@@ -83,7 +83,7 @@ def load() -> None:
 def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], keys: Keys) -> Door:
     """Return what is let in: these hosts, with the port as browsers write it."""
     usual = {"http": 80, "https": 443}[scheme]
-    names = {_bracketed(host).lower() for host in hosts}
+    names = {_bracket(host).lower() for host in hosts}
     return Door(
         hosts=frozenset({f"{name}:{port}" for name in names} | (names if port == usual else set())),
         port=port,
@@ -92,7 +92,7 @@ def door_for(hosts: Sequence[str], port: int, scheme: Literal["http", "https"], 
     )
 
 
-def listening(host: str, port: int | None) -> socket.socket:
+def listen(host: str, port: int | None) -> socket.socket:
     """Return a socket that listens there; without a port at the usual one, or any that is free.
 
     Raises `UsageError` where that can't be.
@@ -114,7 +114,7 @@ def listening(host: str, port: int | None) -> socket.socket:
             found.close()
             reason = error.strerror or str(error)
     raise UsageError(
-        f"the panel can't listen at {host}, port {port}: {reason}; give another `port=...`, or `port=0` for any"
+        f"the panel can't listen on {host}, port {port}: {reason}; give another `port=...`, or `port=0` for any"
     )
 
 
@@ -205,5 +205,5 @@ class _Server(uvicorn.Server):
             self._begun()
 
 
-def _bracketed(host: str) -> str:
+def _bracket(host: str) -> str:
     return f"[{host}]" if ":" in host else host

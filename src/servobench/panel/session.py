@@ -14,17 +14,17 @@ from typing import Any
 
 from servobench.core.errors import ServobenchError
 from servobench.identification.design.stopping_rule import parse_wish
-from servobench.panel.asked import SIMULATED, for_panel
 from servobench.panel.attention import HIDDEN, SILENT
+from servobench.panel.capture import BY_HAND, Capture, Captures
+from servobench.panel.commands import SIMULATED, for_panel
 from servobench.panel.connection import Connection, LiveOf, LoopContext, LoopOf
 from servobench.panel.frames import History
 from servobench.panel.lease import Lease, Refusal
 from servobench.panel.library import Library
 from servobench.panel.live_process import live_of
+from servobench.panel.loop_status import LoopStatus, reply_data, with_changes
 from servobench.panel.opening import LIVE, Opening
 from servobench.panel.pump import Loop, News
-from servobench.panel.standing import Standing, applied, with_changes
-from servobench.panel.taking import BY_HAND, Taking, Takings
 from servobench.panel.viewers import Viewer, Viewers, as_text
 from servobench.recordings.recording import Stopped
 from servobench.rig.experiment import Experiment
@@ -71,7 +71,7 @@ class MotorSession:
         self.viewers = Viewers()
         self.lease = Lease()
         self.history = History()
-        self.takings = Takings(library, self.show_state, self._recorded)
+        self.takings = Captures(library, self.show_state, self._note_recorded)
         self._signal = self.experiment.signal  # the one that was asked for last, in force or not yet
         self._taken = False  # whether somebody drives, as pages were told
         self._wish: dict[str, float] = {}
@@ -79,7 +79,7 @@ class MotorSession:
         self._live_of = live_of
         self._connection: Connection | None = None
         self._opening: Opening | None = None
-        self._standing = Standing()
+        self._standing = LoopStatus()
         self._closed_by = ""  # why no device is open, where one was
         self._changing = asyncio.Lock()
         self._signs: asyncio.Task[None] | None = None
@@ -138,7 +138,7 @@ class MotorSession:
         """
         async with self._changing:
             if self._over:
-                raise Refusal("the panel ends: no device is opened any more")
+                raise Refusal("the panel is closing: no device can be opened")
             self._opening = Opening(experiment.device.name)
             self.show_state()
             try:
@@ -155,8 +155,8 @@ class MotorSession:
 
     async def _connect(self, opening: Opening) -> None:
         self._watched, self._warned = self._loop_of(self.experiment), 0
-        connection = self._connection = await Connection.begun(self._watched)
-        self.history, self._standing, self._closed_by = History(), Standing(), ""
+        connection = self._connection = await Connection.begin(self._watched)
+        self.history, self._standing, self._closed_by = History(), LoopStatus(), ""
         self.viewers.begin_anew()
         opening.doing = LIVE
         self.show_state()
@@ -211,7 +211,7 @@ class MotorSession:
                 connection.loop.here()
             self._tell_warnings()
             if turn % BEAT == 0:
-                self.viewers.beat()
+                self.viewers.heartbeat()
             slept = monotonic()
             await asyncio.sleep(SIGN_INTERVAL)
             if monotonic() - slept > 2 * SIGN_INTERVAL:
@@ -234,14 +234,14 @@ class MotorSession:
         """Forget a viewer; where it was the operator, zero volts are put out."""
         self.viewers.discard(viewer)
         if self.lease.operator is viewer:
-            self._without_operator("the operator's page is gone; zero volts are put out")
+            self._without_operator("the operator's page is gone; the voltage is zero")
 
-    def seen(self, viewer: Viewer, row: int) -> None:
+    def note_seen(self, viewer: Viewer, row: int) -> None:
         """Take note that a viewer's page has drawn all rows before that number."""
-        viewer.attention.beat(row)
+        viewer.attention.heartbeat(row)
         self._show_whether_taken()
 
-    def hidden(self, viewer: Viewer) -> None:
+    def note_hidden(self, viewer: Viewer) -> None:
         """Take note that a viewer's page can't be seen; where it is the operator's, zero volts are put out."""
         viewer.attention.end()
         if viewer is self.lease.operator:
@@ -250,14 +250,14 @@ class MotorSession:
     def _look_at_operator(self) -> None:
         """Put out zero volts where the operator's page doesn't show the motor as it is."""
         viewer = self.lease.operator
-        if viewer is not None and (why := viewer.attention.lacking(self.history)):
+        if viewer is not None and (why := viewer.attention.reason_unseen(self.history)):
             self._stop_unseen(why)
         self._show_whether_taken()
 
     def _stop_unseen(self, why: str) -> None:
         """Put out zero volts, once for each start; who drives stays, unless somebody else wants to."""
         if self.loop is not None and not self._standing.rests and not self._standing.stopped:
-            sentence = f"{why}; zero volts are put out"
+            sentence = f"{why}; the voltage is zero"
             self.stop(sentence)
             self.takings.end(sentence)
             self.show_state()
@@ -279,7 +279,7 @@ class MotorSession:
     def release(self, viewer: Viewer) -> None:
         """Let go of the motor, at zero volts; raises as `Lease.check`."""
         self.lease.check(viewer)
-        self._without_operator("the operator has let go; zero volts are put out")
+        self._without_operator("the operator released the motor; the voltage is zero")
 
     def _without_operator(self, sentence: str) -> None:
         self.lease.end()
@@ -294,7 +294,7 @@ class MotorSession:
 
     def command(self, command: Command) -> int:
         """Give the loop a command and return its number; raises `Refusal` where no loop goes on."""
-        number = self._going_on().command(command)
+        number = self._current_loop().command(command)
         if command.enabled:
             self._standing.last_enable, self._standing.stopped = number, ""
             if self.lease.operator is not None:
@@ -331,7 +331,7 @@ class MotorSession:
         if self._connection is not None and self._connection.live is not None:
             self._connection.live.set_wish(self._wish)
 
-    def _going_on(self) -> Loop:
+    def _current_loop(self) -> Loop:
         if self._opening is not None:
             raise Refusal("the device is being opened: wait until it is open")
         if self.loop is None:
@@ -344,8 +344,8 @@ class MotorSession:
     # --- what is recorded
 
     async def record(self, name: str | None, duration: float | None) -> str:
-        """Begin a recording and return its name; raises as `Takings.begin`, and `Refusal` where no loop goes on."""
-        return await self.takings.begin(self._going_on, self.experiment, name, duration)
+        """Begin a recording and return its name; raises as `Captures.begin`, and `Refusal` where no loop goes on."""
+        return await self.takings.begin(self._current_loop, self.experiment, name, duration)
 
     def end_record(self) -> None:
         """End the recording with the row that is the last one now; raises `Refusal` where there is none."""
@@ -353,11 +353,11 @@ class MotorSession:
             raise Refusal("nothing is being recorded")
         self.takings.end(BY_HAND)
 
-    def _recorded(self, taking: Taking, error: str) -> None:
+    def _note_recorded(self, taking: Capture, error: str) -> None:
         """Take note of a recording's end; one that failed stops the motor: nothing turns unrecorded that somebody thinks is."""
         if error:
             self._put_out_zero()
-            self._fail("recording-failed", f"{error}; zero volts are put out")
+            self._fail("recording-failed", f"{error}; the voltage is zero")
         else:
             self.tell({"kind": "recorded", **taking.outcome()})
         if taking.loop is self.loop:
@@ -372,7 +372,7 @@ class MotorSession:
         if loop is not self.loop:
             return  # one that was closed meanwhile
         for event in news.events:
-            self._happened(event)
+            self._note_event(event)
         changed = self._standing.count(news)
         if len(news.values):
             self.history.add(news.first, news.values)
@@ -381,13 +381,13 @@ class MotorSession:
         self.viewers.show_news(news.live, bool(len(news.values)))
         self.takings.look()
         if news.ended is not None:
-            self._ended(news.ended)
+            self._note_end(news.ended)
         elif changed or self.takings.now is not None:
             self._show_counts()
 
-    def _happened(self, event: Notice) -> None:
+    def _note_event(self, event: Notice) -> None:
         if event.kind == "command":
-            self.tell(applied(event))
+            self.tell(reply_data(event))
             taken = self._standing.hear(event)
             if taken is None:
                 self._signal = self.experiment.signal
@@ -402,16 +402,16 @@ class MotorSession:
             return
         self.show_state()
 
-    def _ended(self, stopped: Stopped) -> None:
+    def _note_end(self, stopped: Stopped) -> None:
         self._closed_by = stopped.sentence
         self.takings.end(stopped.sentence)
         self.tell({"kind": "stopped", "sentence": stopped.sentence})
         if stopped.reason in ("device_lost", "error", "fault"):
             code = stopped.reason.replace("_", "-")
             self._standing.fault = {"code": code, "sentence": stopped.sentence}
-        self._later(self._closed())
+        self._later(self._note_closed())
 
-    async def _closed(self) -> None:
+    async def _note_closed(self) -> None:
         async with self._changing:
             await self._disconnect(self._closed_by)
         self.show_state()

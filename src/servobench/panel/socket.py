@@ -12,13 +12,13 @@ from typing import Any
 from starlette.websockets import WebSocket, WebSocketDisconnect
 
 from servobench.core.errors import ServobenchError, UsageError
-from servobench.panel.asked import command_from, experiment_from
-from servobench.panel.bodies import parsed
+from servobench.panel.bodies import parse_object
+from servobench.panel.commands import command_from, experiment_from
+from servobench.panel.field_names import with_fields
 from servobench.panel.gate import Refused
 from servobench.panel.keys import Session, same
 from servobench.panel.session import MotorSession
 from servobench.panel.viewers import Viewer
-from servobench.panel.wording import with_fields
 
 HELLO_TIME = 5.0  # s in which the first message, with the token, has to come
 NO_TOKEN = 4401  # the code that a socket without the right token is closed with
@@ -39,7 +39,7 @@ async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> 
         return
     if not await _hello(socket, session):
         with suppress(WebSocketDisconnect, RuntimeError):
-            await socket.close(NO_TOKEN, "the first message has to be a hello with the session's token")
+            await socket.close(NO_TOKEN, "the first message must be a hello with the session's token")
         return
     viewer = Viewer(session.role)
     motor.join(viewer)
@@ -49,7 +49,7 @@ async def converse(socket: WebSocket, session: Session, motor: MotorSession) -> 
         while True:
             text = await socket.receive_text()
             # Each by itself: what takes long doesn't hold a STOP up that comes after it.
-            task = asyncio.create_task(_answered(text, viewer, motor))
+            task = asyncio.create_task(_answer(text, viewer, motor))
             tasks.add(task)
             task.add_done_callback(tasks.discard)
     except (WebSocketDisconnect, KeyError):  # closed; or bytes came, which nobody sends
@@ -65,7 +65,7 @@ async def _hello(socket: WebSocket, session: Session) -> bool:
     """Whether the first message came in time and has the session's token."""
     try:
         async with asyncio.timeout(HELLO_TIME):
-            said = parsed(await socket.receive_text())
+            said = parse_object(await socket.receive_text())
     except (TimeoutError, WebSocketDisconnect, Refused, KeyError):
         return False
     token = said.get("token")
@@ -82,15 +82,15 @@ async def _send(socket: WebSocket, viewer: Viewer, motor: MotorSession) -> None:
             frames, viewer.next_row = history.since(viewer.next_row), history.next
             for frame in frames:
                 await socket.send_bytes(frame)
-        await socket.close(FELL_BEHIND, "this page doesn't take what it is sent; load it again")
+        await socket.close(FELL_BEHIND, "this page no longer receives data; load it again")
 
 
-async def _answered(text: str, viewer: Viewer, motor: MotorSession) -> None:
+async def _answer(text: str, viewer: Viewer, motor: MotorSession) -> None:
     """Do what a message asks for, and answer it."""
     given: Said = {}
     try:
-        given = parsed(text)
-        answer = await _done(given, viewer, motor)
+        given = parse_object(text)
+        answer = await _perform(given, viewer, motor)
         if given["do"] not in UNANSWERED:
             viewer.tell({"kind": "answer", "id": _id(given), "ok": True, **answer})
     except (ServobenchError, Refused, RecursionError) as error:
@@ -103,12 +103,12 @@ def _id(given: Said) -> str | int | None:
     return found if isinstance(found, str | int) and len(str(found)) <= 64 else None
 
 
-async def _done(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
+async def _perform(given: Said, viewer: Viewer, motor: MotorSession) -> Answer:
     """Do what a message asks for, if it may, and return what there is to say about it."""
     name = given.get("do")
     action = ACTIONS.get(name) if isinstance(name, str) else None
     if action is None:
-        raise UsageError(f"nothing is called {str(name)[:40]!r}; known: {', '.join(ACTIONS)}")
+        raise UsageError(f"there is no action {str(name)[:40]!r}; known: {', '.join(ACTIONS)}")
     unknown = sorted(set(given) - {"do", "id", *action.takes})
     if unknown:
         raise UsageError(
@@ -141,18 +141,18 @@ async def _release(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     return {}
 
 
-async def _beat(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+async def _heartbeat(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     row = given.get("row")
     if not isinstance(row, int) or isinstance(row, bool) or row < 0:
         raise UsageError(
-            f"{str(row)[:40]!r} is no row that a page could have drawn; expected a number from 0 on"
+            f"{str(row)[:40]!r} isn't a row that a page could have drawn; expected a number, 0 or above"
         )
-    motor.seen(viewer, row)
+    motor.note_seen(viewer, row)
     return {}
 
 
-async def _hidden(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    motor.hidden(viewer)
+async def _hide(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
+    motor.note_hidden(viewer)
     return {}
 
 
@@ -168,7 +168,7 @@ async def _open(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
 async def _set(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     changes = {key: given[key] for key in SETTABLE if key in given}
     if not changes:
-        raise UsageError(f"set changes nothing; say one of {', '.join(SETTABLE)}")
+        raise UsageError(f"set changes nothing; give one of {', '.join(SETTABLE)}")
     return {"number": motor.command(command_from(changes))}
 
 
@@ -181,7 +181,7 @@ async def _halt(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
 
 
 async def _stop(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
-    return {"number": motor.stop("STOP was pressed; zero volts are put out")}
+    return {"number": motor.stop("STOP was pressed; the voltage is zero")}
 
 
 async def _acknowledge(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
@@ -205,7 +205,7 @@ async def _end_record(motor: MotorSession, viewer: Viewer, given: Said) -> Answe
 async def _wish(motor: MotorSession, viewer: Viewer, given: Said) -> Answer:
     until = given.get("until")
     if not isinstance(until, str):
-        raise UsageError(f"{str(until)[:40]!r} is no wish; expected a text such as time_constant=0.5%")
+        raise UsageError(f"{str(until)[:40]!r} isn't a target; expected a text such as time_constant=0.5%")
     motor.wish(until)
     return {}
 
@@ -224,8 +224,8 @@ SETTABLE = ("signal", "controller", "enabled", "chain")
 ACTIONS: dict[str, Action] = {
     "lease": Action(carry_out=_lease, operates=False),
     "stop": Action(carry_out=_stop, operates=False),
-    "beat": Action(carry_out=_beat, takes=("row",), operates=False),
-    "hidden": Action(carry_out=_hidden, operates=False),
+    "beat": Action(carry_out=_heartbeat, takes=("row",), operates=False),
+    "hidden": Action(carry_out=_hide, operates=False),
     "release": Action(carry_out=_release),
     "open": Action(carry_out=_open, takes=("device", "sample_time")),
     "set": Action(carry_out=_set, takes=SETTABLE),

@@ -100,7 +100,7 @@ class Viewers:
             own = viewer is operator
             viewer.show("state", as_text({**state, "operator": True}) if own else for_others)
 
-    def beat(self) -> None:
+    def heartbeat(self) -> None:
         """Tell everybody that this goes on, where no rows have told it since the last time."""
         if not self._fed:
             for viewer in self._all:

@@ -17,14 +17,14 @@ from typing import IO, Any, Protocol, TypeAlias, cast
 
 import servobench.core.errors as errors
 from servobench.core.errors import ServobenchError, UsageError
-from servobench.panel.beside import FLAGS, give_way, surroundings
-from servobench.rig.loop.exit_status import ended_how
+from servobench.panel.low_priority import FLAGS, give_way, surroundings
+from servobench.rig.loop.exit_status import exit_text
 
 Said: TypeAlias = Callable[[str], None]
 
 
 class Work(Protocol):
-    """Has a piece of work done: `done_elsewhere` does."""
+    """Has a piece of work done: `do_elsewhere` does."""
 
     def __call__(self, asked: Mapping[str, Any], said: Said = ..., /) -> Awaitable[dict[str, Any]]:
         """Have it done; `said` is told what is done now."""
@@ -38,7 +38,7 @@ STARTING, READING, IDENTIFYING, WRITING = STAGES = (
     "writing the report",
 )
 
-COMPILING = "compiling equations that are needed for the first time"
+COMPILING = "compiling equations for their first use"
 """Done within the stages, once in an installation for each model; how much there is of it nobody knows before."""
 
 PATIENCE = 300.0  # s; then it's ended
@@ -51,7 +51,7 @@ def nobody_asks(doing: str) -> None:
     """Take no notice of what is done now."""
 
 
-async def done_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
+async def do_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> dict[str, Any]:
     """Have a piece of work done, one at a time, and return what came out; raises the error that it raised there.
 
     `asked` is JSON, whose `do` says which: see `PIECES`. What is wrong with its `file` is told by the name `called`. `said` is
@@ -61,14 +61,14 @@ async def done_elsewhere(asked: Mapping[str, Any], said: Said = nobody_asks) -> 
     async with _AT_ONCE:
         said(STARTING)
         hand_on = partial(_to_loop, asyncio.get_running_loop(), said)
-        process = await _started()
+        process = await _start_process()
         talking = asyncio.create_task(asyncio.to_thread(_conversation, process, asked, hand_on))
         try:
             async with asyncio.timeout(PATIENCE):
                 answer = await asyncio.shield(talking)
         except TimeoutError:
             raise UsageError(
-                f"this took longer than {PATIENCE:g} s, and was ended; take a shorter recording"
+                f"this took longer than {PATIENCE:g} s and was ended; use a shorter recording"
             ) from None
         finally:
             process.kill()  # nothing happens where it has ended
@@ -86,7 +86,7 @@ def error_called(name: str, sentence: str) -> ServobenchError:
     return error
 
 
-async def _started() -> subprocess.Popen[bytes]:
+async def _start_process() -> subprocess.Popen[bytes]:
     """Start the process in another thread: on a busy machine it takes long until it is one of its own."""
     starting = asyncio.create_task(asyncio.to_thread(_process))
     try:
@@ -132,7 +132,7 @@ def _conversation(process: subprocess.Popen[bytes], asked: Mapping[str, Any], sa
                 complaints.result().decode("utf-8", "replace").strip().splitlines() or ["without a word"]
             )[-1]
             raise UsageError(
-                f"the process that did this ended {ended_how(process.returncode)}: {word[:200]}"
+                f"the process that did this ended {exit_text(process.returncode)}: {word[:200]}"
             ) from None
     return answer
 
@@ -152,17 +152,17 @@ def _say(doing: str) -> None:
 @contextmanager
 def _stage(doing: str) -> Iterator[None]:
     """Say what is done meanwhile, and when kernels are compiled for it, which takes far longer than itself."""
-    from servobench.core.compiled import told_while_compiling
+    from servobench.core.compiled import announce_compilations
 
-    def compiling(before: int) -> None:
+    def note_compiling(before: int) -> None:
         _say(f"{COMPILING} ({before} done)")
 
     _say(doing)
-    with told_while_compiling(compiling, lambda: _say(doing)):
+    with announce_compilations(note_compiling, lambda: _say(doing)):
         yield
 
 
-def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
+def identify_file(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Identify the recording `file` with the model `structure`, and write the page `report`; return the result.
 
     It is what `servobench identify FILE` makes of it.
@@ -170,13 +170,13 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     from pathlib import Path
 
     from servobench.identification.identify import identify
-    from servobench.panel.columns import mapped
+    from servobench.panel.columns import apply_mapping
     from servobench.recordings.measurement.measure import measure
     from servobench.recordings.native.reader import read
     from servobench.report.document import Report
 
     with _stage(READING):
-        recording = mapped(read(asked["file"])[0], Path(asked["file"]).parent)
+        recording = apply_mapping(read(asked["file"])[0], Path(asked["file"]).parent)
         data = measure(recording)  # the counts: the scopes' filter is for the eye
     with _stage(IDENTIFYING):
         result = identify([data], structure=asked["structure"])
@@ -186,7 +186,7 @@ def identified(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {"result": result.to_dict()}
 
 
-def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
+def import_file(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Read the file `file` of any format, and write its recording to the native file `to`; return what is asked about it.
 
     Raises `UsageError` for a file that doesn't hold one recording.
@@ -194,9 +194,10 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
     from dataclasses import asdict, replace
     from pathlib import Path
 
+    from servobench.panel.capture import about
     from servobench.panel.columns import questions
-    from servobench.panel.taking import about
-    from servobench.recordings.formats.base import load, save
+    from servobench.recordings.formats.base import save
+    from servobench.recordings.loading.load import load
 
     recordings = load(asked["file"])
     if len(recordings) != 1:
@@ -207,7 +208,7 @@ def imported(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {"about": about_it, "questions": questions(recordings[0])}
 
 
-def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
+def preview_mapping(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Look at the recording `file` as the answers `said` want it; return the mapping that they are, and what comes of it.
 
     That is its length [s] and how many samples of the output there are. Raises `UsageError` for fewer than two, and what
@@ -217,7 +218,7 @@ def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
     from servobench.recordings.native.reader import read
 
     mapping = mapping_of(asked["said"])
-    found = mapping.assigned(read(asked["file"])[0])
+    found = mapping.assign_to(read(asked["file"])[0])
     series = found[found.output or ""]
     t = series.t
     if t is None or len(t) < 2:
@@ -225,7 +226,7 @@ def mapped_as(asked: Mapping[str, Any]) -> dict[str, Any]:
     return {"mapping": mapping.toml(), "length": float(t[-1] - t[0]), "samples": len(t)}
 
 
-def converted(asked: Mapping[str, Any]) -> dict[str, Any]:
+def convert_file(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Write the recording in the native file `file` to the file `to`, in the format that its ending says."""
     from servobench.recordings.formats.base import save
     from servobench.recordings.native.reader import read
@@ -238,13 +239,13 @@ def exercise_results(asked: Mapping[str, Any]) -> dict[str, Any]:
     """Do the exercise `name` of the folder `folder` on the simulated motor; return what its studies find and what it corrects."""
     from pathlib import Path
 
-    from servobench.lab.drawn import results
+    from servobench.lab.exercise_content import results
     from servobench.lab.exercise_file import exercise
     from servobench.lab.stand import stand_on_the_twin
-    from servobench.lab.worked import Worked
+    from servobench.lab.worked_exercise import WorkedExercise
 
     found = exercise(asked["name"], Path(asked["folder"]))
-    return results(Worked(exercise=found, stand=stand_on_the_twin(found), given={}))
+    return results(WorkedExercise(exercise=found, stand=stand_on_the_twin(found), given={}))
 
 
 def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
@@ -270,16 +271,16 @@ def exercise_facts(asked: Mapping[str, Any]) -> dict[str, Any]:
 
 
 PIECES: dict[str, Callable[[Mapping[str, Any]], dict[str, Any]]] = {
-    "identify": identified,
-    "import": imported,
-    "map": mapped_as,
-    "convert": converted,
+    "identify": identify_file,
+    "import": import_file,
+    "map": preview_mapping,
+    "convert": convert_file,
     "exercise": exercise_results,
     "facts": exercise_facts,
 }
 
 
-def _called(asked: Mapping[str, Any], sentence: str) -> str:
+def _with_name(asked: Mapping[str, Any], sentence: str) -> str:
     """What is told of the file that was asked about, by the name that the user knows: `called`, where that is another one."""
     if "called" not in asked:
         return sentence
@@ -296,14 +297,14 @@ def main() -> int:
     try:
         answer = PIECES[asked["do"]](asked)
     except ServobenchError as error:
-        answer = {"error": type(error).__name__, "sentence": _called(asked, str(error))}
+        answer = {"error": type(error).__name__, "sentence": _with_name(asked, str(error))}
     except MemoryError:
         answer = {
             "error": "UsageError",
-            "sentence": "there is not enough memory for this; take a shorter recording",
+            "sentence": "there isn't enough memory for this; use a shorter recording",
         }
     except RecursionError:
-        answer = {"error": "FormatError", "sentence": "what is in the file is nested too deeply"}
+        answer = {"error": "FormatError", "sentence": "the file's content is nested too deeply"}
     sys.stdout.write(json.dumps(answer, allow_nan=False))
     sys.stdout.flush()
     return 0

@@ -19,15 +19,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import Array
-from servobench.core.rounding import TWO_SIDED, plain, rounded, with_unit
+from servobench.core.rounding import TWO_SIDED, plain, round_value, with_unit
 from servobench.recordings.measurement.dataset import Dataset
 
 _FEWEST = 20  # samples in a part whose slope is told
 _MOST = 6  # stretches of constant input, the longest
 _NEVER = (
-    "No finite record proves that a system is stable, nor that it isn't: that is about every bounded input and all of time, "
-    "and this is one input and {}."
+    "No finite record proves that a system is stable or unstable: stability is about every bounded input over all "
+    "time, and this is one input over {}."
 )
 
 
@@ -79,6 +80,7 @@ class RecordReport:
 
 def bibo(data: Dataset) -> RecordReport:
     """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it."""
+    check_type("data", data, Dataset, "a Dataset, which measure() makes of a recording")
     bound = float(np.abs(np.append(data.u, data.input_before)).max())
     low, high = float(data.y.min()), float(data.y.max())
     stretches = _stretches(data)
@@ -109,7 +111,7 @@ def _stretches(data: Dataset) -> tuple[Stretch, ...]:
         inside = [(data.t_output >= a) & (data.t_output <= b) for a, b in parts]
         if min(int(keep.sum()) for keep in inside) >= _FEWEST:
             slopes = [_slope(data.t_output[keep], data.y[keep], data.quantum) for keep in inside]
-            found.append(_judged(data, float(start), float(end), float(level), slopes))
+            found.append(_judge(data, float(start), float(end), float(level), slopes))
     longest = sorted(found, key=lambda stretch: stretch.start - stretch.end)[:_MOST]
     return tuple(sorted(longest, key=lambda stretch: stretch.start))
 
@@ -134,7 +136,7 @@ def _slope(t: Array, y: Array, quantum: float | None) -> Slope:
     return Slope(value=slope, half=max(half, worst))
 
 
-def _judged(data: Dataset, start: float, end: float, level: float, slopes: Sequence[Slope]) -> Stretch:
+def _judge(data: Dataset, start: float, end: float, level: float, slopes: Sequence[Slope]) -> Stretch:
     before, one, two = slopes
     unit = f"{data.output_unit}/s".replace("/s/s", "/s²")
     held = f"From {plain(start, 3)} to {with_unit(end, 's', 3)} the input was {with_unit(level, data.input_unit, 3)}"
@@ -145,10 +147,10 @@ def _judged(data: Dataset, start: float, end: float, level: float, slopes: Seque
     elif two.is_zero:
         sentence = f"{held}, and the {data.kind} came to rest. {_at_rest(data, level)}"
     elif one.is_zero or one.value * two.value < 0:
-        sentence = f"{held}, and the {data.kind} turned back or set out late: no single pole explains that."
+        sentence = f"{held}, and the {data.kind} turned back or started late: no single pole explains that."
     else:
         exponent = _exponent(before, one, two, 0.25 * (end - start))
-        grown = f"{held}, and the {data.kind} went on by {rounded(two.value, two.half, unit)} at the end"
+        grown = f"{held}, and the {data.kind} went on by {round_value(two.value, two.half, unit)} at the end"
         sentence = f"{grown}. {_course(exponent)}"
     return Stretch(start=start, end=end, level=level, slopes=(one, two), exponent=exponent, sentence=sentence)
 
@@ -168,26 +170,27 @@ def _course(exponent: tuple[float, float]) -> str:
     within = f"between {plain(low, 2)} and {plain(high, 2)} 1/s"
     if low > 0:
         return (
-            f"It got faster, as with a pole {within}, to the right; or the response to the last change wasn't over. How it would "
-            "have gone on isn't in the record."
+            f"It got faster, as with a pole {within}, to the right; or the response to the last change wasn't over. "
+            "The record doesn't show how it continues."
         )
     if high < 0:
-        return f"It got slower, as with a pole {within}: what levels off like that is consistent with a stable system."
+        return f"It got slower, as with a pole {within}, which is consistent with a stable system."
     return (
-        f"That is in proportion to time, as an integrator answers a constant. A pole anywhere {within} fits as well: a system "
-        f"that levels off with a time constant of {with_unit(-1 / low, 's', 2)} or more looks the same so far."
+        f"That is proportional to time, like an integrator's response to a constant. A pole anywhere {within} fits "
+        f"as well: a system that levels off with a time constant of {with_unit(-1 / low, 's', 2)} or more looks the "
+        "same so far."
     )
 
 
 def _at_rest(data: Dataset, level: float) -> str:
     if level == 0 and data.kind == "position":
-        return "That is no sign of stability: an integrator keeps what it got, too, and so does friction."
-    return "For this input the output stayed bounded; of other inputs that says nothing."
+        return "That is no sign of stability: an integrator holds its value too, and so does friction."
+    return "For this input the output stayed bounded; that says nothing about other inputs."
 
 
 def _without_stretch(data: Dataset) -> str:
     return (
-        "The input was never constant for long enough to read a slope. That the output stayed within its range for this input "
-        "says nothing of others: an integrator answers a sinusoid without a mean by a bounded output, and a constant by one "
-        "without bound."
+        "The input was never constant for long enough to read a slope. A bounded output for this input says nothing "
+        "about other inputs: an integrator's output is bounded for a zero-mean sinusoid and unbounded for a "
+        "constant."
     )

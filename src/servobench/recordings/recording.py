@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal, TypeAlias
+from typing import TYPE_CHECKING, Literal, TypeAlias
 
 import numpy as np
 
 from servobench.core.channels import Array, Channel, DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
+from servobench.core.plotting import ground, lay_out, new_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
 
 StopReason: TypeAlias = Literal["finished", "interrupted", "fault", "device_lost", "error", "unknown"]
 
@@ -38,7 +42,7 @@ class Event:
     text: str
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Series:
     """The samples of one channel.
 
@@ -49,6 +53,10 @@ class Series:
     channel: Channel
     values: Array
     t: Array | None
+
+    def __repr__(self) -> str:
+        """The channel and how many samples it has."""
+        return f"<Series {self.channel.name} in {self.channel.unit or '?'}: {len(self.values)} samples>"
 
     def __post_init__(self) -> None:
         if self.values.ndim != 1 or (self.t is not None and self.t.shape != self.values.shape):
@@ -80,7 +88,7 @@ class Source:
     format: str = "run"
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Recording:
     """What happened: raw channels, each with its own times.
 
@@ -116,6 +124,11 @@ class Recording:
     """Programs and their versions that made it."""
     events: tuple[Event, ...] = ()
 
+    def __repr__(self) -> str:
+        """The name, the channels, and which of them are input and output."""
+        channels = ", ".join(f"{each.channel.name} ({len(each.values)})" for each in self.series)
+        return f"<Recording {self.name}: {channels}; input {self.input or '?'}, output {self.output or '?'}>"
+
     def __post_init__(self) -> None:
         names = [series.channel.name for series in self.series]
         twice = sorted({name for name in names if names.count(name) > 1})
@@ -130,7 +143,7 @@ class Recording:
         ):
             if name is not None and name not in names:
                 raise UsageError(
-                    f"the {role} {name!r} is no channel of recording {self.name!r}; it has {', '.join(names)}"
+                    f"the {role} {name!r} isn't a channel of recording {self.name!r}; it has {', '.join(names)}"
                 )
 
     def __getitem__(self, name: str) -> Series:
@@ -147,3 +160,21 @@ class Recording:
     def with_findings(self, *findings: Finding) -> Recording:
         """Return the same recording with further findings."""
         return replace(self, findings=(*self.findings, *findings))
+
+    def plot(
+        self, *names: str, axes: Axes | Sequence[Axes] | None = None, dark: bool = False
+    ) -> Sequence[Axes]:
+        """Draw channels over time [s], over the sample's number where there are no times; return the axes, one for each.
+
+        Without names input and output are drawn, or all channels where nobody has said what these are. Raises `UsageError` for a
+        name that no channel has.
+        """
+        known = [name for name in (self.input, self.output) if name is not None]
+        chosen = names or known or [each.channel.name for each in self.series]
+        drawn = new_axes(axes, len(chosen), dark)
+        for ax, series in zip(drawn, [self[name] for name in chosen], strict=True):
+            t = np.arange(len(series.values)) if series.t is None else series.t
+            ax.plot(t, series.values, color=ground(dark).measured, linewidth=1.3)
+            label = f"{series.channel.name} ({series.channel.unit or 'unit unknown'})"
+            lay_out(ax, ground(dark), "sample" if series.t is None else "time (s)", label, "")
+        return drawn

@@ -7,7 +7,7 @@ import numpy as np
 from servobench.core.channels import Array
 
 
-def decimated(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
+def decimate(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
     """Return the points of a line (N,) that a picture of so many columns can show; at most four for each column.
 
     The line goes through y at times t [s]. The first, the last, the lowest and the highest point of each column are kept, so
@@ -26,7 +26,7 @@ def decimated(t: Array, y: Array, columns: int) -> tuple[Array, Array]:
     return t[index], y[index]
 
 
-def held(t: Array, u: Array, before: float, end: float) -> tuple[Array, Array]:
+def hold_line(t: Array, u: Array, before: float, end: float) -> tuple[Array, Array]:
     """Return the corners of the line that an input draws which holds u (N,) from t (N,) on, until the time `end` [s].
 
     Before the first time it was `before`; a change there is drawn as an edge.

@@ -7,9 +7,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from servobench.core.rounding import SPACE, counted, grouped, plain
+from servobench.core.parameter_names import plain_words
+from servobench.core.rounding import SPACE, count_text, group_digits, plain
 from servobench.recordings.recording import Event, Recording
-from servobench.report.history import told
+from servobench.report.history import toml_text
 
 MOST_SHOWN = 50
 _ALWAYS = ("opened", "ended")  # each run has them, and the page says them elsewhere
@@ -41,7 +42,9 @@ def events_of(recording: Recording) -> Events | None:
         return None
     left = len(events) - MOST_SHOWN
     more = (
-        f"{counted(left, 'event')} more {'is' if left == 1 else 'are'} in the recording." if left > 0 else ""
+        f"{count_text(left, 'event')} more {'is' if left == 1 else 'are'} in the recording."
+        if left > 0
+        else ""
     )
     return Events(name=recording.name, rows=tuple(map(_row, events[:MOST_SHOWN])), more=more)
 
@@ -54,7 +57,9 @@ def _row(event: Event) -> EventRow:
     what, said = (
         _command(about) if event.kind == "command" and isinstance(about, Mapping) else _other(event, about)
     )
-    return EventRow(time=f"{plain(event.time, 6)}{SPACE}s", tick=grouped(event.tick), what=what, said=said)
+    return EventRow(
+        time=f"{plain(event.time, 6)}{SPACE}s", tick=group_digits(event.tick), what=what, said=said
+    )
 
 
 def _command(about: Mapping[str, Any]) -> tuple[str, str]:
@@ -73,19 +78,19 @@ def _command(about: Mapping[str, Any]) -> tuple[str, str]:
 def _change(key: str, value: Any) -> str:
     """One thing that a command changed."""
     words = {
-        ("enabled", True): "the controller's voltage is let through",
-        ("enabled", False): "zero volts in place of the controller's voltage",
+        ("enabled", True): "the controller's voltage is applied",
+        ("enabled", False): "zero volts instead of the controller's voltage",
         ("acknowledge", True): "the fault is acknowledged",
     }
     known = words.get((key, value)) if isinstance(value, bool) else None
-    return known or f"{key.replace('_', ' ')}: {told(_given(value))}"
+    return known or f"{plain_words(key)}: {toml_text(_without_unset(value))}"
 
 
-def _given(value: Any) -> Any:
+def _without_unset(value: Any) -> Any:
     """A value without the settings that aren't set."""
     if isinstance(value, Mapping):
-        return {key: _given(item) for key, item in value.items() if item is not None}
-    return [_given(item) for item in value] if isinstance(value, list) else value
+        return {key: _without_unset(item) for key, item in value.items() if item is not None}
+    return [_without_unset(item) for item in value] if isinstance(value, list) else value
 
 
 def _other(event: Event, about: Any) -> tuple[str, str]:
@@ -102,5 +107,5 @@ def _other(event: Event, about: Any) -> tuple[str, str]:
     }
     if event.kind in names and isinstance(count := about.get("count"), int):
         what, one = names[event.kind]
-        return what, counted(count, one)
+        return what, count_text(count, one)
     return event.kind, event.text

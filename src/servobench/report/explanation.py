@@ -8,12 +8,13 @@ from dataclasses import dataclass, field
 
 from servobench._version import __version__
 from servobench.core.finding import Severity
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import plain, with_unit
 from servobench.identification.reconciliation.explanation import Explanation
 from servobench.identification.reconciliation.reenactment import SPOKEN
-from servobench.identification.reconciliation.sentences import needed_told, probability_told
+from servobench.identification.reconciliation.sentences import probability_told, size_range_text
 from servobench.recordings.recording import Recording
-from servobench.report import explanation_figures, tables, words
+from servobench.report import explanation_figures, summary, tables
 from servobench.report.document import write_page
 from servobench.report.html import SEVERITIES, single, source, template
 from servobench.report.tables import Fact
@@ -41,7 +42,7 @@ class ExplanationReport:
             state=str(found.verdict),
             sentences=found.sentences,
             drawings=tuple(drawn for each in drawings if not found.agrees and (drawn := single(each))),
-            shares=tuple(each.name.replace("_", " ") for each in found.differences),
+            shares=tuple(parameter_in_words(each.name) for each in found.differences),
             causes=_causes(found),
             readings=_readings(found),
             experiment=found.decision.experiment.to_toml()
@@ -51,7 +52,7 @@ class ExplanationReport:
                 tuple(each for each in found.findings if each.severity != Severity.INFO)
             ),
             origin=self._origin(),
-            sentence=words.sentence,
+            sentence=summary.sentence,
             severity_words={str(severity): word for severity, word in SEVERITIES.items()},
         )
         # A name of a file may hold bytes that are no text.
@@ -87,7 +88,7 @@ def _causes(found: Explanation) -> tuple[tuple[str, ...], ...]:
     for each in found.causes:
         shares = {share.name: 100 * share.value for share in each.explains}
         told = (f"{plain(shares[d.name], 2)} %" if d.name in shares else "–" for d in found.differences)
-        needed = "" if each.needed is None else needed_told(each.needed)
+        needed = "" if each.needed is None else size_range_text(each.needed)
         against = each.against and f"{'; ' if needed else ''}{each.against}"
         probability = probability_told(each.probability) if each.possible else "–"
         rows.append((each.label, each.law, f"{needed}{against}", probability, *told))

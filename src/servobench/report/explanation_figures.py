@@ -5,10 +5,11 @@ from __future__ import annotations
 from functools import partial
 from typing import TYPE_CHECKING
 
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import handy_unit, with_unit
 from servobench.identification.reconciliation.base import Name
 from servobench.identification.reconciliation.explanation import Difference, Explanation
-from servobench.identification.reconciliation.judging import Judged
+from servobench.identification.reconciliation.judgement import JudgedCause
 from servobench.identification.reconciliation.reenactment import SPOKEN
 from servobench.report.illustrations import Illustration
 from servobench.report.palette import BOTTOM, RIGHT, TITLE, Box, Style, axes, sheet, x_label
@@ -44,9 +45,9 @@ def readings(explanation: Explanation) -> Illustration | None:
     )
     return Illustration(
         name="readings",
-        title=f"The {difference.name.replace('_', ' ')}, read in several ways",
-        caption=f"Off the same data, behind {read[0].chain}. The line is the claim, the band what it leaves open.",
-        description=f"The data say {with_unit(difference.data, difference.unit)}, the claim is "
+        title=f"The {parameter_in_words(difference.name)}, read in several ways",
+        caption=f"From the same data, behind {read[0].chain}. The line is the claim, the band its uncertainty.",
+        description=f"The data give {with_unit(difference.data, difference.unit)}, the claim is "
         f"{with_unit(difference.other, difference.unit)}. {told}.",
         draw=partial(_dots, tuple(rows), difference),
     )
@@ -61,8 +62,8 @@ def causes(explanation: Explanation) -> Illustration | None:
     shares = [(each, _share(each, difference.name)) for each in weighed]
     return Illustration(
         name="causes",
-        title=f"What each cause explains of the difference in the {difference.name.replace('_', ' ')}",
-        caption="Of its usual or known size. Behind each stands how probable it is that it takes part.",
+        title=f"What each cause explains of the difference in the {parameter_in_words(difference.name)}",
+        caption="At its usual or known size. The figure after each bar is the probability that it contributes.",
         description=" ".join(
             f"{each.label}: {share:.0f} %, probability {100 * each.probability:.0f} %."
             for each, share in shares
@@ -81,7 +82,7 @@ def _value(reading: object, name: Name) -> float:
     return float(getattr(reading, name))
 
 
-def _share(cause: Judged, name: Name) -> float:
+def _share(cause: JudgedCause, name: Name) -> float:
     return next((100 * each.value for each in cause.explains if each.name == name), 0.0)
 
 
@@ -105,7 +106,7 @@ def _rows(style: Style, count: int, title: str) -> tuple[Figure, Axes]:
 def _dots(rows: tuple[tuple[str, float], ...], difference: Difference, style: Style) -> Figure:
     factor, unit = handy_unit(difference.unit, max(value for _, value in rows))
     palette = style.palette
-    figure, ax = _rows(style, len(rows), f"{difference.name.replace('_', ' ').capitalize()} ({unit})")
+    figure, ax = _rows(style, len(rows), f"{parameter_in_words(difference.name).capitalize()} ({unit})")
     low, high = difference.other - difference.other_half, difference.other + difference.other_half
     ax.axvspan(low / factor, high / factor, color=palette.shade, linewidth=0)
     ax.axvline(difference.other / factor, color=palette.ink, linewidth=1.5)
@@ -117,9 +118,9 @@ def _dots(rows: tuple[tuple[str, float], ...], difference: Difference, style: St
     return figure
 
 
-def _bars(shares: tuple[tuple[Judged, float], ...], name: Name, style: Style) -> Figure:
+def _bars(shares: tuple[tuple[JudgedCause, float], ...], name: Name, style: Style) -> Figure:
     palette = style.palette
-    figure, ax = _rows(style, len(shares), f"Explained of the {name.replace('_', ' ')}'s difference (%)")
+    figure, ax = _rows(style, len(shares), f"Explained of the {parameter_in_words(name)}'s difference (%)")
     for n, (each, share) in enumerate(shares):
         ax.barh(n, share, height=0.5, color=palette.model if n == 0 else palette.measured)
         ax.annotate(
@@ -137,5 +138,5 @@ def _bars(shares: tuple[tuple[Judged, float], ...], name: Name, style: Style) ->
     ax.set_xlim(
         min(0.0, *(1.1 * share for _, share in shares)), max(110.0, *(1.1 * share for _, share in shares))
     )
-    x_label(ax, "behind each bar: how probable it is", palette)
+    x_label(ax, "after each bar: its probability", palette)
     return figure

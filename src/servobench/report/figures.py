@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.palette import Palette
 from servobench.core.rounding import plain
-from servobench.report.decimation import decimated
+from servobench.report.decimation import decimate
 from servobench.report.palette import (
     BOTTOM,
     LEFT,
@@ -21,7 +22,6 @@ from servobench.report.palette import (
     SECOND_SCALE,
     TITLE,
     Box,
-    Palette,
     Style,
     axes,
     handy,
@@ -234,7 +234,7 @@ def _panel(figure: Figure, panel: Panel, box: Box, palette: Palette) -> Axes:
     factor, unit = handy([curve.y for curve in panel.curves], panel.unit)
     ax = axes(figure, box, palette, f"{panel.title} ({unit})")
     for curve in panel.curves:
-        t, y = decimated(curve.t, curve.y / factor, int(box.width))
+        t, y = decimate(curve.t, curve.y / factor, int(box.width))
         ax.plot(t, y, label=curve.label or "_", **_line(curve.look, palette))
     legend(ax, palette, box)
     ax.margins(y=0.08)

@@ -8,16 +8,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
+from servobench.core.palette import Palette
 from servobench.core.rounding import plain
 from servobench.identification.estimators.frequency_response import FrequencyResponse
-from servobench.report.bands import FrequencyBand
+from servobench.identification.uncertainty.bands import FrequencyBand
 from servobench.report.palette import (
     BOTTOM,
     LEFT,
     SECOND_SCALE,
     TITLE,
     Box,
-    Palette,
     Style,
     axes,
     legend,

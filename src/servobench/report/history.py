@@ -12,7 +12,8 @@ import numpy as np
 
 from servobench.core import toml
 from servobench.core.channels import Channel
-from servobench.core.rounding import SPACE, counted, grouped, plain, with_unit
+from servobench.core.parameter_names import plain_words
+from servobench.core.rounding import SPACE, count_text, group_digits, plain, with_unit
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Recording, Series
 from servobench.report.tables import Fact, capital
@@ -22,7 +23,7 @@ _SIDE_BY_SIDE = ("Samples", "Sample time", "Late", "Ended")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Happened:
+class RunHistory:
     """One recording: its name, facts about the way it went, and its channels, each as a row."""
 
     name: str
@@ -30,7 +31,7 @@ class Happened:
     channels: tuple[tuple[str, ...], ...]
 
 
-def asked(recording: Recording) -> tuple[Fact, ...]:
+def experiment_facts(recording: Recording) -> tuple[Fact, ...]:
     """Return what an experiment asked for, from its TOML text; nothing where there is none or it can't be read."""
     table = experiment_table(recording)
     own = table.pop("experiment", {})
@@ -39,7 +40,7 @@ def asked(recording: Recording) -> tuple[Fact, ...]:
         table["limits"] = {"voltage": limits.get("voltage", "")}
     facts = {**own, **table} if isinstance(own, Mapping) else table
     return tuple(
-        Fact(heading=capital(_words(key)), text=told(value))
+        Fact(heading=capital(plain_words(key)), text=toml_text(value))
         for key, value in facts.items()
         if key != "name" and value not in _NOTHING
     )
@@ -53,7 +54,7 @@ def experiment_table(recording: Recording) -> dict[str, Any]:
         return {}
 
 
-def told(value: Any) -> str:
+def toml_text(value: Any) -> str:
     """Return a value out of a TOML file as a person says it: a table as its type and then its settings."""
     if isinstance(value, Mapping):
         head = value.get("type", value.get("name", ""))
@@ -61,9 +62,9 @@ def told(value: Any) -> str:
         parts = [
             _setting(key, item) for key, item in value.items() if key != skipped and item not in _NOTHING
         ]
-        return ": ".join(part for part in (_words(str(head)), ", ".join(parts)) if part)
+        return ": ".join(part for part in (plain_words(str(head)), ", ".join(parts)) if part)
     if isinstance(value, list):
-        return ", ".join(map(told, value))
+        return ", ".join(map(toml_text, value))
     if isinstance(value, bool):
         return "yes" if value else "no"
     if isinstance(value, float):
@@ -72,7 +73,7 @@ def told(value: Any) -> str:
     return re.sub(r"^(\S*\d) (?=\S+$)", rf"\1{SPACE}", str(value))
 
 
-def happened(recording: Recording) -> Happened:
+def run_history(recording: Recording) -> RunHistory:
     """Return how a recording went: why it ended, how many samples, when, and how late."""
     times = (
         recording[recording.output]
@@ -88,23 +89,23 @@ def happened(recording: Recording) -> Happened:
             facts.append(Fact(heading=heading, text=_channel(recording[name].channel)))
     if recording.chain:
         facts.append(Fact(heading="Came through", text=recording.chain, code=True))
-    return Happened(
+    return RunHistory(
         name=recording.name,
         facts=tuple(facts),
         channels=tuple(_channel_row(series) for series in recording.series),
     )
 
 
-def happened_in(data: Dataset) -> Happened:
+def dataset_history(data: Dataset) -> RunHistory:
     """Return what a dataset alone says of the way it was recorded."""
     steps = Fact(
-        heading="Samples", text=f"{counted(len(data.y), 'sample')} in {with_unit(data.duration, 's')}"
+        heading="Samples", text=f"{count_text(len(data.y), 'sample')} in {with_unit(data.duration, 's')}"
     )
     pace = Fact(heading="Sample time", text=f"{with_unit(data.sample_time, 's')} (median)")
-    return Happened(name=data.name, facts=(steps, pace), channels=())
+    return RunHistory(name=data.name, facts=(steps, pace), channels=())
 
 
-def side_by_side(runs: Sequence[Happened]) -> tuple[tuple[str, ...], ...]:
+def side_by_side(runs: Sequence[RunHistory]) -> tuple[tuple[str, ...], ...]:
     """Return several recordings as rows under a row of headings: the facts that fit into a table."""
     headings = [
         name for name in _SIDE_BY_SIDE if any(fact.heading == name for run in runs for fact in run.facts)
@@ -117,7 +118,7 @@ def side_by_side(runs: Sequence[Happened]) -> tuple[tuple[str, ...], ...]:
     return (("Record", *headings), *rows)
 
 
-def made_on(recordings: Sequence[Recording]) -> tuple[Fact, ...]:
+def origin_facts(recordings: Sequence[Recording]) -> tuple[Fact, ...]:
     """Return where recordings come from, each thing once: files, devices with their settings, versions."""
     facts: list[Fact] = []
     for recording in recordings:
@@ -129,7 +130,7 @@ def made_on(recordings: Sequence[Recording]) -> tuple[Fact, ...]:
             delay = f", delay {with_unit(device.delay, 's')}" if device.delay else ""
             facts.append(Fact(heading="Device", text=f"{device.name}{serial}, {device.timing} time{delay}"))
             if device.settings:
-                settings = ", ".join(f"{_words(key)} {value}" for key, value in device.settings)
+                settings = ", ".join(f"{plain_words(key)} {value}" for key, value in device.settings)
                 facts.append(Fact(heading="Device settings", text=settings))
         if recording.versions:
             versions = ", ".join(f"{name} {version}" for name, version in recording.versions.items())
@@ -162,7 +163,7 @@ def command(recordings: Sequence[Recording]) -> str:
 
 
 def _pace(series: Series) -> list[Fact]:
-    count = counted(len(series.values), "sample")
+    count = count_text(len(series.values), "sample")
     t = series.t
     if t is None:
         return [Fact(heading="Samples", text=f"{count}; the file has no times")]
@@ -187,7 +188,7 @@ def _lateness(recording: Recording) -> list[Fact]:
     if scheduled.t is None or not len(late):
         return []
     worst = float(np.max(scheduled.t - scheduled.values))
-    text = f"{grouped(number)} of {grouped(len(late))} samples" if number else "none"
+    text = f"{group_digits(number)} of {group_digits(len(late))} samples" if number else "none"
     return [
         Fact(heading="Late", text=f"{text}; the latest by {with_unit(worst, 's', 3)}" if worst > 0 else text)
     ]
@@ -201,7 +202,7 @@ def _limits(recording: Recording) -> list[Fact]:
     if commanded.shape != applied.shape:
         return []
     number = int(np.count_nonzero(commanded != applied))
-    text = f"at {counted(number, 'sample')} of {grouped(len(applied))}" if number else "never"
+    text = f"at {count_text(number, 'sample')} of {group_digits(len(applied))}" if number else "never"
     return [Fact(heading="Limited by the device", text=text)]
 
 
@@ -219,13 +220,9 @@ def _channel_row(series: Series) -> tuple[str, ...]:
     """Name, unit, samples, smallest and largest value."""
     values = series.values[np.isfinite(series.values)]
     ends = (plain(float(values.min()), 6), plain(float(values.max()), 6)) if len(values) else ("–", "–")
-    return (series.channel.name, series.channel.unit or "–", grouped(len(series.values)), *ends)
+    return (series.channel.name, series.channel.unit or "–", group_digits(len(series.values)), *ends)
 
 
 def _setting(key: str, value: Any) -> str:
-    inner = told(value)
-    return f"{_words(key)} ({inner})" if isinstance(value, Mapping) else f"{_words(key)} {inner}"
-
-
-def _words(key: str) -> str:
-    return key.replace("_", " ")
+    inner = toml_text(value)
+    return f"{plain_words(key)} ({inner})" if isinstance(value, Mapping) else f"{plain_words(key)} {inner}"

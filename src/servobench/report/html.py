@@ -16,9 +16,9 @@ from servobench.report import (
     illustrations,
     model_illustrations,
     safety,
+    summary,
     tables,
     timing,
-    words,
 )
 from servobench.report.illustrations import Illustration
 from servobench.report.mathml import transfer_function_math
@@ -41,7 +41,7 @@ SEVERITIES = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Drawn:
+class DrawnFigure:
     """A figure on the page: its name for links, title and caption, and its drawings, wide and narrow, which are our markup.
 
     `wide` is empty for a figure that stands beside another one and is narrow on every page.
@@ -63,9 +63,9 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
         validation=result.validation,
         provenance=result.provenance,
         command=command or history.command(recordings),
-        sentence=words.sentence,
+        sentence=summary.sentence,
         capital=tables.capital,
-        explained=words.explained,
+        explained=summary.fit_text,
         **_head(result, recordings),
         **_history(result, recordings),
         **_tables(result),
@@ -77,11 +77,11 @@ def page(result: Result, recordings: Sequence[Recording], command: str) -> str:
 def _head(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
     """The title, the verdict, the answer and the findings."""
     return {
-        "title": words.title(result, recordings),
+        "title": summary.title(result, recordings),
         "verdict": str(result.verdict),
         "verdict_word": VERDICTS[result.verdict],
-        "reason": words.reason(result),
-        "answer": words.answer(result),
+        "reason": summary.reason(result),
+        "answer": summary.answer(result),
         "dangers": [each for each in result.findings if each.severity is Severity.DANGER],
         "findings": tables.finding_groups(result.findings),
         "foremost": tables.foremost(result.findings),
@@ -91,17 +91,19 @@ def _head(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
 
 def _history(result: Result, recordings: Sequence[Recording]) -> dict[str, Any]:
     """What was asked, what happened, and where it was recorded."""
-    runs = [history.happened(recording) for recording in recordings]
-    runs = runs or [history.happened_in(data) for data in result.data]
+    runs = [history.run_history(recording) for recording in recordings]
+    runs = runs or [history.dataset_history(data) for data in result.data]
     return {
-        "asked": [(recording, history.asked(recording)) for recording in _by_experiment(recordings)],
+        "asked": [
+            (recording, history.experiment_facts(recording)) for recording in _by_experiment(recordings)
+        ],
         "happened": runs,
         "side_by_side": history.side_by_side(runs),
         "guarded_by": [
-            (recording.name, rows) for recording in recordings if (rows := safety.guarded_by(recording))
+            (recording.name, rows) for recording in recordings if (rows := safety.guard_rows(recording))
         ],
         "events": [found for recording in recordings if (found := events.events_of(recording)) is not None],
-        "made_on": history.made_on(recordings),
+        "made_on": history.origin_facts(recordings),
     }
 
 
@@ -110,14 +112,14 @@ def _tables(result: Result) -> dict[str, Any]:
     fit, data = result.fit, result.data
     return {
         "math": transfer_function_math(fit) if fit else "",
-        "lost": words.lost(fit) if fit else "",
+        "lost": summary.loss_text(fit) if fit else "",
         "parameters": tables.parameter_rows(result),
         "budget": tables.budget_rows(result),
         "good_for": result.good_for,
         "motor": tables.motor_rows(result),
         "nominal": tables.comparison_rows(result.nominal),
         "operating_range": tables.operating_range(result.operating_range, data[0]) if data else (),
-        "made_with": tables.made_with(result),
+        "made_with": tables.provenance(result),
     }
 
 
@@ -144,29 +146,29 @@ def _figures(result: Result) -> dict[str, Any]:
 
 def _timing(recordings: Sequence[Recording]) -> dict[str, Any]:
     """How late the samples were, where time passed."""
-    runs = timing.timed(recordings)
+    runs = timing.latenesses(recordings)
     drawn = timing.timing_figures(runs)
     return {"timing": timing.timing_facts(runs), "timing_figures": _row(drawn) if drawn else []}
 
 
-def single(illustration: Illustration | None) -> Drawn | None:
+def single(illustration: Illustration | None) -> DrawnFigure | None:
     """Return a figure as wide as the page, drawn a second time for narrow screens; None for none."""
     if illustration is None:
         return None
-    return _drawn(illustration, _svg(illustration, WIDE, "wide"))
+    return _draw(illustration, _svg(illustration, WIDE, "wide"))
 
 
-def _row(row: Sequence[Illustration]) -> list[Drawn]:
+def _row(row: Sequence[Illustration]) -> list[DrawnFigure]:
     """Figures side by side, or a single one."""
     if len(row) == 1:
-        return [_drawn(row[0], _svg(row[0], WIDE, "wide"))]
-    return [_drawn(illustration, "") for illustration in row]
+        return [_draw(row[0], _svg(row[0], WIDE, "wide"))]
+    return [_draw(illustration, "") for illustration in row]
 
 
-def _drawn(illustration: Illustration, wide: str) -> Drawn:
+def _draw(illustration: Illustration, wide: str) -> DrawnFigure:
     from markupsafe import Markup
 
-    return Drawn(
+    return DrawnFigure(
         name=illustration.name,
         title=illustration.title,
         caption=illustration.caption,

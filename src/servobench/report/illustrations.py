@@ -10,12 +10,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.rounding import TWO_SIDED, counted, handy_unit, percent, plain, with_unit
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import TWO_SIDED, count_text, handy_unit, percent, plain, with_unit
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.result import Comparison, Result
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.report import figures
-from servobench.report.decimation import held
+from servobench.report.decimation import hold_line
 from servobench.report.figures import Course, Curve, Difference, Panel
 from servobench.report.palette import Style
 from servobench.report.speed import eye_speed, eye_window
@@ -78,7 +79,7 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
     """Return how far the estimates are from their nominal values, in per cent; None where no nominal value has a size."""
     rows = tuple(
         Difference(
-            name=comparison.name.replace("_", " "),
+            name=parameter_in_words(comparison.name, comparison.unit),
             percent=100 * (comparison.identified / comparison.nominal - 1),
             half=100 * TWO_SIDED * comparison.sd / abs(comparison.nominal),
         )
@@ -91,7 +92,7 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
     return Illustration(
         name="nominal",
         title="Identified against nominal",
-        caption="A dot is the identified value, the bar its 95 % interval; where there is none, it's narrower than the dot.",
+        caption="A dot is the identified value, the bar its 95 % interval; a missing bar is narrower than the dot.",
         description=f"Differences from the nominal values: {told}.",
         draw=partial(figures.differences, rows, "the nominal value"),
     )
@@ -100,7 +101,7 @@ def against_nominal(comparisons: Sequence[Comparison]) -> Illustration | None:
 def _course(data: Dataset, fitted: FittedRecord | None, several: bool) -> Course:
     """Input, speed and, where it was measured, position; time counts from the record's first sample."""
     t = data.t_output - data.t_output[0]
-    t_input, u = held(data.t_input - data.t_output[0], data.u, data.input_before, float(t[-1]))
+    t_input, u = hold_line(data.t_input - data.t_output[0], data.u, data.input_before, float(t[-1]))
     panels = [
         Panel(title="Input", unit=data.input_unit, curves=(Curve(t=t_input, y=u, look="input"),), height=90.0)
     ]
@@ -108,13 +109,15 @@ def _course(data: Dataset, fitted: FittedRecord | None, several: bool) -> Course
         window = eye_window(data)
         lines = _lines(data, fitted, lambda y: eye_speed(t, y, window))
         panels.append(
-            Panel(title="Speed, for the eye only", unit=f"{data.output_unit}/s", curves=_named(lines))
+            Panel(
+                title="Speed, for illustration only", unit=f"{data.output_unit}/s", curves=_with_names(lines)
+            )
         )
         panels.append(
             Panel(title="Position", unit=data.output_unit, curves=_lines(data, fitted, lambda y: (t, y)))
         )
     else:
-        curves = _named(_lines(data, fitted, lambda y: (t, y)))
+        curves = _with_names(_lines(data, fitted, lambda y: (t, y)))
         panels.append(Panel(title="Speed", unit=data.output_unit, curves=curves, height=190.0))
     return Course(panels=tuple(panels), title=_short(data.name) if several else "")
 
@@ -130,7 +133,7 @@ def _lines(
     return (measured, Curve(t=t, y=y, look="model"))
 
 
-def _named(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
+def _with_names(curves: tuple[Curve, ...]) -> tuple[Curve, ...]:
     """The same curves, named for the legend."""
     return tuple(Curve(t=curve.t, y=curve.y, look=curve.look, label=curve.look) for curve in curves)
 
@@ -145,11 +148,11 @@ def _course_caption(result: Result, shown: Sequence[Dataset]) -> str:
         ends = dict.fromkeys(with_unit(window, "s", 2) for window in (windows[0], windows[-1]))
         both = ", taken from both alike," if result.fit else ""
         parts.append(
-            f"The speed is for the eye only: differences of the position{both} over {' to '.join(ends)}."
+            f"The speed is for illustration only: differences of the position{both} over {' to '.join(ends)}."
         )
     elif shown and shown[0].chain:
         parts.append(
-            f"What is shown lies behind the measurement chain ‘{shown[0].chain}’; the model's output went through it too."
+            f"The signals are behind the measurement chain ‘{shown[0].chain}’, which the model's output passed too."
         )
     return " ".join(parts) + _more(len(result.data))
 
@@ -207,10 +210,10 @@ def _correlation(fit: Fit) -> Illustration | None:
         name="correlation",
         title="Autocorrelation of the residual",
         caption=(
-            f"White noise keeps within the grey band (±{plain(bound, 2)}) at 95 of 100 lags; here {counted(outside, 'lag')} of "
-            f"{longest} {'leaves' if outside == 1 else 'leave'} it."
+            f"White noise stays within the grey band (±{plain(bound, 2)}) at 95 of 100 lags; here "
+            f"{count_text(outside, 'lag')} of {longest} {'leaves' if outside == 1 else 'leave'} it."
         ),
-        description=f"The largest correlation is {plain(rho[largest], 2)}, at a lag of {counted(largest + 1, 'sample')}.",
+        description=f"The largest correlation is {plain(rho[largest], 2)}, at a lag of {count_text(largest + 1, 'sample')}.",
         draw=partial(figures.correlation, lags.astype(np.float64), rho, float(bound)),
     )
 
@@ -231,7 +234,7 @@ def _distribution(fit: Fit) -> Illustration | None:
         half = 0.5 * quantum / factor
         x = np.array([edges[0], -half, -half, half, half, edges[-1]])
         expected = Curve(t=x, y=np.array([0, 0, 1, 1, 0, 0]) / (2 * half), look="model", label="rounding")
-        beside = "even between plus and minus half a count, as rounding alone would give it"
+        beside = "uniform within ± half a count, as for rounding alone"
     else:
         x = np.linspace(edges[0], edges[-1], 121)
         s = sd / factor
@@ -240,7 +243,7 @@ def _distribution(fit: Fit) -> Illustration | None:
         )
         beside = "a normal distribution of the same standard deviation"
     beyond = int(np.count_nonzero(np.abs(e) > limit))
-    out = f" {counted(beyond, 'sample')} beyond the axis." if beyond else ""
+    out = f" {count_text(beyond, 'sample')} beyond the axis." if beyond else ""
     return Illustration(
         name="distribution",
         title="Distribution of the residual",

@@ -9,18 +9,18 @@ from dataclasses import dataclass
 from servobench._version import __version__
 from servobench.core.errors import MissingInformation, ServobenchError
 from servobench.core.finding import Finding, Severity
-from servobench.core.rounding import counted, percent, plain, with_unit
+from servobench.core.rounding import count_text, percent, plain, with_unit
 from servobench.identification.trust.doubts.base import about_data
-from servobench.recordings.formats.describe import ChannelDescription, Description, describe, shown_channels
+from servobench.recordings.formats.describe import ChannelDescription, Description, channels_to_show, describe
 from servobench.recordings.formats.inspection import extremes, intervals
 from servobench.recordings.formats.mapping import assign
 from servobench.recordings.formats.times import TimeBase
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
 from servobench.recordings.recording import Recording
-from servobench.report import inspection_figures, tables, words
+from servobench.report import inspection_figures, summary, tables
 from servobench.report.document import write_page
-from servobench.report.html import SEVERITIES, Drawn, single, source, template
+from servobench.report.html import SEVERITIES, DrawnFigure, single, source, template
 from servobench.report.tables import Fact
 
 
@@ -44,7 +44,7 @@ class InspectionReport:
                 Fact(heading="SHA-256", text=origin.sha256 or "not known", code=True),
             ),
             parts=parts,
-            sentence=words.sentence,
+            sentence=summary.sentence,
             severity_words={str(severity): word for severity, word in SEVERITIES.items()},
             **_conclusion(parts),
         )
@@ -70,13 +70,13 @@ class _Part:
     facts: tuple[Fact, ...]
     channels: tuple[tuple[str, ...], ...]
     times: tuple[tuple[str, ...], ...]
-    drawings: tuple[Drawn, ...]
+    drawings: tuple[DrawnFigure, ...]
 
 
 def _part(recording: Recording, number: int) -> _Part:
     description = describe(recording)
     support, missing, data = _support(recording)
-    shown = shown_channels(recording)
+    shown = channels_to_show(recording)
     spread = next(
         (found for name in shown if (t := recording[name].t) is not None and (found := intervals(t))), None
     )
@@ -102,7 +102,7 @@ def _support(recording: Recording) -> tuple[str, tuple[str, ...], Dataset | None
     try:
         data = measure(assign(recording))
     except MissingInformation as error:
-        return "More has to be known before it can be identified.", error.missing, None
+        return "Some information is missing before it can be identified.", error.missing, None
     except ServobenchError as error:
         return f"It can't be identified as it is: {error}", (), None
     return (
@@ -117,16 +117,16 @@ def _conclusion(parts: Sequence[_Part]) -> dict[str, str]:
     """The sentence at the head of the page, and the colour that it stands in."""
     ready = sum(not part.missing and part.support.startswith("It can be") for part in parts)
     refused = any(group[0].severity is Severity.REFUSAL for part in parts for group in part.findings)
-    many = counted(len(parts), "recording")
+    many = count_text(len(parts), "recording")
     if ready == len(parts) and not refused:
-        return {"state": "trusted", "word": "Ready", "reason": f"{many}, with all that has to be known."}
+        return {"state": "trusted", "word": "Ready", "reason": f"{many}, with everything needed."}
     if any(part.missing for part in parts) and not refused:
         return {
             "state": "doubtful",
             "word": "Questions",
-            "reason": f"{many}; something has to be said first.",
+            "reason": f"{many}; some information is missing.",
         }
-    return {"state": "refused", "word": "Not as it is", "reason": f"{many}; see what stands in the way."}
+    return {"state": "refused", "word": "Not as it is", "reason": f"{many}; see the reasons."}
 
 
 def _facts(recording: Recording, shown: Sequence[str], data: Dataset | None) -> tuple[Fact, ...]:
@@ -141,13 +141,13 @@ def _facts(recording: Recording, shown: Sequence[str], data: Dataset | None) -> 
         low, high = (f"{plain(end, 4)} {unit}".strip() for end in (ends.smallest, ends.largest))
         text = (
             f"{percent(100 * ends.at_smallest)} % of the samples at the smallest value, {low}; "
-            f"{percent(100 * ends.at_largest)} % at the largest, {high}; at most {counted(ends.longest, 'sample')} in a row"
+            f"{percent(100 * ends.at_largest)} % at the largest, {high}; at most {count_text(ends.longest, 'sample')} in a row"
         )
         if ends.looks_limited:
-            text += ". Nowhere else does it stay so long: something limits it"
+            text += ". It stays nowhere else so long: it is limited"
         facts.append(Fact(heading=name, text=f"{text}."))
     if data is not None:
-        chain = str(data.chain) or ("nothing, as was said" if data.chain_known else "nobody says")
+        chain = str(data.chain) or ("nothing, as declared" if data.chain_known else "nobody says")
         facts.append(Fact(heading="Between shaft and output", text=chain))
     return tuple(facts)
 

@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servobench.core.channels import measurable
-from servobench.core.rounding import counted, handy_unit, plain, with_unit
+from servobench.core.rounding import count_text, handy_unit, plain, with_unit
 from servobench.recordings.formats.inspection import Intervals
 from servobench.recordings.recording import Recording, Series
 from servobench.report import figures
-from servobench.report.decimation import held
+from servobench.report.decimation import hold_line
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.report.palette import Style, axes, sheet, whole, x_label
@@ -29,11 +29,11 @@ def over_time(recording: Recording, names: tuple[str, ...], number: int) -> Illu
     if not panels:
         return None
     timed = any(recording[name].t is not None for name in names)
-    unit = "" if timed else " The file has no times: one second stands for one sample."
+    unit = "" if timed else " The file has no times: one second is one sample."
     return Illustration(
         name=f"course-{number}",
         title="What was recorded",
-        caption=f"Time counts from the first sample.{unit}",
+        caption=f"Time is counted from the first sample.{unit}",
         description=" ".join(_words(recording[name]) for name in names),
         draw=partial(figures.time_courses, (Course(panels=panels),)),
     )
@@ -45,7 +45,7 @@ def spacing(found: Intervals, number: int) -> Illustration:
     beyond = ""
     if found.beyond:
         verb = "is" if found.beyond == 1 else "are"
-        beyond = f" {counted(found.beyond, 'gap')} beyond {high} {verb} not shown."
+        beyond = f" {count_text(found.beyond, 'gap')} beyond {high} {verb} not shown."
     return Illustration(
         name=f"intervals-{number}",
         title="Intervals between samples",
@@ -67,7 +67,7 @@ def _panel(recording: Recording, series: Series) -> Panel | None:
     t = forward - forward[0]
     is_input = channel.name == recording.input
     if is_input:
-        t, y = held(t, y, float(y[0]), float(t[-1]))
+        t, y = hold_line(t, y, float(y[0]), float(t[-1]))
     curve = Curve(t=t, y=y, look="input" if is_input else "measured")
     return Panel(title=channel.name, unit=channel.unit or "unit unknown", curves=(curve,), height=120.0)
 

@@ -7,33 +7,12 @@ from html import escape
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.parameter_names import parameter_symbol
 from servobench.core.rounding import plain
 from servobench.identification.estimators.base import Fit
-from servobench.report.bands import coefficient_halves
+from servobench.identification.uncertainty.bands import coefficient_halves
 from servobench.systems.transfer_function import TransferFunction
 
-SYMBOLS = {
-    "gain": "K",
-    "time_constant": "τ",
-    "electrical_time_constant": "τ_e",
-    "resistance": "R",
-    "motor_constant": "k",
-    "inertia": "J",
-    "viscous_friction": "b",
-    "coulomb_torque": "T_c",
-    "inductance": "L",
-    "delay": "d",
-    "coulomb_voltage": "u_c",
-    "coulomb_voltage_forward": "u_c+",
-    "coulomb_voltage_backward": "u_c−",
-    "offset_voltage": "u_0",
-    "drag_asymmetry": "u_a",
-    "stribeck_voltage": "u_s",
-    "stribeck_speed": "ω_s",
-    "gravity_voltage_sine": "u_gs",
-    "gravity_voltage_cosine": "u_gc",
-    "load_friction": "μ",
-}
 _MOST_DIGITS = 5  # of a coefficient; the table of parameters has them all
 
 
@@ -46,14 +25,14 @@ def transfer_function_math(fit: Fit) -> str:
     if not _is_first_order(fit, system):
         return _math(whole, _sign("="), numbers, unit)
     lag = _row(_name("τ"), _name("s"), _sign("+"), _number("1"))
-    symbols = _row(_fraction(_name("K"), lag), _delayed(_row(_sign("−"), _name("d"), _name("s"))))
+    symbols = _row(_fraction(_name("K"), lag), _delay_factor(_row(_sign("−"), _name("d"), _name("s"))))
     # Two pieces, so that a narrow page can set them below each other.
     return _math(whole, _sign("="), symbols) + _math(_sign("="), numbers, unit)
 
 
 def symbol(name: str) -> str:
     """Return the symbol of a parameter as HTML; empty for one that has none."""
-    base, _, index = SYMBOLS.get(name, "").partition("_")
+    base, _, index = parameter_symbol(name).partition("_")
     return f"<i>{base}</i>{f'<sub>{index}</sub>' if index else ''}" if base else ""
 
 
@@ -81,7 +60,7 @@ def _in_numbers(system: TransferFunction, halves: Array, gain_is_known: bool) ->
     text = _coefficient(abs(system.delay), halves[-1])
     minus = (_sign("−"),) if system.delay > 0 else ()
     exponent = _row(*minus, _number(text), _thin_space(), _name("s"))
-    return _row(fraction, _delayed(exponent))
+    return _row(fraction, _delay_factor(exponent))
 
 
 def _polynomial(coefficients: tuple[float, ...], halves: Array) -> str:
@@ -144,5 +123,5 @@ def _fraction(above: str, below: str) -> str:
     return f'<mstyle displaystyle="true"><mfrac>{above}{below}</mfrac></mstyle>'
 
 
-def _delayed(exponent: str) -> str:
+def _delay_factor(exponent: str) -> str:
     return f"{_thin_space()}<msup>{_name('e')}{exponent}</msup>"

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.palette import Palette
 from servobench.core.rounding import plain, with_unit
-from servobench.report.bands import FrequencyBand, PoleBand, StepBand
+from servobench.identification.uncertainty.bands import FrequencyBand, PoleBand, StepBand
 from servobench.report.palette import (
     BOTTOM,
     FONT,
@@ -17,7 +18,6 @@ from servobench.report.palette import (
     SECOND_SCALE,
     TITLE,
     Box,
-    Palette,
     Style,
     axes,
     handy,

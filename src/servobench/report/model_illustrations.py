@@ -9,11 +9,17 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.core.rounding import plain, rounded, with_unit
+from servobench.core.rounding import plain, round_value, with_unit
 from servobench.identification.estimators.base import Fit
+from servobench.identification.uncertainty.bands import (
+    FrequencyBand,
+    PoleBand,
+    frequency_band,
+    pole_bands,
+    step_band,
+)
 from servobench.identification.uncertainty.propagation import Derived, sample_time_of
-from servobench.report import model_figures, words
-from servobench.report.bands import FrequencyBand, PoleBand, frequency_band, pole_bands, step_band
+from servobench.report import model_figures, summary
 from servobench.report.illustrations import Illustration
 from servobench.systems.stability.verdict import stability
 from servobench.systems.transfer_function import TransferFunction
@@ -35,29 +41,29 @@ def frequency_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration
     system = fit.model.transfer_function("speed")
     if not any(system.numerator):
         return None
-    seen = _seen(fit)
+    seen = _frequency_range(fit)
     sizes = [abs(pole) for pole in system.poles if pole != 0]
     low, high = min([seen[0], *(size / 10 for size in sizes)]), max([seen[1], *(size * 10 for size in sizes)])
     band = frequency_band(fit, np.geomspace(low, high, _POINTS))
     corner = float(sizes[0]) if len(system.poles) == 1 and sizes else None
     told = _band_words(band, seen)
-    bandwidth = words.quantity(
-        "The bandwidth, at which the magnitude has fallen to 0.707 of that at rest, is", derived["bandwidth"]
+    bandwidth = summary.quantity(
+        "The bandwidth (the magnitude falls to 0.707 of its static value) is", derived["bandwidth"]
     )
     knee = f" The corner is at {with_unit(corner, 'rad/s', 4)}." if corner is not None else ""
     return Illustration(
         name="bode",
         title="Frequency response from the input to the speed",
         caption=(
-            f"{bandwidth} {told} Shaded frequencies are out of the data's reach: below one cycle in the longest record, or above "
-            f"half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is within)."
+            f"{bandwidth} {told} Shaded frequencies are outside the data: below one cycle in the longest record, or "
+            f"above half the sample rate ({plain(seen[0], 3)} to {plain(seen[1], 3)} rad/s is inside)."
         ).lstrip(),
         description=f"Bode diagram. The magnitude is {_magnitude_words(band, system)}.{knee} {told}",
-        draw=_measured(fit, band) or partial(model_figures.bode, band, system.unit, seen, corner),
+        draw=_measured_diagram(fit, band) or partial(model_figures.bode, band, system.unit, seen, corner),
     )
 
 
-def _measured(fit: Fit, band: FrequencyBand) -> Callable[[Style], Figure] | None:
+def _measured_diagram(fit: Fit, band: FrequencyBand) -> Callable[[Style], Figure] | None:
     """The diagram with the points that were measured, for a fit that was made to them."""
     if fit.estimator != "frequency_response":
         return None
@@ -89,7 +95,7 @@ def step_response(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
         title=f"Response to a step of 1 {input_unit}",
         caption=(
             "Of the linear part, from rest; friction and offset are left out. "
-            f"{words.quantity('The rise time from 10 to 90 % is', derived['rise_time'])} {width}"
+            f"{summary.quantity('The rise time from 10 to 90 % is', derived['rise_time'])} {width}"
         ),
         description=f"The speed goes to {final}. {width}",
         draw=partial(model_figures.step, band, unit, mark),
@@ -105,16 +111,16 @@ def poles(fit: Fit, derived: Mapping[str, Derived]) -> Illustration:
         name="poles",
         title="Poles",
         caption=(
-            f"From the input to the speed the motor is {judged.verdict}. {reasons} "
-            "The thin cross at 0 is the integrator from speed to position, which nobody estimated. "
-            f"{words.feedback(derived, fit.model.data, sample_time_of(fit))}"
+            f"From the input to the speed the motor is {judged.verdict}. {reasons} The thin cross at 0 is the "
+            "integrator from speed to position, which isn't estimated. "
+            f"{summary.feedback(derived, fit.model.data, sample_time_of(fit))}"
         ),
         description=f"Pole map. {' '.join(map(_pole_words, bands))}",
         draw=partial(model_figures.pole_map, bands, 0j),
     )
 
 
-def _seen(fit: Fit) -> tuple[float, float]:
+def _frequency_range(fit: Fit) -> tuple[float, float]:
     """The range of angular frequencies [rad/s] from one cycle in the longest record to half the fastest sample rate."""
     records = [record.data for record in fit.records]
     longest = max(record.duration for record in records)
@@ -134,10 +140,12 @@ def _band_words(band: FrequencyBand, seen: tuple[float, float]) -> str:
 def _band_part(what: str, half: float, span: float, unit: str) -> str:
     if not np.isfinite(half):
         return f"The 95 % band of the {what} isn't known, as the data don't determine all parameters."
-    return f"The 95 % band of the {what} is {_seen_as(2 * half, span)}, at most ±{plain(half, 2)}{unit}."
+    return (
+        f"The 95 % band of the {what} is {_visibility_text(2 * half, span)}, at most ±{plain(half, 2)}{unit}."
+    )
 
 
-def _seen_as(width: float, span: float) -> str:
+def _visibility_text(width: float, span: float) -> str:
     """What of a band can be seen where a curve over that span fills its panel."""
     return "thinner than the line" if width < _LINE_WIDTH * span else "light blue"
 
@@ -145,7 +153,7 @@ def _seen_as(width: float, span: float) -> str:
 def _band_width(width: float, span: float, half: str) -> str:
     if not np.isfinite(width):
         return "The 95 % band isn't known, as the data don't determine all parameters."
-    return f"The 95 % band is {_seen_as(width, span)}: at most ±{half}."
+    return f"The 95 % band is {_visibility_text(width, span)}: at most ±{half}."
 
 
 def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
@@ -157,7 +165,7 @@ def _magnitude_words(band: FrequencyBand, system: TransferFunction) -> str:
 
 
 def _pole_words(band: PoleBand) -> str:
-    real = rounded(band.pole.real, band.half.real, "1/s")
+    real = round_value(band.pole.real, band.half.real, "1/s")
     if band.pole.imag == 0:
         return f"A pole at {real}."
-    return f"A pole with the real part {real} and the imaginary part {rounded(band.pole.imag, band.half.imag, '1/s')}."
+    return f"A pole with the real part {real} and the imaginary part {round_value(band.pole.imag, band.half.imag, '1/s')}."

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from servobench.core.channels import Array
+from servobench.core.palette import LIGHT, Palette
 from servobench.core.rounding import handy_unit, plain
 
 if TYPE_CHECKING:
@@ -17,34 +18,6 @@ FONT = 11.0  # CSS pixels; one unit of the drawing is one pixel
 LEFT, RIGHT, TITLE, BOTTOM = 42.0, 6.0, 30.0, 40.0  # what stands around axes: labels and titles
 SECOND_SCALE = 44.0  # what a second scale takes on the right
 _POINTS_PER_INCH = 72.0  # of Matplotlib's sizes
-
-
-@dataclass(frozen=True, kw_only=True)
-class Palette:
-    """The colours of a figure, as `#rrggbb`, by what they stand for: text in ink or muted, rules, what was measured, the model.
-
-    `band` is that of an interval about a curve, `shade` that of what lies behind all curves.
-    """
-
-    ink: str
-    muted: str
-    rule: str
-    measured: str
-    model: str
-    band: str
-    shade: str
-
-
-# Light colours for figures that stand alone; a report puts its own in their place, for light and for dark.
-LIGHT = Palette(
-    ink="#1b2228",
-    muted="#56616b",
-    rule="#dfe3e6",
-    measured="#7f8f9d",
-    model="#0b5c9c",
-    band="#bcd6ec",
-    shade="#f1f3f5",
-)
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from servobench.core.channels import DeviceInfo
-from servobench.core.rounding import counted, plain
+from servobench.core.rounding import count_text, plain
 from servobench.core.units import quantity
 from servobench.recordings.recording import Recording
 from servobench.report.history import experiment_table
@@ -14,7 +14,7 @@ Row = tuple[str, str, str]
 _NEVER, _NOT_WATCHED = "never", "not watched"
 
 
-def guarded_by(recording: Recording) -> tuple[Row, ...]:
+def guard_rows(recording: Recording) -> tuple[Row, ...]:
     """Return a row for each limit of a run of ours: what it is about, its numbers, and whether it was reached.
 
     Nothing for recordings from elsewhere, for those of versions that wrote no such limits, and where nothing was driven.
@@ -43,7 +43,7 @@ def _is_driven(device: DeviceInfo) -> bool:
 def _clipping(limits: Limits, recording: Recording) -> tuple[Row, ...]:
     """Voltage and slew, which are kept by clipping; which of the two it was isn't recorded."""
     number = int(recording["saturated"].values.sum()) if "saturated" in recording else 0
-    told = f"at {counted(number, 'sample')}" if number else _NEVER
+    told = f"at {count_text(number, 'sample')}" if number else _NEVER
     voltage = ("Voltage", f"at most {plain(limits.voltage, 6)} V, clipped", told)
     if limits.slew is None:
         return (voltage,)
@@ -60,16 +60,20 @@ def _monitors(limits: Limits, device: DeviceInfo, sample_time: float, recording:
     rows = []
     for kind in MONITORS:
         monitor = kind.of(rig)
-        watched = ("none", _NOT_WATCHED) if monitor is None else (monitor.limit, _told(kind.codes, recording))
+        watched = (
+            ("none", _NOT_WATCHED)
+            if monitor is None
+            else (monitor.limit, _text_of_limit(kind.codes, recording))
+        )
         rows.append((kind.heading, *watched))
     return rows
 
 
 def _watchdog(limits: Limits, recording: Recording) -> Row:
     timeout = f"a new voltage within {plain(1000 * limits.watchdog.timeout, 6)} ms"
-    return ("Watchdog", timeout, _told(("watchdog",), recording))
+    return ("Watchdog", timeout, _text_of_limit(("watchdog",), recording))
 
 
-def _told(codes: tuple[str, ...], recording: Recording) -> str:
+def _text_of_limit(codes: tuple[str, ...], recording: Recording) -> str:
     found = [finding.sentence for finding in recording.findings if finding.code in codes]
     return found[0] if found else _NEVER

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
+from servobench.core.palette import Palette
 from servobench.report.palette import (
     BOTTOM,
     FONT,
@@ -16,7 +17,6 @@ from servobench.report.palette import (
     RIGHT,
     TITLE,
     Box,
-    Palette,
     Style,
     axes,
     legend,

@@ -10,7 +10,7 @@ from html import escape
 from io import StringIO
 from typing import TYPE_CHECKING, Any
 
-from servobench.report.palette import Palette
+from servobench.core.palette import Palette
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -38,12 +38,12 @@ def inline_svg(figure: Figure, *, name: str, title: str, description: str) -> st
     It scales with the page, has no address, script or style sheet in it, and is an image with the title and the description for
     who can't see it. All its ids begin with `name`, which must be unique on the page.
     """
-    drawing = _rendered(figure)
+    drawing = _render(figure)
     body = drawing[drawing.index(">", drawing.index("<svg")) + 1 : drawing.rindex("</svg>")]
     body = _ASIDE.sub("", body)
     referred = sorted({old for tag in _TAG.findall(body) for old in _REFERENCE.findall(tag)})
     ids = {old: f"{name}-{number}" for number, old in enumerate(referred)}
-    body = _TAG.sub(lambda tag: _rewritten(tag[0], ids), body)
+    body = _TAG.sub(lambda tag: _rewrite_tag(tag[0], ids), body)
     body = re.sub(r"\s*\n\s*", "\n", body)
     width, height = (float(side) * 72 for side in figure.get_size_inches())
     return (
@@ -55,7 +55,7 @@ def inline_svg(figure: Figure, *, name: str, title: str, description: str) -> st
     )
 
 
-def _rendered(figure: Figure) -> str:
+def _render(figure: Figure) -> str:
     import matplotlib
     from matplotlib.backends.backend_svg import FigureCanvasSVG
 
@@ -68,7 +68,7 @@ def _rendered(figure: Figure) -> str:
     return out.getvalue()
 
 
-def _rewritten(tag: str, ids: Mapping[str, str]) -> str:
+def _rewrite_tag(tag: str, ids: Mapping[str, str]) -> str:
     """A tag with ids of the page's own, or none where nothing refers to it, and with the page's colours and fonts.
 
     A hundredth of a pixel is the smallest step.

@@ -9,26 +9,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from servobench.core.finding import Finding, Severity, by_weight
-from servobench.core.rounding import TWO_SIDED, Rounded, plain, rounded, rounded_interval, with_unit
+from servobench.core.parameter_names import PARAMETER_NAMES, parameter_in_words
+from servobench.core.rounding import TWO_SIDED, Rounded, plain, round_value, rounded_interval, with_unit
 from servobench.identification.result import Comparison, OperatingRange, Result
 from servobench.identification.uncertainty.composition import parts_of
-from servobench.identification.uncertainty.words import in_words
+from servobench.identification.uncertainty.status_text import in_words
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.report.mathml import symbol
 
 _SYMBOL = re.compile(r"\w\s*=")  # one letter that stands for a number
 _FOREMOST = 5
 _RPM = 30 / np.pi  # in 1 rad/s
-
-_OF_THE_MOTOR = {
-    "resistance": "of the winding and of all that is in series with it",
-    "motor_constant": "torque for each ampere, and back-emf for each rad/s",
-    "inertia": "of all that turns",
-    "viscous_friction": "friction torque in proportion to the speed",
-    "coulomb_torque": "friction torque that is the same at all speeds",
-    "inductance": "of the winding",
-}
-"""What the motor's own parameters mean."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -100,7 +91,7 @@ def parameter_rows(result: Result) -> tuple[ParameterRow, ...]:
         return ()
     alone = [
         ParameterRow(
-            name=parameter.name.replace("_", " "),
+            name=parameter_in_words(parameter.name, estimate.unit),
             symbol=symbol(parameter.name),
             meaning=parameter.meaning,
             estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
@@ -130,7 +121,7 @@ def budget_rows(result: Result) -> tuple[BudgetRow, ...]:
             estimate = result.answers[name].estimate
             rows.append(
                 BudgetRow(
-                    name=name.replace("_", " "),
+                    name=parameter_in_words(name, estimate.unit),
                     percent=plain(100 * estimate.half_width / abs(estimate.value), 2),
                     parts=tuple(
                         (
@@ -151,9 +142,9 @@ def motor_rows(result: Result) -> tuple[ParameterRow, ...]:
     """Return the motor's own parameters, as far as they are determined."""
     return tuple(
         ParameterRow(
-            name=name.replace("_", " "),
+            name=parameter_in_words(name),
             symbol=symbol(name),
-            meaning=_OF_THE_MOTOR[name],
+            meaning=PARAMETER_NAMES[name].meaning,
             estimate=rounded_interval(estimate.value, estimate.interval, estimate.unit),
         )
         for name, estimate in result.motor_parameters.items()
@@ -192,7 +183,7 @@ def operating_range(limits: OperatingRange, data: Dataset) -> tuple[Fact, ...]:
     )
 
 
-def made_with(result: Result) -> tuple[Fact, ...]:
+def provenance(result: Result) -> tuple[Fact, ...]:
     """Return what a result was made with and from."""
     fit = result.fit
     facts = [
@@ -218,21 +209,21 @@ def _comparison_row(comparison: Comparison) -> ComparisonRow:
     half = TWO_SIDED * comparison.sd
     known = np.isfinite(half) and half > 0
     difference = comparison.identified - comparison.nominal
-    percent = f"{_signed(100 * difference / comparison.nominal)} %" if comparison.nominal else "–"
+    percent = f"{_sign_text(100 * difference / comparison.nominal)} %" if comparison.nominal else "–"
     inside = abs(difference) <= half
     return ComparisonRow(
-        name=comparison.name.replace("_", " "),
+        name=parameter_in_words(comparison.name, comparison.unit),
         nominal=with_unit(comparison.nominal, comparison.unit),
-        identified=str(rounded(comparison.identified, half, comparison.unit)),
+        identified=str(round_value(comparison.identified, half, comparison.unit)),
         percent=percent,
-        deviations=_signed(comparison.z) if known else "–",
+        deviations=_sign_text(comparison.z) if known else "–",
         judgement=("within the interval" if inside else "outside the interval")
         if known
         else "not determined",
     )
 
 
-def _signed(value: float) -> str:
+def _sign_text(value: float) -> str:
     text = plain(value, 3)
     return f"+{text}" if value > 0 else text
 

@@ -7,7 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from servobench.core.rounding import counted, grouped, with_unit
+from servobench.core.rounding import count_text, group_digits, with_unit
 from servobench.recordings.recording import Recording
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
@@ -16,10 +16,10 @@ from servobench.report.tables import Fact
 from servobench.rig.lateness import Lateness, lateness
 
 _MISSED = {"discard": "left out", "process": "done late"}
-_PHASE = {"keep": "back to the schedule", "lose": "a new schedule from the late one on"}
+_PHASE = {"keep": "back to the schedule", "lose": "a new schedule from the late one"}
 
 
-def timed(recordings: Sequence[Recording]) -> tuple[Lateness, ...]:
+def latenesses(recordings: Sequence[Recording]) -> tuple[Lateness, ...]:
     """Return the lateness of each recording in which time passed and was noted."""
     return tuple(found for recording in recordings if (found := lateness(recording)) is not None)
 
@@ -39,34 +39,34 @@ def timing_figures(runs: Sequence[Lateness]) -> tuple[Illustration, ...]:
     over_time = Illustration(
         name="lateness",
         title="Lateness over time",
-        caption=f"How long after its time each sample was taken; a spike is a moment when the computer was busy elsewhere.{more}",
+        caption=f"How late each sample was taken; a spike is a moment when the computer was busy.{more}",
         description=f"Lateness of the samples over time. {words}",
         draw=partial(figures.time_courses, tuple(_course(run, len(runs) > 1) for run in shown)),
     )
     share = Illustration(
         name="later-than",
-        title="Share of samples that were later",
+        title="Share of samples later than that",
         caption=(
-            "Read at 1 %: 99 of 100 samples were no later than that. Both scales are logarithmic; what came within "
-            f"{with_unit(figures.SOONEST, 's')} stands at the left end.{more}"
+            "Read at 1 %: 99 of 100 samples were no later than that. Both scales are logarithmic; samples within "
+            f"{with_unit(figures.SOONEST, 's')} are at the left end.{more}"
         ),
-        description=f"The share of the samples that came later than a time, over that time. {words}",
+        description=f"The share of the samples later than a given time, over that time. {words}",
         draw=partial(figures.later_than, tuple(run.by for run in shown)),
     )
     return over_time, share
 
 
 def _facts(run: Lateness) -> tuple[Fact, ...]:
-    rest = f"{counted(run.samples, 'sample')}, {with_unit(run.sample_time, 's')} apart"
+    rest = f"{count_text(run.samples, 'sample')}, {with_unit(run.sample_time, 's')} apart"
     quantiles = (("median", run.p50), ("99 %", run.p99), ("99.9 %", run.p999), ("latest", run.largest))
     return (
         Fact(heading="Schedule", text=rest),
         *(Fact(heading=f"Lateness, {name}", text=with_unit(value, "s", 3)) for name, value in quantiles),
         Fact(
             heading="Late by more than a tenth",
-            text=f"{grouped(run.late)} of {counted(run.samples, 'sample')}",
+            text=f"{group_digits(run.late)} of {count_text(run.samples, 'sample')}",
         ),
-        Fact(heading="Missed", text=counted(run.missed, "tick")),
+        Fact(heading="Missed", text=count_text(run.missed, "tick")),
         Fact(
             heading="Ticks that had gone by",
             text=f"{_MISSED[run.missed_rule]}; then {_PHASE[run.phase_rule]}",

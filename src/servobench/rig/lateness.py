@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import ExperimentError
-from servobench.core.rounding import counted, microseconds
+from servobench.core.rounding import count_text, microseconds
 from servobench.recordings.recording import Recording
 from servobench.rig.experiment import Experiment, read_experiment
 
@@ -42,9 +42,8 @@ class Lateness:
         """All of it in one sentence, in µs."""
         p50, p99, p999, largest = (microseconds(x) for x in (self.p50, self.p99, self.p999, self.largest))
         return (
-            f"samples came {p50} µs after their time in the median, {p99} µs in one of a hundred, {p999} µs in one of a "
-            f"thousand, {largest} µs at most; {self.late} of {self.samples} were late, and "
-            f"{counted(self.missed, 'tick')} missed"
+            f"samples were late by {p50} µs (median), {p99} µs (99th percentile), {p999} µs (99.9th) and {largest} "
+            f"µs (largest); {self.late} of {self.samples} were late, and {count_text(self.missed, 'tick')} missed"
         )
 
 
@@ -73,7 +72,7 @@ def lateness(recording: Recording) -> Lateness | None:
         name=recording.name,
         samples=len(by),
         late=int(np.count_nonzero(late)),
-        missed=_missed(experiment, series.t, series.values, late),
+        missed=_count_missed(experiment, series.t, series.values, late),
         sample_time=experiment.sample_time,
         p50=float(p50),
         p99=float(p99),
@@ -93,7 +92,7 @@ def _experiment(recording: Recording) -> Experiment | None:
         return None
 
 
-def _missed(experiment: Experiment, t: Array, scheduled: Array, late: Array) -> int:
+def _count_missed(experiment: Experiment, t: Array, scheduled: Array, late: Array) -> int:
     """The ticks between the samples, and before the first: each is due one sample time after the one before.
 
     Where the phase is lost, that is after the time at which a late one was done. A run that is cut short misses none at its end.

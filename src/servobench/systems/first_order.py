@@ -45,7 +45,7 @@ class FirstOrderMotor:
         return drawn
 
 
-def scaled(estimate: Estimate, factor: float, name: str) -> Estimate:
+def scale_estimate(estimate: Estimate, factor: float, name: str) -> Estimate:
     """Return an estimate times a factor, in the unit of that name."""
     ends = sorted(factor * end for end in estimate.interval)
     return Estimate(

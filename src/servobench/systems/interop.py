@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import UsageError
 from servobench.systems.transfer_function import TransferFunction
 
@@ -30,6 +31,7 @@ def to_control(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> con
 
     `to_control_and_delay` is exact. Raises `UsageError` for a negative delay, and where python-control isn't installed.
     """
+    check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     rational = without_delay(system, pade_order)
     return _control().TransferFunction(
         list(rational.numerator), list(rational.denominator), inputs="input", outputs=system.output
@@ -51,7 +53,8 @@ def from_control(system: Any, *, output: str, unit: str, delay: float = 0.0) -> 
     package = _control()
     if not isinstance(system, package.TransferFunction | package.StateSpace):
         raise UsageError(
-            f"{type(system).__name__} is no linear system of python-control: expected its TransferFunction or StateSpace"
+            f"{type(system).__name__} isn't a linear system of python-control: expected its TransferFunction or "
+            "StateSpace"
         )
     if not system.issiso():
         raise UsageError(
@@ -63,7 +66,7 @@ def from_control(system: Any, *, output: str, unit: str, delay: float = 0.0) -> 
             f"the python-control system is in discrete time (dt = {system.dt}); expected continuous time"
         )
     rational = package.tf(system)
-    numerator, denominator = _trimmed(rational.num[0][0]), _trimmed(rational.den[0][0])
+    numerator, denominator = _trim(rational.num[0][0]), _trim(rational.den[0][0])
     return TransferFunction(
         numerator=numerator, denominator=denominator, delay=delay, output=output, unit=unit
     )
@@ -86,6 +89,7 @@ def to_scipy(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> scipy
 
     `to_scipy_and_delay` is exact. Raises `UsageError` for a negative delay.
     """
+    check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     from scipy.signal import lti
 
     rational = without_delay(system, pade_order)
@@ -106,7 +110,7 @@ def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> Tr
 
     if not isinstance(system, lti):
         raise UsageError(
-            f"{type(system).__name__} is no scipy.signal.lti: expected a system in continuous time"
+            f"{type(system).__name__} isn't a scipy.signal.lti: expected a system in continuous time"
         )
     if (system.inputs, system.outputs) != (1, 1):
         raise UsageError(
@@ -117,8 +121,8 @@ def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> Tr
         warnings.simplefilter("ignore", BadCoefficients)
         rational = system.to_tf()
     return TransferFunction(
-        numerator=_trimmed(rational.num),
-        denominator=_trimmed(rational.den),
+        numerator=_trim(rational.num),
+        denominator=_trim(rational.den),
         delay=delay,
         output=output,
         unit=unit,
@@ -131,15 +135,13 @@ def without_delay(system: TransferFunction, pade_order: int = PADE_ORDER) -> Tra
     Raises `UsageError` for an order below 1, and for a negative delay, which no causal system has.
     """
     if pade_order < 1:
-        raise UsageError(
-            f"a Padé approximation of order {pade_order} leaves the delay out; expected 1 or more"
-        )
+        raise UsageError(f"a Padé approximation of order {pade_order} omits the delay; expected 1 or more")
     if system.delay == 0.0:
         return system
     if system.delay < 0:
         raise UsageError(
-            f"the system has a delay of {system.delay:g} s, so that the output comes before its cause, which no causal system "
-            "does: take the delay beside it with to_control_and_delay or to_scipy_and_delay"
+            f"the system has a delay of {system.delay:g} s, so the output would come before its cause: keep the "
+            "delay separate with to_control_and_delay or to_scipy_and_delay"
         )
     lag = pade(system.delay, pade_order)
     return replace(
@@ -150,9 +152,7 @@ def without_delay(system: TransferFunction, pade_order: int = PADE_ORDER) -> Tra
     )
 
 
-def handed_over(
-    system: TransferFunction, interval: tuple[float, float] | None
-) -> tuple[TransferFunction, str]:
+def hand_over(system: TransferFunction, interval: tuple[float, float] | None) -> tuple[TransferFunction, str]:
     """Return a model as other programs get it, and a sentence on a delay that was left out; an empty one where none was.
 
     `interval` is the delay's [s], None where it wasn't estimated. No delay is handed over where the interval holds zero, nor a
@@ -163,7 +163,7 @@ def handed_over(
     if not delay:
         return system, ""
     if low <= 0 <= high:
-        why = f"its 95 % interval, {_milliseconds(low)} to {_milliseconds(high)} ms, holds zero"
+        why = f"its 95 % interval, {_milliseconds(low)} to {_milliseconds(high)} ms, includes zero"
     elif delay < 0:
         why = "the output can't come before its cause"
     else:
@@ -199,7 +199,7 @@ def _control() -> Any:
     return control
 
 
-def _trimmed(coefficients: Any) -> tuple[float, ...]:
+def _trim(coefficients: Any) -> tuple[float, ...]:
     """The coefficients without zeros in front; a single zero for the zero polynomial."""
     kept = np.trim_zeros(np.atleast_1d(np.asarray(coefficients, dtype=np.float64)), "f")
     return tuple(map(float, kept)) or (0.0,)

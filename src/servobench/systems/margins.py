@@ -12,7 +12,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.systems.responses import mirrored, positive_roots, squared_magnitude
+from servobench.systems.responses import mirror, positive_roots, squared_magnitude
 from servobench.systems.transfer_function import TransferFunction
 
 _TURNS = 1000  # of the delay's phase, the most that is looked through
@@ -46,10 +46,10 @@ def margins(loop: TransferFunction) -> Margins:
     A negative delay, which no loop has and an estimate may have by chance, counts as none. Raises `UsageError` for coefficients
     beyond 1e150, and a delay that is above 0 and below 1e-100 s.
     """
-    loop = _checked(loop)
+    loop = _check(loop)
     at_one = gain_crossovers(loop)
     phase = Phase.of(loop)
-    phases = [wrapped(phase(omega) + math.pi) for omega in at_one]
+    phases = [wrap_phase(phase(omega) + math.pi) for omega in at_one]
     nearest = min(range(len(phases)), key=lambda n: abs(phases[n]), default=None)
     phase_crossovers = (
         _phase_crossovers_behind_delay(phase, loop, max(at_one, default=0.0))
@@ -76,15 +76,15 @@ def delay_margin(loop: TransferFunction) -> float:
     A delay d turns L(jω) by -ωd. Where |L| = 1 it meets -1 after what its phase is above -180°, taken between 0 and 360°: the
     first of these counts (Åström and Murray 2008, section 9.3). Infinite where |L| is never 1. Raises what `margins` raises.
     """
-    loop = _checked(loop)
+    loop = _check(loop)
     phase = Phase.of(loop)
     return min(
-        (math.fmod(wrapped(phase(w) + math.pi) + _TURN, _TURN) / w for w in gain_crossovers(loop)),
+        (math.fmod(wrap_phase(phase(w) + math.pi) + _TURN, _TURN) / w for w in gain_crossovers(loop)),
         default=math.inf,
     )
 
 
-def _checked(loop: TransferFunction) -> TransferFunction:
+def _check(loop: TransferFunction) -> TransferFunction:
     largest = max(map(abs, (*loop.numerator, *loop.denominator)))
     if largest > _LARGEST:
         raise UsageError(
@@ -139,10 +139,10 @@ def gain_crossovers(loop: TransferFunction) -> list[float]:
 
 def _phase_crossovers(loop: TransferFunction) -> list[float]:
     """Where L(jω) of a rational loop is real and negative: N(jω) D(-jω) has no imaginary part, and a negative real one."""
-    product = np.convolve(loop.numerator, mirrored(np.asarray(loop.denominator, dtype=np.float64)))
+    product = np.convolve(loop.numerator, mirror(np.asarray(loop.denominator, dtype=np.float64)))
     even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
-    squares = positive_roots(mirrored(odd)) if len(odd) else np.empty(0)
-    real = mirrored(even).tolist()
+    squares = positive_roots(mirror(odd)) if len(odd) else np.empty(0)
+    real = mirror(even).tolist()
     return [math.sqrt(x) for x in squares if np.polyval(real, x) < 0]
 
 
@@ -215,9 +215,9 @@ def slopes(loop: TransferFunction) -> tuple[Array, Array, Array]:
     d = np.asarray(loop.denominator, dtype=np.float64)
     both = np.convolve(n, d)
     above = _less(np.convolve(_derivative(n), d), np.convolve(n, _derivative(d)))
-    product = np.convolve(above, mirrored(both))
+    product = np.convolve(above, mirror(both))
     even, odd = product[::-1][::2][::-1], product[::-1][1::2][::-1]  # of s⁰, s², … and of s¹, s³, …
-    return mirrored(even), mirrored(odd), squared_magnitude(tuple(both))
+    return mirror(even), mirror(odd), squared_magnitude(tuple(both))
 
 
 def _derivative(polynomial: Array) -> Array:
@@ -270,7 +270,7 @@ class Phase:
         return angle
 
 
-def wrapped(phase: float) -> float:
+def wrap_phase(phase: float) -> float:
     """Return the same phase [rad] within (-π, π]."""
     rest = math.remainder(phase, _TURN)
     return math.pi if rest == -math.pi else rest

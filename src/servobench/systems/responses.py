@@ -65,11 +65,11 @@ def bandwidth(system: TransferFunction) -> float:
 def squared_magnitude(polynomial: Sequence[float]) -> Array:
     """Return |P(jω)|² as the coefficients (n + 1,) of a polynomial in ω², highest power first."""
     p = np.asarray(polynomial, dtype=np.float64)
-    product = np.convolve(p, mirrored(p))[::2]  # P(s) P(-s) has even powers only
-    return mirrored(product)
+    product = np.convolve(p, mirror(p))[::2]  # P(s) P(-s) has even powers only
+    return mirror(product)
 
 
-def mirrored(polynomial: Coefficients) -> Array:
+def mirror(polynomial: Coefficients) -> Array:
     """Return the coefficients (n + 1,) of P(-s), highest power first."""
     return np.asarray(polynomial * (-1.0) ** np.arange(len(polynomial) - 1, -1, -1), dtype=np.float64)
 

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrapped
+from servobench.systems.margins import Margins, Phase, apart, gain_crossovers, slopes, wrap_phase
 from servobench.systems.responses import positive_roots
 from servobench.systems.transfer_function import TransferFunction
 
@@ -144,7 +144,7 @@ def sampled_loop(
     chance, counts as none. Raises `UsageError` for a sample time that isn't above zero, and for a system with more zeros than
     poles, which no input that holds can drive.
     """
-    numerator, denominator, whole = _zero_order_hold(system, _checked(sample_time))
+    numerator, denominator, whole = _zero_order_hold(system, _check(sample_time))
     above = np.convolve(numerator, law.numerator)
     below = np.convolve(denominator, law.denominator)
     while len(above) > 1 and len(below) > 1 and above[-1] == 0 == below[-1]:
@@ -204,21 +204,21 @@ def trapezoid(controller: TransferFunction, sample_time: float) -> SampledLaw:
     """
     n, d = np.trim_zeros(np.asarray(controller.numerator), "f"), np.asarray(controller.denominator)
     order = max(len(n), len(d)) - 1
-    scale = 2 / _checked(sample_time)
+    scale = 2 / _check(sample_time)
     later = [1.0, 1.0] if len(n) > len(d) else [1.0]  # s = 2w/h over this
     return SampledLaw(
-        numerator=tuple(_substituted(n, order, scale, later)),
-        denominator=tuple(_substituted(d, order, scale, later)),
+        numerator=tuple(_substitute(n, order, scale, later)),
+        denominator=tuple(_substitute(d, order, scale, later)),
     )
 
 
-def _checked(sample_time: float) -> float:
+def _check(sample_time: float) -> float:
     if not (math.isfinite(sample_time) and sample_time > 0):
         raise UsageError(f"the sample time of a loop is {sample_time:g} s; expected more than 0 s")
     return sample_time
 
 
-def _substituted(polynomial: Array, order: int, scale: float, below: list[float]) -> list[float]:
+def _substitute(polynomial: Array, order: int, scale: float, below: list[float]) -> list[float]:
     """P(scale · w / below(w)) times below(w)^order, the highest power of w first."""
     total = np.zeros(1)
     for power, coefficient in enumerate(polynomial[::-1]):
@@ -236,8 +236,8 @@ def _zero_order_hold(system: TransferFunction, h: float) -> tuple[Array, Array, 
     """N(w), D(w) and the whole ticks of delay of a system behind an input that holds; time is counted in ticks of h [s]."""
     if system.delay > _MOST_TICKS * h:
         raise UsageError(
-            f"the model's delay of {system.delay:.3g} s is more than {_MOST_TICKS} sample times of {h:g} s; "
-            "no loop can be closed around that"
+            f"the model's delay of {system.delay:.3g} s is more than {_MOST_TICKS} sample times of {h:g} s; a loop "
+            "can't be closed around that"
         )
     whole, part = divmod(max(system.delay, 0.0), h)
     part /= h
@@ -326,7 +326,7 @@ def sampled_margins(loop: SampledLoop) -> Margins:
     of polynomials, both only rise or only fall, and the crossing of -180° nearest to |L| = 1 is one that can be told.
     The delay margin is phase margin over frequency: exact for whole samples. A loop with |L| > 1 all the way has an infinite
     gain crossover, and none at all (NaN) with |L| < 1. As `margins` does it tells stability only of a loop with one gain
-    crossover and no pole outside of the unit circle.
+    crossover and no pole outside the unit circle.
     """
     n = np.trim_zeros(np.asarray(loop.numerator), "f")
     if not len(n):
@@ -339,7 +339,7 @@ def sampled_margins(loop: SampledLoop) -> Margins:
         )
     course = _Course.of(loop, n)
     crossovers = gain_crossovers(course.ratio)
-    left = [wrapped(_TURN * course.turns(math.atan(v))) for v in crossovers]
+    left = [wrap_phase(_TURN * course.turns(math.atan(v))) for v in crossovers]
     omegas = [loop.omega(v) for v in crossovers]
     nearest = min(range(len(left)), key=lambda k: abs(left[k]), default=None)
     factors = [*_at_the_ends(loop, n), *_between(course, crossovers, _nearest_to_one)]

@@ -14,10 +14,10 @@ import pytest
 from scipy.stats import chi2
 
 from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
-from servobench.identification.design.assumed import AssumedMotor, from_data_sheet, from_result
-from servobench.identification.design.foresight import foreseen
+from servobench.identification.design.assumed_motor import AssumedMotor, from_data_sheet, from_result
+from servobench.identification.design.foresight import foresee
 from servobench.identification.design.limits import DesignLimits
-from servobench.identification.design.search import Design, design
+from servobench.identification.design.search import Design, best_design
 from servobench.identification.identify import identify
 from servobench.rig.experiment import PAPER, read_experiment
 from servobench.systems.signals.prbs import PRBS
@@ -49,7 +49,7 @@ def bounds(monkeypatch: pytest.MonkeyPatch) -> Iterator[ModuleType]:
 def confined() -> Design:
     """A design that has to keep to all limits; a short one, as that is quicker."""
     limits = DesignLimits(voltage=10.0, current=1.0, speed=100.0, travel=40.0)
-    return design(from_data_sheet("qube_servo_2"), limits, duration=4.0)
+    return best_design(from_data_sheet("qube_servo_2"), limits, duration=4.0)
 
 
 def test_the_prediction_is_the_cramer_rao_bound_where_noise_is_white(bounds: ModuleType) -> None:
@@ -58,7 +58,7 @@ def test_the_prediction_is_the_cramer_rao_bound_where_noise_is_white(bounds: Mod
     u = PAPER.signal(T)
     bound = bounds.bound(bounds.FirstOrder(gain=motor.gain, tau=motor.time_constant), u, 0.0, motor.noise**2)
 
-    ahead = foreseen(motor, T, u, 60)
+    ahead = foresee(motor, T, u, 60)
 
     most = float(np.sqrt(chi2.isf(1e-6, 60) / 60))
     for name, value in (("gain", motor.gain), ("time_constant", motor.time_constant)):
@@ -70,8 +70,8 @@ def test_rounding_that_repeats_with_the_input_is_foreseen() -> None:
     """A motor that goes to and fro over the same counts; decision 0006 tells how it was found."""
     motor = from_data_sheet("qube_servo_2")
 
-    to_and_fro = foreseen(motor, T, Square(low=-9.8, high=9.8, frequency=1.25)(T), 30)
-    wandering = foreseen(motor, T, PRBS(low=1, high=9.8, bit_time=0.214)(T), 30)
+    to_and_fro = foresee(motor, T, Square(low=-9.8, high=9.8, frequency=1.25)(T), 30)
+    wandering = foresee(motor, T, PRBS(low=1, high=9.8, bit_time=0.214)(T), 30)
 
     assert to_and_fro.structure == "first_order_coulomb"
     assert to_and_fro.rounding > 1.5
@@ -142,7 +142,7 @@ def test_a_random_torque_is_foreseen_from_a_recording() -> None:
     assert result.fit is not None
     assert result.fit.estimator == "prediction_error"
 
-    ahead = foreseen(replace(motor, tolerance=0.0), data.t_input, data.u, 2)
+    ahead = foresee(replace(motor, tolerance=0.0), data.t_input, data.u, 2)
 
     # The fit's own covariance is a mixture over levels of noise that the data allow, which widens it by some percent.
     for name in ("gain", "time_constant"):
@@ -151,23 +151,23 @@ def test_a_random_torque_is_foreseen_from_a_recording() -> None:
 
 def test_a_limit_of_the_current_needs_a_resistance() -> None:
     with pytest.raises(MissingInformation, match="data sheet"):
-        design(PLAIN, DesignLimits(voltage=10.0, current=1.0))
+        best_design(PLAIN, DesignLimits(voltage=10.0, current=1.0))
 
 
 def test_limits_that_leave_nothing_are_told() -> None:
     with pytest.raises(NotIdentifiable, match="travel"):
-        design(PLAIN, DesignLimits(voltage=10.0, travel=1e-3), duration=2.0)
+        best_design(PLAIN, DesignLimits(voltage=10.0, travel=1e-3), duration=2.0)
     with pytest.raises(UsageError, match="speed"):
         DesignLimits(voltage=10.0, speed=0.0)
     with pytest.raises(UsageError, match="ten samples"):
-        design(PLAIN, DesignLimits(voltage=10.0), duration=0.01)
+        best_design(PLAIN, DesignLimits(voltage=10.0), duration=0.01)
 
 
 def test_a_voltage_that_friction_takes_is_told() -> None:
-    with pytest.raises(NotIdentifiable, match="allow more voltage"):
-        design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=0.01), duration=1.0)
+    with pytest.raises(NotIdentifiable, match="allow at least"):
+        best_design(from_data_sheet("qube_servo_2"), DesignLimits(voltage=0.01), duration=1.0)
 
 
 def test_more_samples_than_can_be_compared_are_refused_at_once() -> None:
     with pytest.raises(UsageError, match=r"a duration of 200 s, or a longer sample time"):
-        design(PLAIN, DesignLimits(voltage=10.0), duration=201.0)
+        best_design(PLAIN, DesignLimits(voltage=10.0), duration=201.0)

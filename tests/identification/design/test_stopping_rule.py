@@ -29,12 +29,12 @@ def test_a_wish_is_read() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("time_constant", "expected such as"),
-        ("time_constant=0.5", "expected such as"),
-        ("time_constant=half%", "no number"),
+        ("time_constant", "expected, for example,"),
+        ("time_constant=0.5", "expected, for example,"),
+        ("time_constant=half%", "isn't a number"),
         ("gain=0%", "more than 0"),
         ("gain=nan%", "more than 0"),
-        ("", "expected such as"),
+        ("", "expected, for example,"),
     ],
 )
 def test_a_wish_that_is_none_is_told(text: str, expected: str) -> None:
@@ -53,7 +53,7 @@ def test_a_run_ends_at_the_first_look_with_the_wished_interval(tmp_path: Path) -
         recording = run(ASKED, twin, to=tmp_path / "run.mcap", look=rule)
 
     assert recording.stopped.reason == "finished"
-    assert "as the wished interval was reached: time constant ± 0." in recording.stopped.sentence
+    assert "when the target interval was reached: time constant ± 0." in recording.stopped.sentence
     data = measure(recording)
     assert 2.0 <= data.duration < 29.0
     assert rule.looks > 1
@@ -93,7 +93,7 @@ def test_what_is_shown_is_the_recording_so_far() -> None:
 
 
 def test_a_motor_beside_the_wall_clock_is_not_held_up() -> None:
-    with pytest.raises(UsageError, match="hold its loop up"):
+    with pytest.raises(UsageError, match="delay its loop"):
         run(ASKED, Shaft(timing="host"), look=lambda recording: None)
 
 

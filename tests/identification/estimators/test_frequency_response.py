@@ -14,12 +14,12 @@ from servobench.identification.estimators.frequency_response import (
     bode_readings,
     frequency_response,
 )
-from servobench.identification.estimators.spectral.path import chain_response, held_response
+from servobench.identification.estimators.spectral.path import chain_response, hold_response
 from servobench.identification.estimators.spectral.sines import sines
 from servobench.identification.models.base import STRUCTURES
+from servobench.identification.uncertainty.bands import frequency_band
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
-from servobench.report.bands import frequency_band
 from servobench.report.frequency_figures import measured_bode
 from servobench.report.palette import Style
 from servobench.systems.signals.multisine import Multisine
@@ -62,13 +62,13 @@ def test_the_response_behind_a_hold_is_the_sum_over_all_aliases(system: Transfer
     alias = omega + 2 * np.pi / step * np.arange(-most, most + 1)[:, None]
     hold = -np.expm1(-1j * alias * step) / (1j * alias * step)
     total = np.sum(system.frequency_response(alias.ravel()).reshape(alias.shape) * hold, axis=0)
-    np.testing.assert_allclose(held_response(system, omega, step), total, rtol=1e-9)
+    np.testing.assert_allclose(hold_response(system, omega, step), total, rtol=1e-9)
 
 
 def test_a_system_whose_output_jumps_with_the_input_is_refused() -> None:
     jumping = TransferFunction(numerator=(1.0, 2.0), denominator=(1.0, 1.0))
     with pytest.raises(UsageError, match="jumps"):
-        held_response(jumping, np.array([1.0]), 0.01)
+        hold_response(jumping, np.array([1.0]), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -129,9 +129,6 @@ def test_position_and_speed_are_jomega_apart_and_in_their_units() -> None:
     assert (found.output, found.unit, speed.output, speed.unit) == ("position", "rad/V", "speed", "rad/(s·V)")
     np.testing.assert_allclose(speed.response, 1j * found.omega * found.response)
     np.testing.assert_allclose(speed.sd / speed.magnitude, found.sd / found.magnitude)
-    back = speed.as_position()
-    assert back.unit == found.unit
-    np.testing.assert_allclose(back.response, found.response)
 
 
 def test_the_package_s_own_multisine_gives_a_point_for_each_of_its_harmonics() -> None:
@@ -169,7 +166,7 @@ def test_one_measured_sine_gives_one_point_and_no_fit() -> None:
     assert found.magnitude[0] == pytest.approx(abs(Motor().response(found.omega)[0]), rel=1e-4)
     with pytest.raises(NotIdentifiable, match="record more frequencies"):
         ESTIMATORS["frequency_response"].fit(STRUCTURES["first_order"], [data])
-    with pytest.raises(NotIdentifiable, match="two are the least"):
+    with pytest.raises(NotIdentifiable, match="at least two"):
         bode_readings(found)
 
 

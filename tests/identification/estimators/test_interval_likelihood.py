@@ -191,7 +191,7 @@ def test_data_that_are_no_bins_are_refused_with_the_reason() -> None:
     smoothed = replace(data, y=np.convolve(data.y, [0.25, 0.5, 0.25], mode="same"))
     behind_chain = dataset(seed=1, chain="derivative | lowpass 50 rad/s")
     for refused, why in (
-        (replace(data, quantum=None), "the step of the encoder"),
+        (replace(data, quantum=None), "the encoder's step"),
         (smoothed, "whole steps of 0.00306796 rad"),
         (behind_chain, "a speed or data behind a measurement chain"),
     ):

@@ -13,7 +13,7 @@ from servobench.identification.estimators.least_squares import (
     information,
     lowest,
     minimise,
-    squared,
+    square_jacobians,
 )
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.base import Chain
@@ -29,7 +29,7 @@ def test_the_normal_equations_of_several_records_are_the_sums_of_each(name: str)
     layout = Layout(structure, data)
     theta = structure.guesses(data)[0]
     predictions = [structure.predict(theta[p], r) for r, p in zip(data, layout.columns(), strict=True)]
-    h, g = information(layout, squared(layout, predictions)), np.zeros(len(theta))
+    h, g = information(layout, square_jacobians(layout, predictions)), np.zeros(len(theta))
     for record, prediction, place in zip(data, predictions, layout.columns(), strict=True):
         g[place] += prediction.jacobian.T @ (record.y - prediction.y)
 
@@ -52,7 +52,7 @@ def test_a_chain_that_does_nothing_changes_no_minimum(name: str) -> None:
     slow = minimise(structure, [replace(data, applied=Chain.parse("scale 1"))], start)
     # Both stop where a step is below a thousandth of a standard deviation.
     layout = Layout(structure, (data,))
-    h = information(layout, squared(layout, fast.predictions))
+    h = information(layout, square_jacobians(layout, fast.predictions))
     change = fast.theta - slow.theta
     assert change @ h @ change <= 4e-6 * fast.cost / len(data.y)
     assert fast.status == slow.status

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from servobench.identification.estimators.budget import Contribution
-from servobench.identification.estimators.delay_prior import Expected
+from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import Minimum
 from servobench.identification.estimators.other_minima import other_minima
 
@@ -17,7 +17,7 @@ def found_beside(
     *others: tuple[tuple[float, float], float],
     cost: float = 2.0,
     samples: int = 500,
-    prior: Expected | None = None,
+    prior: DelayPrior | None = None,
 ) -> Contribution | None:
     """What other ends add to a place at (1, 2)."""
     place = Minimum(theta=np.array([1.0, 2.0]), predictions=(), cost=cost, converged=True, status="")
@@ -61,7 +61,7 @@ def test_what_is_no_other_minimum_adds_nothing(other: tuple[tuple[float, float],
 
 
 def test_a_delay_that_no_loop_has_makes_a_minimum_unlikely() -> None:
-    usual = Expected(at=1, middle=2.0, scale=0.01)
+    usual = DelayPrior(at=1, middle=2.0, scale=0.01)
 
     assert found_beside(((4.0, 0.0), 2.0), prior=usual) is None
     assert found_beside(((4.0, 2.0), 2.0), prior=usual) is not None

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from servobench.core.errors import UsageError
 from servobench.identification.estimators.base import ESTIMATORS
-from servobench.identification.estimators.recursion.beginning import Setting
 from servobench.identification.estimators.recursion.motion import Motion, Samples
+from servobench.identification.estimators.recursion.start import Setting
 from servobench.identification.estimators.recursive import Recursive
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.first_order import FirstOrder
@@ -107,6 +107,7 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
     )  # fmt: skip
 
 
+@pytest.mark.parametrize("seeds", [range(4), pytest.param(range(4, 20), marks=pytest.mark.long)])
 @pytest.mark.parametrize(
     ("signal", "torque_noise"),
     [
@@ -115,12 +116,12 @@ def packed(t: Array, u: Array, counts: Array, before: float = 0.0) -> Dataset:
     ],
 )  # fmt: skip
 def test_it_ends_within_half_a_standard_deviation_of_prediction_error(
-    signal: str, torque_noise: float
+    signal: str, torque_noise: float, seeds: range
 ) -> None:
     """Issue 6's own bound. The two share the model's formulas, but neither the search nor the filter's
     blocks, and one has all of the data at once, the other sees them fifty at a time.
     """
-    for seed in range(20):
+    for seed in seeds:
         t, u, counts = rows(signal, seed, torque_noise=torque_noise)
         recursive = live(u[0])
         feed(recursive, t, u, counts)
@@ -233,7 +234,7 @@ def test_residuals_are_those_of_the_structure(delay: float) -> None:
     structure = STRUCTURES["first_order_coulomb"]
     assert isinstance(structure, FirstOrder)
     theta = np.array([23.0, 0.1, 0.2, 0.03, delay, data.y[0], 0.0])
-    motion = Motion.beginning(structure.vector(theta, data), 1.0, STEP)
+    motion = Motion.initial(structure.vector(theta, data), 1.0, STEP)
     found = []
     for n in range(0, len(t), 7):
         part = slice(n, n + 7)

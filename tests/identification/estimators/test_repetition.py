@@ -9,7 +9,7 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.identification.estimators.output_error import OutputError
-from servobench.identification.estimators.repetition import Cycle, folded, period, repeats, stretches_repeat
+from servobench.identification.estimators.repetition import Cycle, fold, period, repeats, stretches_repeat
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from tests.datasets import QUANTUM, dataset
@@ -81,9 +81,9 @@ def test_times_that_scatter_and_a_clock_that_is_off_do_not_hide_the_period() -> 
 def test_folding_sums_the_same_place_of_all_periods() -> None:
     scores = np.arange(14.0).reshape(7, 2)
     whole = Cycle(np.arange(7), 3)
-    assert folded(scores, whole).tolist() == [[0 + 6 + 12, 1 + 7 + 13], [2 + 8, 3 + 9], [4 + 10, 5 + 11]]
+    assert fold(scores, whole).tolist() == [[0 + 6 + 12, 1 + 7 + 13], [2 + 8, 3 + 9], [4 + 10, 5 + 11]]
     with_gap = Cycle(np.array([0, 1, 2, 4, 5, 6, 8]), 3)  # places 3 and 7 are missing
-    assert folded(scores, with_gap).tolist() == [[0 + 10, 1 + 11], [2 + 6, 3 + 7], [4 + 8 + 12, 5 + 9 + 13]]
+    assert fold(scores, with_gap).tolist() == [[0 + 10, 1 + 11], [2 + 6, 3 + 7], [4 + 8 + 12, 5 + 9 + 13]]
 
 
 def test_only_an_error_that_repeats_is_one() -> None:

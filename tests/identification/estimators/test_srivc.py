@@ -10,11 +10,11 @@ from numpy.typing import NDArray
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.identification.estimators.base import ESTIMATORS, Fit
-from servobench.identification.estimators.instruments.noise_colour import autoregression, coloured_power
+from servobench.identification.estimators.instruments.noise_colour import autoregression, noise_power
 from servobench.identification.estimators.least_squares import minimise
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.rational import Rational
-from servobench.identification.models.rational.refined import Trial, refined
+from servobench.identification.models.rational.guesses import Trial, refine
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
 from tests.datasets import dataset
@@ -57,7 +57,7 @@ def test_the_iteration_rests_where_the_simulation_error_is_least() -> None:
     structure = Rational(2, 1)
     data = simulated(structure, SECOND, seed=1)
     theta = np.array([9.0, 300.0, -50.0, 500.0, 0.0, 0.0, 0.0])
-    found = refined(structure, [data], Trial(theta, np.inf)).theta
+    found = refine(structure, [data], Trial(theta, np.inf)).theta
     least = minimise(structure, [data], theta).theta
     sd = np.sqrt(np.diag(SRIVC.fit(structure_of("rational_2_1"), [data]).covariance))
     # The last pass moved the output by less than a tenth of a standard deviation.
@@ -231,6 +231,6 @@ def test_an_autoregression_gives_the_variance_of_sums_of_its_noise() -> None:
     # sd of φ₁: √((1 - 0.64)/20000) = 0.004; of the variance √(2/20000) = 0.01. A further lag would be chance.
     assert phi[0] == pytest.approx(0.8, abs=0.02)
     assert variance == pytest.approx(1.0, abs=0.035)
-    exact = coloured_power(np.ones((1000, 1)), np.array([0.8]), 1.0)[0, 0]
+    exact = noise_power(np.ones((1000, 1)), np.array([0.8]), 1.0)[0, 0]
     # A noise that begins with the record: Σ (1 - 0.8^j)²/(1 - 0.8)² for j = 1 to 1000.
     assert exact == pytest.approx(np.sum((1 - 0.8 ** np.arange(1, 1001)) ** 2) / 0.04)

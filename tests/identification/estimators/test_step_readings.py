@@ -211,7 +211,7 @@ def test_steps_that_do_not_settle_are_left_out_beside_others_that_do() -> None:
 
 
 def test_noise_that_hides_the_steps_is_told() -> None:
-    with pytest.raises(NotIdentifiable, match="can't be told from the scatter"):
+    with pytest.raises(NotIdentifiable, match="can't be distinguished from the scatter"):
         fit("step_63", speed_data(noise=20.0))
 
 
@@ -265,7 +265,7 @@ def test_the_unit_of_the_position_makes_no_difference() -> None:
 
 def test_a_chain_slower_than_what_is_read_is_refused_by_the_correction_and_warned_of_without() -> None:
     data = speed_data(declared=Chain.parse("lowpass 5 rad/s"))
-    with pytest.raises(NotIdentifiable, match="no motor reads like these data"):
+    with pytest.raises(NotIdentifiable, match="no motor gives this reading"):
         fit("step_63_corrected", data)
     assert codes(fit("step_63", data))["chain-in-the-reading"] == Severity.WARNING
 

@@ -17,7 +17,7 @@ from scipy.stats import binom, chi2
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.identification.estimators.base import Fit
 from servobench.identification.honest.causes import causes, warming
-from servobench.identification.honest.repeated import Honesty, honest
+from servobench.identification.honest.repeatability import Honesty, honest
 from servobench.identification.honest.scatter import paule_mandel, scatter
 from servobench.identification.identify import identify
 from servobench.recordings.measurement.dataset import Dataset
@@ -181,7 +181,7 @@ def test_the_same_file_twice_is_told_and_few_runs_say_little() -> None:
 
 def test_too_few_runs_and_values_that_do_not_match_are_told() -> None:
     one = dataset(seed=1)
-    with pytest.raises(UsageError, match="1 run, and two at least"):
+    with pytest.raises(UsageError, match="1 run, and a comparison needs"):
         honest([one])
     with pytest.raises(NotIdentifiable, match="1 of 2 runs"):
         honest([one, replace(one, y=0.0 * one.y)])
@@ -261,7 +261,7 @@ def test_tests_of_one_procedure_are_no_repetitions() -> None:
     step = dataset(seed=2, samples=2500, u=np.full(2500, 3.0))
     one_file = [replace(each, source=replace(each.source, sha256="1")) for each in (ramp, step)]
 
-    with pytest.raises(UsageError, match="different tests of one procedure"):
+    with pytest.raises(UsageError, match="aren't runs of one experiment"):
         honest(one_file)
     two = [replace(dataset(seed=n, kind="prbs", samples=2500), name=f"{n}") for n in (1, 2)]
     same_file = [replace(each, source=replace(each.source, sha256="1")) for each in two]
@@ -276,5 +276,5 @@ def test_the_four_tests_of_a_real_procedure_are_no_repetitions(real_data: Callab
     tests = load(real_data("swerve_sysid/12_12_Swerve.json"))
     data = [measure(assign(each, input="left_voltage", output="left_position")) for each in tests]
 
-    with pytest.raises(UsageError, match="different tests of one procedure"):
+    with pytest.raises(UsageError, match="aren't runs of one experiment"):
         honest(data)

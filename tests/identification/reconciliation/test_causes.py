@@ -9,7 +9,7 @@ import pytest
 
 from servobench.identification.reconciliation.base import CAUSES, Cause, Excluded, Question, Sizes
 from servobench.identification.reconciliation.claim import Claim
-from servobench.identification.reconciliation.levels import lost_share
+from servobench.identification.reconciliation.levels import loss_shares
 from servobench.identification.reconciliation.questions import about_claims, about_sheet, sheet_covariance
 from servobench.rig.motor.parameters import MotorParameters
 from tests.identification.reconciliation.motors import BEHIND, SHEET, identified
@@ -76,10 +76,10 @@ def reversal_to_63(c: float, tau: float = 0.1) -> float:
 def test_a_method_tells_the_figures_that_the_question_is_about() -> None:
     of_gain, of_both = claimed("gain=30"), claimed("gain=30", "tau=0.13")
 
-    told = CAUSES["method"].told(of_gain, 0.0).replace("\u00a0", " ")
+    told = CAUSES["method"].size_text(of_gain, 0.0).replace("\u00a0", " ")
     assert told.endswith(" rad/(s·V)")
     assert " and " not in told.rpartition("which gives")[2]
-    both = CAUSES["method"].told(of_both, 0.0).replace("\u00a0", " ")
+    both = CAUSES["method"].size_text(of_both, 0.0).replace("\u00a0", " ")
     assert "rad/(s·V) and " in both
     assert both.endswith("s")
 
@@ -100,7 +100,7 @@ def test_coulomb_friction_changes_no_time_constant_between_two_speeds_in_one_dir
 
 
 def test_the_lost_share_is_that_of_the_levels_that_were_used() -> None:
-    shares = lost_share(claimed("gain=20"))
+    shares = loss_shares(claimed("gain=20"))
 
     # Coulomb torque 8e-4 N·m takes 8e-4 · 8.4 / 0.042 = 0.16 V, at 3 V and at 1 V.
     assert shares is not None
@@ -189,9 +189,9 @@ def test_every_cause_keeps_its_contract(cause: Cause, asked: object) -> None:
     assert len(sizes.values) == len(sizes.weights) == len(sizes.steps)
     for size in sizes.values:
         assert np.isfinite(cause.effect(given, float(size))).all()
-        assert cause.told(given, float(size))
+        assert cause.size_text(given, float(size))
         assert cause.amount(given, float(size))
-        assert cause.decided_by(given, float(size)).sentence.endswith(".")
+        assert cause.decision_for(given, float(size)).sentence.endswith(".")
 
 
 @pytest.mark.parametrize("cause", list(CAUSES), ids=CAUSES.names())

@@ -3,7 +3,7 @@
 import pytest
 
 from servobench.core.errors import UnknownName, UsageError
-from servobench.identification.reconciliation.claim import Claim, written_half_width
+from servobench.identification.reconciliation.claim import Claim, last_digit_half_width
 
 
 @pytest.mark.parametrize(
@@ -34,7 +34,7 @@ def test_a_claim_is_known_to_half_a_unit_of_its_last_digit_unless_it_says_more(
     [
         ("0.13", "NAME=VALUE"),
         ("tau=", "NAME=VALUE"),
-        ("tau=fast", "no number"),
+        ("tau=fast", "isn't a number"),
         ("tau=0.13 V", "voltage"),
         ("tau=0", "more than 0"),
         ("tau=-0.1", "more than 0"),
@@ -57,9 +57,9 @@ def test_a_parameter_that_can_t_be_claimed_is_answered_with_those_that_can() -> 
     ("value", "half"), [(8.4, 0.05), (0.042, 0.0005), (4.0e-6, 0.05e-6), (7.5, 0.05), (0.0, 0.0), (12.0, 0.5)]
 )
 def test_a_sheet_s_value_is_known_to_half_a_unit_of_its_last_digit(value: float, half: float) -> None:
-    assert written_half_width(value) == pytest.approx(half)
+    assert last_digit_half_width(value) == pytest.approx(half)
 
 
 def test_a_claimed_friction_is_sent_to_where_its_interval_stands() -> None:
-    with pytest.raises(UsageError, match=r"claimed coulomb voltage.*servobench identify"):
+    with pytest.raises(UsageError, match=r"claimed Coulomb voltage.*servobench identify"):
         Claim.parse("coulomb_voltage=0.1298V")

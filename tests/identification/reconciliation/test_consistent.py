@@ -9,20 +9,21 @@ import pytest
 
 from servobench.identification.estimators.base import Fit
 from servobench.identification.identify import identify
-from servobench.identification.reconciliation.asking import reconcile, why
 from servobench.identification.reconciliation.base import CAUSES
 from servobench.identification.reconciliation.claim import Claim
 from servobench.identification.reconciliation.explanation import Explanation
-from servobench.identification.reconciliation.judging import judge
-from servobench.identification.reconciliation.questions import about_claims, about_sheet
-from servobench.identification.reconciliation.reenactment import METHODS
-from servobench.identification.reconciliation.weighing import (
+from servobench.identification.reconciliation.judgement import judge
+from servobench.identification.reconciliation.probabilities import (
     CHANCE,
     helps_another,
-    taking_part,
+    participation,
     weigh,
     without,
 )
+from servobench.identification.reconciliation.questions import about_claims, about_sheet
+from servobench.identification.reconciliation.reconcile import reconcile
+from servobench.identification.reconciliation.reenactment import METHODS
+from servobench.identification.why import why
 from servobench.report.explanation import ExplanationReport
 from tests.datasets import dataset
 from tests.identification.reconciliation.motors import BEHIND, SHEET, identified, undeclared
@@ -68,7 +69,7 @@ def explanations() -> list[Explanation]:
 
 def named_in(text: str) -> str:
     """Return the places in which sentences name causes that are likely, alike, or to be decided about."""
-    places = r"likeliest cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)"
+    places = r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)"
     return " ".join("".join(each) for each in re.findall(places, text))
 
 
@@ -90,7 +91,7 @@ def test_no_cause_that_is_excluded_has_a_probability_or_is_to_be_decided_about()
                 assert cause.probability == 0.0
                 assert cause.against
                 asked = re.findall(
-                    r"likeliest cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)",
+                    r"most likely cause is ([^.(]*)|most probably ([^.]*)|can't tell ([^:]*)|To decide ([^:]*)",
                     others,
                 )
                 assert cause.label not in " ".join(" ".join(each) for each in asked)
@@ -130,7 +131,7 @@ def test_friction_stays_possible_where_it_helps_the_torque_constant() -> None:
     assert found.possible
     assert found.needed is None
     assert found.against.startswith("not alone: ")
-    assert found.probability == taking_part(weigh(tight))["viscous_friction"]
+    assert found.probability == participation(weigh(tight))["viscous_friction"]
 
 
 def test_what_nothing_is_known_of_helps_nobody() -> None:
@@ -139,19 +140,19 @@ def test_what_nothing_is_known_of_helps_nobody() -> None:
     hypotheses = weigh(vague)
 
     for name in CAUSES.names():
-        if name in taking_part(hypotheses):
+        if name in participation(hypotheses):
             # (size/sd)² = (4/1e6)² is what sizes of up to ln 60 can change.
             assert helps_another(name, hypotheses) < 2e-11
-            assert taking_part(hypotheses)[name] < CAUSES[name].occurrence * (1 + 1e-9)
+            assert participation(hypotheses)[name] < CAUSES[name].occurrence * (1 + 1e-9)
 
 
 def test_leaving_out_a_cause_changes_no_probability_of_the_others() -> None:
     hypotheses = weigh(about_claims(fit_of(), [Claim.parse("tau=0.13")]))
-    before = taking_part(hypotheses)
+    before = participation(hypotheses)
 
     left = without(hypotheses, {"viscous_friction", "delay"})
 
-    after = taking_part(left)
+    after = participation(left)
     assert sum(each.probability for each in left) == pytest.approx(1.0)
     assert not {"viscous_friction", "delay"} & set(after)
     assert [after[name] for name in after if name != CHANCE] == pytest.approx(

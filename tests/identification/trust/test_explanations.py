@@ -54,12 +54,12 @@ def test_a_record_so_long_that_the_grid_misses_its_input_is_explained_by_nothing
 @pytest.mark.parametrize("which", [0, 2], ids=["at the motor", "at the load"])
 def test_two_masses_that_swing_are_told_as_a_resonance(frequency: float, which: int) -> None:
     """Two halves of the motor's inertia with a spring between: the poles' frequency is known, to 5 % with the damping's."""
-    record = _two_masses(frequency, which)
+    record = two_masses(frequency, which)
 
     [found] = explain([record])
 
     assert found.code == "response-oscillates"
-    told = float(found.sentence.split("swings at about ")[1].split(" Hz")[0])
+    told = float(found.sentence.split("oscillates at about ")[1].split(" Hz")[0])
     assert told == pytest.approx(_pole(frequency), rel=0.05)
 
 
@@ -84,7 +84,7 @@ def _pole(frequency: float) -> float:
     return float(np.abs(pairs[np.argmax(pairs.real)])) / (2 * np.pi)
 
 
-def _two_masses(frequency: float, which: int) -> Dataset:
+def two_masses(frequency: float, which: int) -> Dataset:
     from scipy.signal import cont2discrete
 
     step, random = 0.002, np.random.default_rng(1)

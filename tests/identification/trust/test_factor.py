@@ -42,7 +42,7 @@ def test_a_factor_in_the_counts_shows_in_the_back_emf_at_one_level() -> None:
     found = [each for each in identify(halved, nominal=sheet).findings if each.code == "factor-off"]
 
     assert len(found) == 1
-    assert "2 times smaller than the back-emf says" in found[0].sentence
+    assert "2 times smaller than the back-emf" in found[0].sentence
     assert "factor-off" not in {each.code for each in identify(right, nominal=sheet).findings}
 
 

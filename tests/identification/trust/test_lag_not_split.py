@@ -13,7 +13,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
 from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
-from servobench.identification.uncertainty.answers import State, answers
+from servobench.identification.uncertainty.identifiability import State, parameter_statuses
 from tests.datasets import QUANTUM
 from tests.identification.test_one_level import stepped
 
@@ -96,4 +96,4 @@ def test_a_lag_of_which_nothing_is_known_is_refused() -> None:
     before.covariance[at, at] = np.inf
 
     assert with_what_the_lag_tells(before) is before
-    assert answers(before)["time_constant"].state is State.UNKNOWN
+    assert parameter_statuses(before)["time_constant"].state is State.UNKNOWN

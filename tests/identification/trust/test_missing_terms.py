@@ -15,7 +15,7 @@ from servobench.identification.identify import identify
 from servobench.identification.result import Result
 from servobench.identification.trust.explanations.base import explain
 from servobench.identification.trust.missing_terms import TERMS, missing_terms
-from servobench.identification.uncertainty.score_test import Shown
+from servobench.identification.uncertainty.score_test import TermScore
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
 from tests.truth.test_intervals import answers
@@ -124,7 +124,7 @@ def test_a_size_beyond_the_input_is_not_told() -> None:
     (term,) = (term for term in TERMS if term.code == "ripple" and "repeats 6 times" in term.sentence)
     told = []
     for size in (0.02, 250.0):
-        shown = Shown(
+        shown = TermScore(
             term=term,
             size=9.0,
             fit=fit,
@@ -168,7 +168,7 @@ def test_a_difference_of_the_directions_is_told_and_no_doubt(percent: float) -> 
     covariance[at, at] = (0.01 * fit["gain"].value / 1.959964) ** 2
     (term,) = (term for term in TERMS if term.code == "directions-differ")
     amount = 3.0 * percent / 100
-    shown = Shown(
+    shown = TermScore(
         term=term,
         size=9.0,
         fit=replace(fit, covariance=covariance, intervals={}),
@@ -178,4 +178,4 @@ def test_a_difference_of_the_directions_is_told_and_no_doubt(percent: float) -> 
     )
     (told,) = missing_terms([shown])
     assert told.severity == "info"
-    assert "The intervals hold that as well." in told.sentence
+    assert "The intervals allow for that." in told.sentence

@@ -28,7 +28,7 @@ def line(fit: Fit, name: str, sd: float, source: str = "play") -> Contribution:
 def test_a_line_adds_its_variance_and_widens_the_interval() -> None:
     fit = fitted()
     sd = 3.0 * fit["gain"].sd
-    wider = fit.widened(line(fit, "gain", sd))
+    wider = fit.widen(line(fit, "gain", sd))
 
     assert wider["gain"].sd == pytest.approx(np.hypot(fit["gain"].sd, sd))
     low, high = wider["gain"].interval
@@ -41,7 +41,7 @@ def test_an_interval_that_is_uneven_keeps_its_shape_and_grows_on_both_sides() ->
 
     value = fitted()["coulomb_voltage"].value
     fit = replace(fitted(), intervals={"coulomb_voltage": (value - 0.003, value + 0.004)})
-    low, high = fit.widened(line(fit, "coulomb_voltage", 0.004 / TWO_SIDED))["coulomb_voltage"].interval
+    low, high = fit.widen(line(fit, "coulomb_voltage", 0.004 / TWO_SIDED))["coulomb_voltage"].interval
 
     assert value - low == pytest.approx(0.005)  # 3, 4, 5
     assert high - value == pytest.approx(0.004 * np.sqrt(2))
@@ -49,7 +49,7 @@ def test_an_interval_that_is_uneven_keeps_its_shape_and_grows_on_both_sides() ->
 
 def test_the_shares_of_a_budget_add_up_to_the_whole_variance() -> None:
     fit = fitted()
-    fit = fit.widened(line(fit, "gain", 0.02)).widened(line(fit, "gain", 0.01, "cogging"))
+    fit = fit.widen(line(fit, "gain", 0.02)).widen(line(fit, "gain", 0.01, "cogging"))
     lines = composition(fit)
 
     assert [each.source for each in lines] == [MEASUREMENT, "play", "cogging"]
@@ -97,7 +97,7 @@ def test_a_line_that_is_taken_away_leaves_what_was_before() -> None:
 
     value = fitted()["coulomb_voltage"].value
     fit = replace(fitted(), intervals={"coulomb_voltage": (value - 0.003, value + 0.004)})
-    back = fit.widened(line(fit, "coulomb_voltage", 0.004)).without("play")
+    back = fit.widen(line(fit, "coulomb_voltage", 0.004)).without("play")
 
     assert back.covariance == pytest.approx(fit.covariance, rel=1e-9)
     assert back["coulomb_voltage"].interval == pytest.approx(fit["coulomb_voltage"].interval, rel=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servobench.identification.estimators.base import ESTIMATORS, Fit
-from servobench.identification.estimators.response_left_over import TIED, tied_to_input
+from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.uncertainty.experience import FEW_EVENTS, ONE_LEVEL, SEVERAL_EVENTS
@@ -129,7 +129,7 @@ def test_a_residual_that_follows_the_input_is_model_error_where_its_size_does_no
     found = model_error(fit)
 
     assert found is not None
-    assert tied_to_input(fit.records[0]) > TIED
+    assert input_correlation(fit.records[0]) > TIED
     assert set(found.shares.values()) == {1.0}
 
 

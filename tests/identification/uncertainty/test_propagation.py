@@ -21,7 +21,7 @@ from servobench.identification.models.base import STRUCTURES, Model
 from servobench.identification.trust.missing_terms import fast_pole_doubt
 from servobench.identification.uncertainty.propagation import (
     continuous_loop_margins,
-    derived,
+    derive,
     draws,
     loop_margins,
     open_loop,
@@ -164,7 +164,7 @@ def test_the_gain_margin_of_a_delay_that_may_be_none_has_no_upper_end() -> None:
 def test_what_hangs_on_an_unknown_parameter_has_no_interval_and_the_rest_keeps_its_own() -> None:
     unknown = fit(np.array([0.02, 1e-4, 0.01, math.inf]))
 
-    found = derived(unknown)
+    found = derive(unknown)
 
     assert found["pole"].interval == open_loop(fit())["pole"].interval
     assert all(math.isnan(end) for end in found["phase_margin"].interval)
@@ -325,7 +325,7 @@ def test_95_percent_intervals_cover_in_89_to_100_of_100_runs() -> None:
         data = dataset(seed=seed, truth=truth, samples=2500)
         fit = OutputError().fit(STRUCTURES["first_order_one_way"], [data])
         # As `identify` does it: what the delay is made of is part of what isn't known.
-        found = derived(replace(fit, covariance=fit.covariance + fast_pole_doubt(fit)), feedback)
+        found = derive(replace(fit, covariance=fit.covariance + fast_pole_doubt(fit)), feedback)
         for name, answer in answers.items():
             low, high = found[name].interval
             covered[name] += low <= answer <= high

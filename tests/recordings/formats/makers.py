@@ -196,10 +196,11 @@ MAKERS: dict[str, Callable[[Path], None]] = {
     "mat objects": mat_objects,
     "mat objects 7.3": mat_objects_7,
     "mat streams 7.3": mat_streams_7,
-    "wpilog robot": wpilog_robot,
+    "rosbag": mcap_ros2,
+    "wpilog": wpilog_robot,
     "wpilog sysid": wpilog_sysid,
-    "mcap ros2": mcap_ros2,
-    "mcap ros2 packed": mcap_ros2_packed,
-    "mcap json": mcap_json,
+    "rosbag ros2": mcap_ros2,
+    "rosbag packed": mcap_ros2_packed,
+    "rosbag json": mcap_json,
 }
 """What makes a file: under the name of a format that can't be written, or under a format's name and what sort of file it is."""

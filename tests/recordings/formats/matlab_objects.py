@@ -6,14 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from servobench.recordings.formats.matobjects import import_library
+from servobench.recordings.formats.matfile import import_mat_io
 
 STEP = 0.002
 T = STEP * np.arange(50)
 
 
 def opaque(name: str, **properties: Any) -> Any:
-    import_library()
+    import_mat_io()
     from matio.utils.matclass import MatlabOpaque
 
     return MatlabOpaque(properties, name)
@@ -55,7 +55,7 @@ def save(path: Path, variables: dict[str, Any], version: str = "v7", *, compress
         warnings.filterwarnings(
             "ignore", message="duration_to_mat"
         )  # it has no finer unit than the second, and keeps the value
-        import_library().save_to_mat(str(path), variables, version=version, do_compression=compressed)
+        import_mat_io().save_to_mat(str(path), variables, version=version, do_compression=compressed)
 
 
 def dataset() -> Any:

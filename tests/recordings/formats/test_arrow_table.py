@@ -11,10 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from servobench.core.errors import FormatError, UsageError
-from servobench.recordings.formats import unpacking
-from servobench.recordings.formats.arrow_messages import next_message, uncompressed_size
 from servobench.recordings.formats.base import load, save
-from servobench.recordings.formats.parquet_pages import uncompressed_size as size_of_pages
 from servobench.recordings.recording import Recording
 from tests.recordings.formats.tables import codes, columns, finding, units
 from tests.recordings.native.samples import small
@@ -210,51 +207,6 @@ def test_others_read_what_is_written(suffix: str, tmp_path: Path) -> None:
     assert table.column("applied").to_pylist() == [1.0, 2.0, 3.0]
     assert table.column("notes").to_pylist()[1:] == [-1.0, None]
     assert table.schema.field("applied").metadata == {b"unit": b"V"}
-
-
-def bomb(folder: Path, name: str, rows: int) -> Path:
-    """A small file of very many equal numbers."""
-    path = folder / name
-    table = pa.table({"u": pa.array(np.zeros(rows))})
-    if name.endswith("parquet"):
-        pq.write_table(table, path, compression="zstd", use_dictionary=False, data_page_size=2**31 - 1)
-    else:
-        options = pa.ipc.IpcWriteOptions(compression="zstd")
-        with pa.ipc.new_file(str(path), table.schema, options=options) as writer:
-            writer.write_table(table)
-    return path
-
-
-@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
-def test_what_pages_and_buffers_say_of_their_size_is_what_they_come_to(name: str, tmp_path: Path) -> None:
-    data = bomb(tmp_path, name, 100_000).read_bytes()
-    assert len(data) < 20_000
-
-    if name == "a.parquet":
-        said = size_of_pages(data, {"u"})
-        assert size_of_pages(data, {"y"}) == 0
-    else:
-        said = uncompressed_in(data[8:])
-
-    assert 800_000 <= said < 820_000  # 8 bytes each, and what says that none of them is null
-
-
-def uncompressed_in(stream: bytes) -> int:
-    total, message = 0, next_message(stream, 0)
-    while message is not None and message.metadata:
-        total += uncompressed_size(message, stream)
-        message = next_message(stream, message.end)
-    return total
-
-
-@pytest.mark.parametrize("name", ["a.parquet", "a.arrow"])
-def test_a_compression_bomb_is_refused(name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With a limit of 2^16 in place of 2^30 bytes, or the test would need the gigabyte that it is about."""
-    path = bomb(tmp_path, name, 100_000)
-    monkeypatch.setattr(unpacking, "MOST_BYTES", 2**16)
-
-    with pytest.raises(FormatError, match=r"come to more than 65536 bytes"):
-        load(path)
 
 
 def test_a_table_that_claims_a_billion_rows_is_refused(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ from servobench.recordings.formats.columns import (
     bare_name,
     distinct,
     heading,
-    quoted,
+    quote,
     recording_of,
 )
 from servobench.recordings.recording import Recording, Source
@@ -100,8 +100,8 @@ def test_a_bare_name_has_no_unit_at_its_end(name: str, bare: str) -> None:
 
 
 def test_long_lists_are_cut_and_control_characters_reach_no_terminal() -> None:
-    assert quoted(["\x1b[2J"]) == "`?[2J`"
-    assert quoted("abcd", most=2) == "`a`, `b` and 2 more"
+    assert quote(["\x1b[2J"]) == "`?[2J`"
+    assert quote("abcd", most=2) == "`a`, `b` and 2 more"
 
 
 @pytest.mark.parametrize(
@@ -164,3 +164,17 @@ def test_a_unit_row_counts_more_than_the_convention() -> None:
 
     assert recording["y"].t is not None
     assert recording["y"].t[-1] == pytest.approx(0.009, rel=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("times", "why"),
+    [
+        (RISING[::-1], "it runs backwards; sort the rows"),
+        (RISING[:1], "it has one row"),
+        (RISING * 0, "it doesn't increase"),
+    ],
+)
+def test_a_time_that_is_none_says_why(times: np.ndarray, why: str) -> None:
+    (told,) = (f for f in table("t", t=times).findings if f.code == "time-not-recognised")
+
+    assert why in told.sentence

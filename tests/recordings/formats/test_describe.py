@@ -44,7 +44,7 @@ def test_what_is_recognised_and_what_would_be_asked_are_told(tmp_path: Path) -> 
 def test_what_a_mapping_says_is_enough_to_assign(tmp_path: Path) -> None:
     recording = loaded(tmp_path, TABLE)
 
-    assert describe(describe(recording).mapping.assigned(recording)).missing == ()
+    assert describe(describe(recording).mapping.assign_to(recording)).missing == ()
 
 
 def test_what_is_missing_is_asked_for(tmp_path: Path) -> None:

@@ -78,7 +78,7 @@ def test_a_pipe_or_the_like_is_an_error_and_not_waited_for(
     (tmp_path / "pipe.csv").touch()
     monkeypatch.setattr(Path, "is_file", lambda _: False)
 
-    with pytest.raises(UsageError, match="no ordinary file"):
+    with pytest.raises(UsageError, match="isn't a regular file"):
         load(tmp_path / "pipe.csv")
 
 

@@ -88,7 +88,7 @@ def test_all_that_is_missing_is_asked_for_at_once_each_with_its_option() -> None
 
 
 def test_the_error_names_the_file() -> None:
-    with pytest.raises(MissingInformation, match=r"^made\.csv: more has to be known"):
+    with pytest.raises(MissingInformation, match=r"^made\.csv: information is missing"):
         assign(made("a", "b"))
 
 
@@ -201,7 +201,7 @@ def test_what_is_said_comes_before_what_the_file_says() -> None:
 
     assert (assigned.input, assigned["aux"].channel.unit) == ("aux", "%")
     assert assigned["theta"].channel.unit == "deg"
-    assert "deg and not in rad" in finding(assigned.findings, "unit-overridden").sentence
+    assert "deg instead of rad" in finding(assigned.findings, "unit-overridden").sentence
     assert assigned.chain == "scale 2"
     assert assign(small(), output="counts:counts").chain == small().chain
 
@@ -226,9 +226,9 @@ def test_limits_and_resolution_do_not_survive_another_unit() -> None:
         ({"output": "y:s"}, "the output `y` is in s; expected a position"),
         ({"input": "u:ms", "output": "y:rad"}, "the input `u` is in ms; expected V"),
         ({"input": "y:V", "output": "y:rad"}, "`y` can't be both input and output"),
-        ({"output": "y:rad", "time": "y:ms"}, "`y` is said to be the time; it can't be the output, too"),
+        ({"output": "y:rad", "time": "y:ms"}, "`y` was named as the time, so it can't be the output too"),
         ({"output": "y:rad", "time": "t:V"}, "the time `t` is in V; expected s"),
-        ({"output": "y:rad", "time": "t:s", "sample_time": 0.1}, "say one of them"),
+        ({"output": "y:rad", "time": "t:s", "sample_time": 0.1}, "give one of them"),
         ({"output": "y:rad", "sample_time": 0.0}, "expected a positive number"),
         ({"output": "y:rad", "sample_time": float("nan")}, "expected a positive number"),
         ({"output": "y:rad", "sample_time": True}, "expected seconds"),
@@ -375,14 +375,14 @@ def test_a_mapping_reads_back_from_its_text_and_assigns_the_same(tmp_path: Path)
     assert Mapping().toml() == ""
     recording = made("u", "y", t=None)
     said = Mapping(output="y:rad", sample_time=0.5)
-    assert said.assigned(recording) == assign(recording, output="y:rad", sample_time=0.5)
+    assert said.assign_to(recording) == assign(recording, output="y:rad", sample_time=0.5)
 
 
 def test_what_is_said_later_overrides_a_mapping() -> None:
     mapping = Mapping(time="t:s", input="u", output="y:rad")
 
-    assert mapping.overridden_by(Mapping(output="y:deg")) == Mapping(time="t:s", input="u", output="y:deg")
-    assert mapping.overridden_by(Mapping(sample_time=0.1)) == Mapping(
+    assert mapping.override_with(Mapping(output="y:deg")) == Mapping(time="t:s", input="u", output="y:deg")
+    assert mapping.override_with(Mapping(sample_time=0.1)) == Mapping(
         input="u", output="y:rad", sample_time=0.1
     )
 
@@ -392,7 +392,7 @@ def test_what_is_said_later_overrides_a_mapping() -> None:
     [
         ("inptu = 'u'", "did you mean 'input'"),
         ("input = 3", "input is 3; expected a text"),
-        ("sample_time = 'soon'", "no number with a unit"),
+        ("sample_time = 'soon'", "isn't a number with a unit"),
         ("sample_time = -1", "expected a positive number"),
         ("input = ", "can't be read"),
     ],
@@ -471,7 +471,7 @@ def test_a_file_without_its_input_says_so(real_data: RealData) -> None:
 
     (asked,) = missing(recording, time="1:s", output="3:rad/s")
 
-    assert "Without an input nothing can be identified" in asked
+    assert "Identification needs an input" in asked
 
 
 def test_a_table_with_a_time_but_no_names_is_used_by_number(real_data: RealData) -> None:
@@ -491,7 +491,7 @@ def test_times_that_are_rounded_ask_for_the_sample_time_and_say_why(tmp_path: Pa
 
     (asked,) = missing(recording)
     assert "`sample_time=" in asked
-    assert "`t` isn't taken as the time, as its name would say: it doesn't increase." in asked
+    assert "`t` isn't used as the time, despite its name: it doesn't increase." in asked
     with pytest.raises(FormatError, match=r"of the 500 .* same time .* `sample_time=0\.00[12]"):
         assign(recording, time="t")
     assert len(assign(recording, sample_time=0.002)["y"].values) == 500
@@ -525,7 +525,7 @@ def test_counts_in_a_turn_stand_in_a_mapping_and_make_rad(tmp_path: Path) -> Non
     file.write_text(mapping.toml(), encoding="utf-8")
 
     assert Mapping.read(file) == mapping
-    data = measure(Mapping.read(file).assigned(load(path)[0]))
+    data = measure(Mapping.read(file).assign_to(load(path)[0]))
     assert data.position_unit == "rad"
     # The first rows, whose input may be from before the record, are no part of the data.
     assert data.t_output[-1] == pytest.approx(0.5)

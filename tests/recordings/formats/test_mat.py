@@ -14,8 +14,9 @@ import scipy.io
 import scipy.sparse
 
 from servobench.core.errors import FormatError
-from servobench.recordings.formats import matfile, unpacking
+from servobench.recordings.formats import matfile
 from servobench.recordings.formats.base import load, save
+from servobench.recordings.loading.load import load as load_in_child
 from servobench.recordings.recording import Recording
 from tests.recordings.formats.tables import codes, columns, finding
 from tests.recordings.native.samples import small
@@ -273,44 +274,8 @@ def test_a_variable_that_says_it_is_huge_is_an_error_and_not_a_full_memory(tmp_p
         made = file.create_dataset("huge", shape=(10**9, 10**3), dtype="f8", chunks=(1000, 1000))
         made.attrs["MATLAB_class"] = np.bytes_("double")
 
-    with pytest.raises(FormatError, match="1000000000000 numbers"):
+    with pytest.raises(FormatError, match="more memory than a file of its size may"):
         load(hdf5(tmp_path, fill))
-
-
-def test_a_heap_that_would_be_walked_for_ever_is_an_error(tmp_path: Path) -> None:
-    """The free space of a heap of texts is said to have no size, so that HDF5 never gets to its end."""
-
-    def fill(file: h5py.File) -> None:
-        made = file.create_dataset("u", data=np.arange(9.0))
-        made.attrs["MATLAB_fields"] = np.array(["a", "bc"], dtype=h5py.string_dtype())
-
-    path = hdf5(tmp_path, fill)
-    data = bytearray(path.read_bytes())
-    heap = data.index(b"GCOL")
-    free = heap + 16 + 2 * 24  # behind the head of the heap, two texts of eight bytes with their heads
-    assert data[free : free + 2] == b"\0\0"
-    assert load(path)
-    data[free + 8 : free + 16] = bytes(8)
-    path.write_bytes(data)
-
-    with pytest.raises(FormatError, match=f"heap at byte {heap} has free space of no size"):
-        load(path)
-
-
-def test_a_bomb_of_zeros_is_an_error_and_not_a_full_memory(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    scipy.io.savemat(tmp_path / "a.mat", {"u": np.zeros(10**6)}, do_compression=True)
-    assert (tmp_path / "a.mat").stat().st_size < 20_000
-    monkeypatch.setattr(unpacking, "MOST_BYTES", 10**6)
-    tracemalloc.start()
-
-    with pytest.raises(FormatError, match="more than 1000000 bytes"):
-        load(tmp_path / "a.mat")
-
-    most = tracemalloc.get_traced_memory()[1]
-    tracemalloc.stop()
-    assert most < 5e6
 
 
 def damaged_files(data: bytes, seed: int) -> list[bytes]:
@@ -363,7 +328,7 @@ def test_a_damaged_file_is_a_recording_or_a_format_error_and_takes_little_memory
         path.write_bytes(damaged)
         tracemalloc.start()
         try:
-            said = load(path)[0].source.name
+            said = load_in_child(path)[0].source.name
         except FormatError as error:
             said = str(error)
         most = tracemalloc.get_traced_memory()[1]

@@ -14,7 +14,6 @@ import pytest
 from servobench.core.errors import FormatError
 from servobench.recordings.formats.base import load
 from servobench.recordings.formats.mapping import assign
-from servobench.recordings.formats.objectstore import check_lists, check_objects
 from servobench.recordings.recording import Recording
 from tests.recordings.formats.matlab_objects import (
     T,
@@ -181,36 +180,3 @@ def test_without_the_library_the_rest_is_read_and_the_sentence_says_how_to_get_i
     assert 'pip install "servobench[matlab]"' in finding(recording.findings, "object-skipped").sentence
     with pytest.raises(FormatError, match=re.escape("servobench[matlab]")):
         load(tmp_path / "b.mat")
-
-
-def lists(*numbers: int, starts: tuple[int, ...] = (40, 40, 40, 40, 40, 56)) -> bytes:
-    return np.array([4, 0, *starts, 0, 0, *numbers], dtype="<i4").tobytes()
-
-
-@pytest.mark.parametrize(
-    ("claimed", "why"),
-    [
-        (lists(1, 2, -1, 0), "below zero"),
-        (lists(1, 2, 3, 0, starts=(40, 40, 40, 40, 40, 80)), "aren't where"),
-        (lists(1, 2, 3, 0, starts=(40, 48, 40, 40, 40, 56)), "aren't where"),
-        (lists()[:20], "cut short"),
-    ],
-)
-def test_lists_that_would_never_end_are_refused_before_the_library_walks_them(
-    claimed: bytes, why: str
-) -> None:
-    check_lists(lists(1, 2, 3, 0), "<")
-
-    with pytest.raises(ValueError, match=why):
-        check_lists(claimed, "<")
-
-
-@pytest.mark.parametrize("numbers", [[2, 1, 1, 7, 1], [2, 2, 2, 4, 5, 6, 7, 1], [0, 7, 1], [2, 0, 0, 1]])
-def test_as_many_objects_as_an_array_says_are_no_lie(numbers: list[int]) -> None:
-    check_objects(np.array([0xDD000000, *numbers], dtype=np.uint32))
-
-
-@pytest.mark.parametrize("numbers", [[], [2], [2, 1, 2**31, 7, 1], [2**31, 1, 1, 7, 1], [2, 2, 2, 7, 1]])
-def test_an_array_that_claims_other_objects_than_it_has_is_refused(numbers: list[int]) -> None:
-    with pytest.raises(ValueError, match="array of objects"):
-        check_objects(np.array([0xDD000000, *numbers], dtype=np.uint32))

@@ -38,7 +38,7 @@ def test_what_is_recognised_is_set_and_assigns_what_would_have_been_assigned(tmp
     mapping = read(proposal([recording]), tmp_path)
 
     assert (mapping.input, mapping.output) == ("u:V", "theta:deg")
-    assigned = mapping.assigned(recording)
+    assigned = mapping.assign_to(recording)
     assert (assigned.input, assigned.output) == ("u", "theta")
 
 
@@ -47,12 +47,12 @@ def test_what_is_unknown_is_a_comment_that_needs_no_more_than_its_mark_taken_awa
     text = proposal([recording])
 
     with pytest.raises(MissingInformation):
-        read(text, tmp_path).assigned(recording)
+        read(text, tmp_path).assign_to(recording)
     for line in ('# input = "left:V"', '# output = "wheel:rad"'):
         assert f"\n{line}\n" in text
         text = text.replace(line, line.removeprefix("# "))
 
-    assert read(text, tmp_path).assigned(recording).input == "left"
+    assert read(text, tmp_path).assign_to(recording).input == "left"
     assert '\n# reference = "goal:deg"\n' in text
     assert '\n# supply = "vbat:V"\n' in text
 
@@ -72,7 +72,7 @@ def test_samples_without_times_are_asked_for_them(tmp_path: Path) -> None:
 
     assert '\n# time = "COL:s"\n' in text
     edited = text.replace('# sample_time = "20 ms"', 'sample_time = "20 ms"')
-    assert read(edited, tmp_path).assigned(recording)["u"].t == pytest.approx(0.02 * np.arange(40))
+    assert read(edited, tmp_path).assign_to(recording)["u"].t == pytest.approx(0.02 * np.arange(40))
 
 
 def test_recordings_that_are_alike_have_one_mapping_and_a_list_to_choose_from(tmp_path: Path) -> None:
@@ -91,7 +91,7 @@ def test_recordings_that_differ_have_a_table_each(tmp_path: Path) -> None:
 
     assert mapping.of("a").output == "theta:rad"
     assert mapping.of('b "2"').output == "omega:rpm"
-    assert [mapping.assigned(each).output for each in several] == ["theta", "omega"]
+    assert [mapping.assign_to(each).output for each in several] == ["theta", "omega"]
 
 
 def test_a_recording_is_proposed_as_it_knows_itself(tmp_path: Path) -> None:
@@ -99,7 +99,7 @@ def test_a_recording_is_proposed_as_it_knows_itself(tmp_path: Path) -> None:
 
     mapping = read(proposal([recording]), tmp_path)
 
-    assigned = mapping.assigned(recording)
+    assigned = mapping.assign_to(recording)
     assert (assigned.input, assigned.output) == (recording.input, recording.output)
 
 

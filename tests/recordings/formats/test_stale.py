@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from servobench.recordings.formats.stale import refreshed_rows, stale
+from servobench.recordings.formats.stale import fresh_rows, stale
 
 T = 0.005 * np.arange(2000)
 MOTION = np.cumsum(2 + np.sin(3 * T)) * 0.005  # a speed that varies, as in any experiment
@@ -19,7 +19,7 @@ def test_a_sensor_that_is_asked_less_often_than_the_log_gets_rows_is_found(rows:
     assert found is not None
     assert found.hold == rows
     assert found.share == pytest.approx(1 / rows, rel=0.05)  # the last hold may be cut: 1 of at least 50
-    assert f"every {rows} rows or so ({5 * rows} ms)" in found.sentence("y", T)
+    assert f"about every {rows} rows ({5 * rows} ms)" in found.sentence("y", T)
 
 
 def test_a_coarse_encoder_is_not_stale() -> None:
@@ -59,6 +59,6 @@ def test_the_rows_in_which_a_value_is_new_are_found_through_a_rest_too(rows: int
     late = rows // 2
     values = held(motion, rows)[late:]
 
-    kept = refreshed_rows(values, rows)
+    kept = fresh_rows(values, rows)
 
     assert (kept + late).tolist() == list(range(rows, 60 * rows, rows))

@@ -72,13 +72,13 @@ def test_raw_counts_alone_are_a_duty_in_per_cent() -> None:
 
     np.testing.assert_allclose(data.u, 100 * DUTY, rtol=1e-15)
     assert data.input_unit == "%"
-    assert "885 are 100 %" in finding(data.findings, "duty-scaled").sentence
+    assert "885 counts for 100 %" in finding(data.findings, "duty-scaled").sentence
 
 
 @pytest.mark.parametrize(
     ("given", "why"),
     [
-        ({"input": "load:V", "supply": "vbat"}, "is in V; a supply belongs to a duty"),
+        ({"input": "load:V", "supply": "vbat"}, "is in V; a supply goes with a duty"),
         ({"input": "load:1", "supply": "vbat:rad"}, "the supply `vbat` is in rad; expected a voltage"),
         ({"input": "load:1", "supply": "-3 V"}, "expected a positive voltage"),
         ({"input": "load:1", "supply": "load:V"}, "`load` can't be both input and supply"),

@@ -109,7 +109,7 @@ def test_velocities_that_nobody_has_set_and_positions_that_are_old_stay_and_are_
 
     assert len(recording["position"].values) == 400
     assert finding(recording.findings, "velocity-unset").rows == (1, 30)
-    assert "every 8 rows or so (40 ms)" in finding(recording.findings, "position-stale").sentence
+    assert "about every 8 rows (40 ms)" in finding(recording.findings, "position-stale").sentence
 
 
 def test_uneven_and_doubled_times_are_told(tmp_path: Path) -> None:
@@ -162,7 +162,7 @@ def test_another_file_is_an_error_that_says_what_is_wrong(content: Any, why: str
 
 
 def test_nothing_is_written(tmp_path: Path) -> None:
-    with pytest.raises(UsageError, match=r"read and not written; write \.mcap"):
+    with pytest.raises(UsageError, match=r"can't be written; write \.mcap"):
         save(small(), tmp_path / "a.json")
 
 

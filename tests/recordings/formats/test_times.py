@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servobench.recordings.formats.times import in_words, increasing, time_base, time_findings
+from servobench.recordings.formats.times import in_words, keep_increasing, time_base, time_findings
 from tests.recordings.formats.tables import codes
 
 
@@ -24,7 +24,7 @@ def longest_by_brute_force(values: list[float]) -> int:
 def test_as_many_samples_as_possible_are_kept_and_their_times_increase(values: list[float]) -> None:
     t = np.array(values)
 
-    kept = t[increasing(t)]
+    kept = t[keep_increasing(t)]
 
     assert (np.diff(kept) > 0).all()
     assert np.isfinite(kept).all()
@@ -34,7 +34,7 @@ def test_as_many_samples_as_possible_are_kept_and_their_times_increase(values: l
 
 
 def test_of_equal_times_the_first_is_kept() -> None:
-    assert increasing(np.array([0.0, 1.0, 1.0, 1.0, 2.0])).tolist() == [True, True, False, False, True]
+    assert keep_increasing(np.array([0.0, 1.0, 1.0, 1.0, 2.0])).tolist() == [True, True, False, False, True]
 
 
 def test_one_wild_time_costs_one_sample() -> None:
@@ -42,7 +42,7 @@ def test_one_wild_time_costs_one_sample() -> None:
     t[40] = 1e9
     t[70] = -1e9
 
-    assert np.flatnonzero(~increasing(t)).tolist() == [40, 70]
+    assert np.flatnonzero(~keep_increasing(t)).tolist() == [40, 70]
 
 
 def test_a_time_base_is_described_by_its_steps() -> None:

@@ -109,3 +109,9 @@ def test_whole_numbers_are_differentiated_as_numbers() -> None:
     speed = Chain.parse("derivative")(np.array([0, 1, 3]), np.array([0.0, 2.0, 4.0]))
 
     np.testing.assert_array_equal(speed, [0.0, 0.5, 1.0])
+
+
+@pytest.mark.parametrize("text", ["average 128", "average 128 samples"])
+def test_an_average_over_a_number_of_samples_says_how_to_write_it_as_a_time(text: str) -> None:
+    with pytest.raises(UsageError, match="128 samples of 1 ms are `average 128 ms`"):
+        Chain.parse(text)

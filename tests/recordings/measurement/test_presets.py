@@ -11,7 +11,7 @@ import pytest
 from servobench.core.channels import Channel
 from servobench.core.errors import UnknownName, UsageError
 from servobench.recordings.measurement.base import Chain
-from servobench.recordings.measurement.cost import lag_of
+from servobench.recordings.measurement.lag import lag_of
 from servobench.recordings.measurement.measure import measure
 from servobench.recordings.measurement.presets import PRESETS
 from servobench.recordings.recording import Recording, Series, Source
@@ -69,7 +69,7 @@ def test_a_device_that_is_not_known_is_told_the_nearest() -> None:
 
 def test_none_is_a_chain_without_stages_and_stands_alone() -> None:
     assert Chain.parse("none") == Chain()
-    with pytest.raises(UsageError, match="stands alone"):
+    with pytest.raises(UsageError, match="use it alone"):
         Chain.parse("none | lowpass 5 Hz")
 
 

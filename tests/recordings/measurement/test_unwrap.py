@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from servobench.core.errors import UsageError
-from servobench.recordings.measurement.unwrap import Unwrap, unwrapped
+from servobench.recordings.measurement.unwrap import Unwrap, unwrap
 
 
 def shown(counts: np.ndarray, bits: int) -> np.ndarray:
@@ -22,7 +22,7 @@ def test_no_count_is_lost_over_many_wraps_one_way_and_back(bits: int, sign: int)
     there = np.cumsum(np.full(1000, largest))
     counts = sign * np.concatenate([[5], 5 + there, 5 + there[::-1], [5]]).astype(np.int64)
 
-    found = unwrapped(shown(counts, bits), 2.0**bits)
+    found = unwrap(shown(counts, bits), 2.0**bits)
 
     np.testing.assert_array_equal(found.count, counts.astype(float))
     np.testing.assert_array_equal(found.delta[1:], np.diff(counts))
@@ -34,13 +34,13 @@ def test_no_count_is_lost_over_many_wraps_one_way_and_back(bits: int, sign: int)
 def test_any_travel_in_steps_below_half_the_modulus_comes_back(steps: list[int], first: int) -> None:
     counts = first + np.cumsum([0, *steps])
 
-    found = unwrapped(shown(counts, 8), 256.0)
+    found = unwrap(shown(counts, 8), 256.0)
 
     np.testing.assert_array_equal(found.count, counts)
 
 
 def test_a_wrap_counts_up_when_the_counter_falls_from_its_largest_to_its_smallest_value() -> None:
-    found = unwrapped(np.array([32766.0, 32767.0, -32768.0, 32767.0]), 65536.0)
+    found = unwrap(np.array([32766.0, 32767.0, -32768.0, 32767.0]), 65536.0)
 
     assert found.wrap.tolist() == [0, 0, 1, -1]
     assert found.delta.tolist() == [0.0, 1.0, 1.0, -1.0]
@@ -49,7 +49,7 @@ def test_a_wrap_counts_up_when_the_counter_falls_from_its_largest_to_its_smalles
 
 @pytest.mark.parametrize("step", [32768.0, -32768.0])
 def test_half_the_modulus_is_told_as_ambiguous(step: float) -> None:
-    assert unwrapped(np.array([0.0, 1.0, 1.0 + step, 2.0 + step]), 65536.0).ambiguous.tolist() == [
+    assert unwrap(np.array([0.0, 1.0, 1.0 + step, 2.0 + step]), 65536.0).ambiguous.tolist() == [
         False,
         False,
         True,
@@ -59,7 +59,7 @@ def test_half_the_modulus_is_told_as_ambiguous(step: float) -> None:
 
 @pytest.mark.parametrize("step", [32767.0, -32767.0, 32769.0])
 def test_one_count_off_half_the_modulus_is_not_ambiguous(step: float) -> None:
-    assert not unwrapped(np.array([0.0, step]), 65536.0).ambiguous.any()
+    assert not unwrap(np.array([0.0, step]), 65536.0).ambiguous.any()
 
 
 def test_it_is_not_linear_and_says_so() -> None:

@@ -116,5 +116,5 @@ def test_a_window_without_its_unit_is_asked_for(words: tuple[str, ...]) -> None:
 
 
 def test_a_derivative_takes_no_arguments() -> None:
-    with pytest.raises(UsageError, match="stands alone"):
+    with pytest.raises(UsageError, match="takes no settings"):
         Derivative.parse(("50", "rad/s"))

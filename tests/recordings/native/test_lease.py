@@ -31,9 +31,9 @@ def test_a_part_is_held_as_long_as_it_is_written_and_no_longer(tmp_path: Path) -
     writer.begin(opening(), TOGETHER)
     assert is_held(part)
     assert is_held(part)  # to ask takes nothing away
-    with pytest.raises(UsageError, match="is being written by a run that goes on"):
+    with pytest.raises(UsageError, match="is being written by a running experiment"):
         make_whole(path)
-    with pytest.raises(UsageError, match="is being written by a run that goes on"):
+    with pytest.raises(UsageError, match="is being written by a running experiment"):
         RecordingWriter(path)
     writer.abandon()
     assert not is_held(part)

@@ -179,9 +179,9 @@ def test_a_recording_that_was_never_ended_says_so(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("data", "said"),
     [
-        (b"", "no MCAP file"),
-        (b"time;voltage\n0;1\n", "no MCAP file"),
-        (mcap.MAGIC, "torn at its very beginning"),
+        (b"", "isn't an MCAP file"),
+        (b"time;voltage\n0;1\n", "isn't an MCAP file"),
+        (mcap.MAGIC, "breaks off at its very beginning"),
         (mcap.MAGIC + mcap.header("servobench 1"), "nothing in it can be read"),
         (mcap.MAGIC + mcap.header("servobench 1") + mcap.data_end(0), "it holds no recording"),
     ],
@@ -211,7 +211,7 @@ def test_an_mcap_file_of_another_program_is_called_one(tmp_path: Path) -> None:
 
     with pytest.raises(
         FormatError,
-        match=r"is an MCAP file, but was written by 'rosbag2.*only servobench's own can be recovered",
+        match=r"is an MCAP file written by 'rosbag2.*only servobench's own files can be recovered",
     ):
         read(path)
 
@@ -231,7 +231,9 @@ def bomb(chunk: bytes) -> bytes:
 def chunk(packed: bytes, size: int) -> bytes:
     """Return a chunk record that claims to hold that many bytes."""
     head = struct.pack("<QQQI", 0, 0, size, zlib.crc32(b"\0" * min(size, 1 << 26)))
-    return mcap.record(mcap.Op.CHUNK, head, mcap.prefixed("zstd"), struct.pack("<Q", len(packed)), packed)
+    return mcap.record(
+        mcap.Op.CHUNK, head, mcap.prefix_length("zstd"), struct.pack("<Q", len(packed)), packed
+    )
 
 
 SIXTY_FOUR_MEGABYTES = 1 << 26
@@ -268,7 +270,7 @@ def test_a_description_in_a_million_pieces_is_read_in_linear_time(tmp_path: Path
     # Copying the rest for each piece would move 10 MB a million times: hours, and pytest's time-out ends it.
     path = tmp_path / "a.mcap"
     pieces = mcap.record(
-        mcap.Op.METADATA, mcap.prefixed(OPENING), mcap.prefixed(mcap.prefixed("a") * 2_000_000)
+        mcap.Op.METADATA, mcap.prefix_length(OPENING), mcap.prefix_length(mcap.prefix_length("a") * 2_000_000)
     )
     path.write_bytes(mcap.MAGIC + mcap.header("servobench 1") + pieces)
 

@@ -42,7 +42,7 @@ def test_a_recovered_copy_is_whole_and_the_original_as_it_was(torn: Path, tmp_pa
 def test_recovery_overwrites_nothing_not_even_the_original(torn: Path) -> None:
     before = torn.read_bytes()
 
-    with pytest.raises(UsageError, match="is there already; give a new name"):
+    with pytest.raises(UsageError, match="exists already; give a new name"):
         recover(torn, torn)
     assert torn.read_bytes() == before
 

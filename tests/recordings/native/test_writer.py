@@ -378,7 +378,7 @@ def test_a_recording_begins_when_the_one_before_has_ended_and_each_channel_has_a
     tmp_path: Path,
 ) -> None:
     with RecordingWriter(tmp_path / "a.mcap") as writer:
-        with pytest.raises(UsageError, match="a place to be written is given to 'applied', 'counts'"):
+        with pytest.raises(UsageError, match="these channels have a place in the file: 'applied', 'counts'"):
             writer.begin(opening(), TOGETHER[:1])
         writer.begin(opening("one"), TOGETHER)
         with pytest.raises(UsageError, match="'one' has to end before 'two' begins"):

@@ -14,7 +14,7 @@ from servobench.core.errors import DeviceError, UnknownName, UsageError
 from servobench.core.finding import Severity
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faults.base import FAULTS, Fault, fault_from, table_of, text_of
-from servobench.rig.devices.faulty import Faulty, injected
+from servobench.rig.devices.faulty import Faulty, injection_findings
 from servobench.rig.devices.replay import Replay
 from servobench.rig.devices.twin import Twin, TwinSettings
 from servobench.rig.experiment import Experiment
@@ -124,7 +124,7 @@ def test_without_faults_it_is_the_device_itself() -> None:
     device = faulty()
 
     assert device.info == Twin(MOTOR).info
-    assert injected(device.info) == ()
+    assert injection_findings(device.info) == ()
     assert driven(device, 200) == undisturbed(200)
 
 
@@ -515,12 +515,12 @@ def replayed() -> Device:
     ("text", "device", "reason"),
     [
         ("blocked_shaft", replayed, "simulated motor"),
-        ("jitter", replayed, "times of its own"),
-        ("slow_read", replayed, "times of its own"),
+        ("jitter", replayed, "by its own clock"),
+        ("slow_read", replayed, "by its own clock"),
         ("nan channel=current", replayed, "no channel 'current'"),
         ("nan channel=tachometer", Twin, "no channel 'tachometer'"),
         ("counter_wrap bits=32", Twin, "24 bits"),
-        ("lost every=9", lambda: Twin(TwinSettings(timing="host")), "numbered by the clock"),
+        ("lost every=9", lambda: Twin(TwinSettings(timing="host")), "clock numbers its samples"),
         ("clock_step", lambda: Twin(TwinSettings(timing="host")), "the host's time"),
         ("clock_stuck", lambda: Twin(TwinSettings(timing="host")), "the host's time"),
         ("jitter", lambda: Twin(TwinSettings(timing="host")), "recorded = false"),
@@ -534,7 +534,7 @@ def test_a_fault_that_a_device_can_not_have_is_refused_with_those_it_can_have(
     with pytest.raises(UsageError, match=reason) as refused:
         Faulty(device(), [fault(text)])
 
-    able = str(refused.value).partition("faults that it can have: ")[2].split(", ")
+    able = str(refused.value).partition("possible faults: ")[2].split(", ")
     assert "stuck_channel" in able
     assert set(able) <= set(FAULTS.names())
 
@@ -544,7 +544,7 @@ def test_what_is_listed_as_possible_is_possible(name: str) -> None:
     """The list is right for the replay: each fault is in it, or refused."""
     with pytest.raises(UsageError) as refused:
         Faulty(replayed(), [fault("blocked_shaft")])
-    able = str(refused.value).partition("faults that it can have: ")[2].split(", ")
+    able = str(refused.value).partition("possible faults: ")[2].split(", ")
 
     asked = fault(EXAMPLES[name].replace("channel=current", "channel=applied"))
     assert (asked.unsupported(replayed()) is None) == (name in able)
@@ -556,7 +556,7 @@ def test_what_is_listed_as_possible_is_possible(name: str) -> None:
         ("", "a name and settings"),
         ("lost 'every=3", "can't be read"),
         ("lost every", "key=value"),
-        ("lost every=3 every=4", "there twice"),
+        ("lost every=3 every=4", "occurs twice"),
         ("lost every=0", "greater than or equal to 1"),
         ("lost every=3 probability=0.1", "leave one of them out"),
         ("stuck_channel from=-1s", "from"),

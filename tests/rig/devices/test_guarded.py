@@ -151,7 +151,7 @@ def test_a_gap_in_which_the_counter_may_have_wrapped_is_a_fault() -> None:
         guarded.start(0.2, 0)
         tick(guarded, 1.0)
         motor._index += 1
-        with pytest.raises(RunEnded, match=r"400 ms passed .* wrapped unseen"):
+        with pytest.raises(RunEnded, match=r"400 ms passed .* wrapped unnoticed"):
             guarded.read()
 
 
@@ -289,7 +289,7 @@ def test_a_write_that_hangs_in_the_device_is_overtaken_and_undone() -> None:
 @pytest.mark.parametrize("timing", ["host", "device"])
 def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused(timing: Any) -> None:
     device = Shaft(timing)
-    with pytest.raises(UsageError, match=r"limits\.watchdog\.timeout is 0\.1 s, .* two samples of 0\.06 s"):
+    with pytest.raises(UsageError, match=r"limits\.watchdog\.timeout is 0\.1 s; .* two samples of 0\.06 s"):
         Guarded(device).start(0.06, 0)
     assert device.events == []
     for timeout in (0.0, 0.019, 0.51, math.inf):
@@ -382,7 +382,7 @@ def test_the_start_value_comes_with_the_first_sample_and_is_slewed_and_watched_a
 
 @pytest.mark.promise("S19")
 @pytest.mark.parametrize(
-    "limits", [Limits(), Limits(terminate=Outputs(voltage=0.5))], ids=["zero", "to hold a load"]
+    "limits", [Limits(), Limits(terminate=Outputs(voltage=0.5))], ids=["zero", "hold a load"]
 )
 def test_stop_never_raises_may_be_called_twice_and_ends_at_zero_volts_where_the_devices_own_fails(
     limits: Limits,

@@ -102,12 +102,12 @@ def test_another_sample_time_than_the_recordings_is_refused_before_anything_is_p
 @pytest.mark.parametrize(
     ("recording", "said"),
     [
-        (foreign(input=None), "which channel is its input"),
-        (foreign(output=None), "which channel is its output"),
-        (foreign(output="pwm"), "'pwm' is in %, and what a device reads is the counts of an encoder"),
+        (foreign(input=None), "input channel isn't declared"),
+        (foreign(output=None), "output channel isn't declared"),
+        (foreign(output="pwm"), "'pwm' is in %, and a device reads encoder counts"),
         (
             foreign(series=(series("pwm", "V", [1.0], [0.0]), series("enc", "counts", [0.5], [0.0]))),
-            r"in row 1 'enc' is 0\.5, which is no number of counts",
+            r"in row 1 'enc' is 0\.5, which isn't a whole number of counts",
         ),
         (
             foreign(series=(series("pwm", "V", [1.0], [0.0]), series("enc", "counts", [np.nan], [0.0]))),

@@ -117,7 +117,7 @@ def test_what_is_no_voltage_never_reaches_the_motor(voltage: object) -> None:
     with Twin() as twin:
         twin.start(H, None)
         twin.read()
-        with pytest.raises(UsageError, match="no voltage"):
+        with pytest.raises(UsageError, match="isn't a voltage"):
             twin.write(voltage)  # type: ignore[arg-type]
         twin.read()
         assert twin.state.speed == 0.0
@@ -182,10 +182,10 @@ def test_beside_the_wall_clock_nothing_is_left_to_compile_for_a_call_of_the_devi
     """A call that compiles looks like a device that doesn't answer, and whoever stands there is told to switch off the supply."""
     program = """
 import time
-from servobench.core.compiled import told_while_compiling
+from servobench.core.compiled import announce_compilations
 from servobench.rig.devices.twin import Twin, TwinSettings
 compiled = []
-with told_while_compiling(compiled.append, lambda: None):
+with announce_compilations(compiled.append, lambda: None):
     twin = Twin(TwinSettings(timing="host"))
     before = len(compiled)
     with twin:

@@ -280,7 +280,7 @@ parts = [ {type = "sine", frequency = "1 V"}, # }
         "my.toml:7: signal.parts[1].order: 99 should be less than or equal to 20",
         "my.toml:10: signal.parts[2].parts[0].frequency: '1 V' is a voltage",
         "my.toml:11: signal.parts[2].parts[1].type: no signal called 'sin' (did you mean 'sine'?)",
-        "my.toml:12: signal.parts[2].parts[2]: 'x' is no signal",
+        "my.toml:12: signal.parts[2].parts[2]: 'x' isn't a signal",
     ]
 
 
@@ -292,7 +292,7 @@ parts = [ {type = "sine", frequency = "1 V"}, # }
         ("[signal]", "my.toml:1: signal.type: is missing; expected the name of a signal; known: chirp, "),
         (
             "signal = 'square'",
-            "my.toml:1: signal: 'square' is no signal; expected a table with a type, one of chirp, ",
+            "my.toml:1: signal: 'square' isn't a signal; expected a table with a type, one of chirp, ",
         ),
         ("\nexperiment = 3\nsignal.type = 'sine'", "my.toml:2: experiment: 3 should be a table"),
         (
@@ -315,7 +315,7 @@ parts = [ {type = "sine", frequency = "1 V"}, # }
         ),
         (
             f"[experiment]\nduration = '1 ms'\n{SQUARE}",
-            "my.toml:1: experiment: a duration of 0.001 s holds less than two",
+            "my.toml:1: experiment: a duration of 0.001 s holds fewer than two",
         ),
         (
             f"{SQUARE}[device.settings]\nfrom = 1979-05-27",
@@ -325,10 +325,10 @@ parts = [ {type = "sine", frequency = "1 V"}, # }
             f"[experiment]\nnotes = {'[' + '1,' * 99 + ']'}\n{SQUARE}",
             f"my.toml:2: experiment.notes: [{'1, ' * 18}1,... should",
         ),
-        ("a = 1\nb = \n", "my.toml:2: this is no TOML: Invalid value (column 5)"),
-        ("a = 1\na = 2", "my.toml:2: this is no TOML: Cannot overwrite a value (end of the file)"),
-        ('a = """\n', "my.toml:2: this is no TOML: Unterminated string (end of the file)"),
-        ("x = " + "[" * 5000, "my.toml: arrays or tables are nested too deeply in it"),
+        ("a = 1\nb = \n", "my.toml:2: this isn't TOML: Invalid value (column 5)"),
+        ("a = 1\na = 2", "my.toml:2: this isn't TOML: Cannot overwrite a value (end of the file)"),
+        ('a = """\n', "my.toml:2: this isn't TOML: Unterminated string (end of the file)"),
+        ("x = " + "[" * 5000, "my.toml: its arrays or tables are nested too deeply"),
         ("x = " + "9" * 6000, "my.toml: this can't be read as TOML: Exceeds the limit"),
     ],
 )
@@ -341,14 +341,14 @@ def test_a_mistake_is_told_with_its_line(text: str, expected: str) -> None:
     ("data", "expected"),
     [
         (b"", ": signal: is missing"),
-        (b'# first\nname = "\xe9"', ":2: this is no UTF-8; save the file as UTF-8"),
+        (b'# first\nname = "\xe9"', ":2: this isn't UTF-8; save the file as UTF-8"),
         (
             'name = "x"'.encode("utf-16"),
-            ":1: this is no UTF-8 (it looks like UTF-16); save the file as UTF-8",
+            ":1: this isn't UTF-8 (it looks like UTF-16); save the file as UTF-8",
         ),
         (
             b"\xef\xbb\xbf[signal]\r\ntype = 'step'\r\nfinal = 'x'\r\n",
-            ":3: signal.final: 'x' is no number with a unit",
+            ":3: signal.final: 'x' isn't a number with a unit",
         ),
     ],
 )

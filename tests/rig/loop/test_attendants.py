@@ -56,7 +56,7 @@ def test_a_recorder_that_is_silent_for_too_long_or_failed_ends_the_run(rows: Row
     stopped = watch(place(2))
     assert stopped is not None
     assert stopped.reason == "error"
-    assert "silent for more than 5 s; the motor was stopped" in stopped.sentence
+    assert "no sign of the recorder for more than 5 s; the motor was stopped" in stopped.sentence
 
     rows.set(RECORDER_HEARTBEAT, now[0])
     assert watch(place(3)) is None
@@ -79,7 +79,7 @@ def test_an_operator_is_missed_once_the_time_is_over_and_not_before(rows: RowRin
 
     assert stopped is not None
     assert stopped.reason == "interrupted"
-    assert "nobody has shown for 0.25 s" in stopped.sentence
+    assert "no sign of the operator for 0.25 s" in stopped.sentence
 
 
 def test_a_program_that_is_gone_ends_the_run() -> None:
@@ -117,4 +117,4 @@ def test_a_fault_and_its_acknowledgement_are_told_once_with_their_ticks(rows: Ro
         ("fault", 2, "voltage-not-finite"),
         ("acknowledged", 4, "voltage-not-finite"),
     ]
-    assert "nan is no voltage" in found[0]["sentence"]
+    assert "nan isn't a voltage" in found[0]["sentence"]

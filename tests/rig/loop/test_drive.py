@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from servobench.panel.preview import previewed
+from servobench.panel.preview import preview_signal
 from servobench.rig.clock import clock_for
 from servobench.rig.devices.base import connect
 from servobench.rig.devices.guarded import Guarded
@@ -16,7 +16,7 @@ from servobench.rig.experiment import Experiment
 from servobench.rig.loop.messages import Command, Order
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.references import References
-from servobench.rig.loop.ticks import Drive, let_pass
+from servobench.rig.loop.ticks import Drive, run_ticks
 from servobench.systems.control.pid import Pid
 from servobench.systems.signals.prbs import PRBS
 from servobench.systems.signals.square import Square
@@ -54,7 +54,7 @@ def driven(ticks: int, commands: dict[int, Command], experiment: Experiment | No
         device.start(SAMPLE_TIME, asked.seed)
         clock = clock_for("virtual")
         clock.start(SAMPLE_TIME)
-        let_pass(ticks, device, clock, drive, kept, (command,))
+        run_ticks(ticks, device, clock, drive, kept, (command,))
         assert not drive.refused
     return kept
 
@@ -76,7 +76,9 @@ def test_start_puts_out_the_signal_from_its_first_sample_and_nothing_beyond_its_
     # By the signal's own definition, as the whole run of a file has it.
     np.testing.assert_array_equal(applied[START:], signal(np.arange(1500) * SAMPLE_TIME))
     experiment = Experiment(sample_time=SAMPLE_TIME, signal=signal)
-    shown = previewed({"signal": experiment.model_dump(mode="json")["signal"], "duration": 3.0}, experiment)
+    shown = preview_signal(
+        {"signal": experiment.model_dump(mode="json")["signal"], "duration": 3.0}, experiment
+    )
     assert min(shown["low"]) <= applied[START:].min()
     assert applied[START:].max() <= max(shown["high"])
 

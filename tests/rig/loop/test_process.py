@@ -24,7 +24,7 @@ from servobench.rig.devices.faults.base import table_of
 from servobench.rig.devices.observed import Call
 from servobench.rig.experiment import DeviceChoice, Experiment
 from servobench.rig.experiment.limits import Limits, Watchdog
-from servobench.rig.loop.exit_status import ended_how
+from servobench.rig.loop.exit_status import exit_text
 from servobench.rig.loop.live import run_live
 from servobench.rig.loop.messages import NOT_CLOSED, Command, Notice, Order, ending_to_json
 from servobench.rig.loop.process import LoopProcess
@@ -178,7 +178,7 @@ def test_a_loop_that_is_killed_leaves_a_whole_file_that_says_so(tmp_path: Path) 
         written = loop.ring.written
 
     assert recording.stopped.reason == "error"
-    assert "ended without a word" in recording.stopped.sentence
+    assert "ended without a message" in recording.stopped.sentence
     assert len(recording["counts"].values) == written
 
 
@@ -188,7 +188,7 @@ def test_an_operator_who_is_not_there_any_more_ends_the_run(tmp_path: Path) -> N
         recording = loop.wait()
 
     assert recording.stopped.reason == "interrupted"
-    assert "nobody has shown for 0.5 s" in recording.stopped.sentence
+    assert "no sign of the operator for 0.5 s" in recording.stopped.sentence
 
 
 PROGRAM = """
@@ -218,7 +218,7 @@ def test_a_program_that_is_killed_ends_the_run_and_the_file_is_whole(tmp_path: P
         time.sleep(0.05)
     (recording,) = read(tmp_path / "a.mcap")
     assert recording.stopped.reason == "interrupted"
-    assert "the program that started the run is gone" in recording.stopped.sentence
+    assert "the program that started the run has ended" in recording.stopped.sentence
 
 
 @pytest.mark.promise("S36")
@@ -227,22 +227,22 @@ def test_a_command_that_says_nothing_useful_is_refused_with_the_reason() -> None
         ("{}", "its number is missing"),
         ('{"number": true}', "expected a whole number"),
         ('{"number": 1, "voltage": 3}', "voltage"),
-        ('{"number": 1, "signal": {"type": "constant", "value": NaN}}', "NaN is no number"),
+        ('{"number": 1, "signal": {"type": "constant", "value": NaN}}', "NaN isn't a number"),
         ('{"number": 1, "signal": {"type": "constant", "value": 1e999}}', "value"),
         ("[" * 100_000, "no command"),
-        ("no command", "it is no JSON \\(at character 1\\); expected an object with number"),
-        ("[1]", "it is no object; expected one with number"),
+        ("no command", "it isn't JSON \\(at character 1\\); expected an object with `number`"),
+        ("[1]", "it isn't an object; expected one with `number`"),
     ]:
         with pytest.raises(UsageError, match=reason):
             Order.parse(text)
 
 
 def test_what_is_no_experiment_or_no_device_is_told() -> None:
-    with pytest.raises(UsageError, match="3 is no experiment; expected an Experiment"):
+    with pytest.raises(UsageError, match="3 isn't an experiment; expected an Experiment"):
         LoopProcess(3)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="3 is no experiment; expected an Experiment"):
+    with pytest.raises(UsageError, match=r"experiment is 3 \(int\); expected an Experiment"):
         run(3, 4)  # type: ignore[arg-type]
-    with pytest.raises(UsageError, match="'twin' is no device; expected one"):
+    with pytest.raises(UsageError, match="'twin' isn't a device; expected one"):
         run(asked(), "twin")  # type: ignore[arg-type]
 
 
@@ -254,8 +254,8 @@ def test_a_sample_time_that_the_watchdog_cannot_wait_for_is_refused_before_anyth
 
     monkeypatch.setattr("subprocess.Popen", refuse)
     for sample_time, advice in (
-        (5.0, r"can be 0\.5 s at most, so take a sample time of at most 0\.25 s in real time"),
-        (0.2, r"raise it to 0\.4 s, or take a sample time of at most 0\.05 s"),
+        (5.0, r"can't exceed 0\.5 s, so use a sample time of at most 0\.25 s in real time"),
+        (0.2, r"raise it to 0\.4 s, or use a sample time of at most 0\.05 s"),
     ):
         loop = LoopProcess(asked(20.0, sample_time=sample_time))
         with pytest.raises(UsageError, match=advice):
@@ -295,17 +295,17 @@ def test_the_supply_comes_before_what_can_wait() -> None:
 
 
 def test_how_a_process_or_a_call_ended_is_told_in_words() -> None:
-    assert ended_how(3) == "with status 3"
-    assert ended_how(-signal.SIGABRT) == "killed by SIGABRT (aborted)"
+    assert exit_text(3) == "with status 3"
+    assert exit_text(-signal.SIGABRT) == "killed by SIGABRT (aborted)"
     request = KeyboardInterrupt("SIGTERM, which was sent to the loop's process")
-    assert error_text(request) == "the call was broken off by SIGTERM, which was sent to the loop's process"
-    assert error_text(KeyboardInterrupt()) == "the call was broken off by Ctrl-C"
+    assert error_text(request) == "the call was interrupted by SIGTERM, which was sent to the loop's process"
+    assert error_text(KeyboardInterrupt()) == "the call was interrupted by Ctrl-C"
     assert error_text(OSError("no")) == "OSError('no')"
 
 
 def test_two_runs_into_one_file_the_second_says_why_it_could_not_begin(tmp_path: Path) -> None:
     (tmp_path / "a.mcap.part").write_bytes(b"")
-    with pytest.raises(UsageError, match=r"a\.mcap\.part is there already.*; nothing was moved"):
+    with pytest.raises(UsageError, match=r"a\.mcap\.part exists already.*; nothing was moved"):
         run_live(asked(), to=tmp_path / "a.mcap")
 
 
@@ -351,3 +351,23 @@ def test_a_loop_that_holds_faults_goes_on_at_zero_volts_after_too_many_missed_ti
 
 def test_where_it_is_asked_for_missed_ticks_stop_nothing() -> None:
     assert held_up(missed_go_on=True) == ([], True)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows sends Ctrl-C to a group of processes, never to one")
+def test_ctrl_c_while_the_loops_process_still_imports_is_no_traceback_of_its_own(
+    monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    start = subprocess.Popen
+
+    def interrupted(command: list[str], **options: Any) -> subprocess.Popen[bytes]:
+        process = start(command, **options)
+        if not options.get("start_new_session"):  # a terminal's Ctrl-C doesn't reach another session
+            process.send_signal(signal.SIGINT)
+        return process
+
+    monkeypatch.setattr("servobench.rig.loop.process.subprocess.Popen", interrupted)
+    with LoopProcess(asked(), record=tmp_path / "a.mcap") as loop:
+        stopped = loop.wait().stopped
+    assert stopped is not None
+    assert stopped.reason == "finished"
+    assert "Traceback" not in capfd.readouterr().err

@@ -14,7 +14,7 @@ import pytest
 from servobench.core.errors import UsageError
 from servobench.recordings.native.reader import read
 from servobench.rig.loop.drain import EVENTS_MISSED, ROWS_MISSED
-from servobench.rig.loop.recording_process import LAST_WORDS, Recorded, RecorderProcess, record
+from servobench.rig.loop.recording_process import LAST_WORDS, RecorderProcess, RecorderResult, record
 from servobench.rig.loop.ring import LOOP_STATE, RECORDER_HEARTBEAT, RECORDER_STATE, ROWS_KEPT
 from servobench.rig.loop.spec import DONE, FAILED, RECORDING
 from tests.rig.loop.rings import RingLoop, ticks_of
@@ -34,7 +34,7 @@ def test_every_row_and_event_of_a_run_is_in_the_file(path: Path) -> None:
         state, kept = loop.rows.get(RECORDER_STATE), loop.rows.get(ROWS_KEPT)
 
     (recording,) = read(path)
-    assert went == Recorded(path=str(path), rows=100)
+    assert went == RecorderResult(path=str(path), rows=100)
     assert (state, kept) == (DONE, 100)
     assert ticks_of(recording).tolist() == list(range(100))
     assert [event.kind for event in recording.events] == ["opened", *["command"] * 9, "ended"]
@@ -128,7 +128,7 @@ def test_a_loop_that_is_gone_without_a_word_leaves_a_whole_file_that_says_so(pat
     (recording,) = read(path)
     assert len(ticks_of(recording)) == 42
     assert recording.stopped.reason == "error"
-    assert "ended without a word" in recording.stopped.sentence
+    assert "ended without a message" in recording.stopped.sentence
     assert [each.code for each in recording.findings] == ["loop-died"]
 
 
@@ -141,7 +141,7 @@ def test_a_loop_that_says_no_more_while_nobody_is_there_ends_the_file(path: Path
         waits = loop.waits
 
     assert len(ticks_of(read(path)[0])) == 42
-    assert "ended without a word" in read(path)[0].stopped.sentence
+    assert "ended without a message" in read(path)[0].stopped.sentence
     assert waits == LAST_WORDS + 1  # the first look still finds rows
 
 
@@ -177,7 +177,7 @@ def test_where_no_device_was_opened_there_is_no_file(path: Path) -> None:
         loop.end("device_lost", "no such port")
         went = record(loop.spec, loop.rows, loop.events, loop)
 
-    assert went == Recorded(path=None, rows=0)
+    assert went == RecorderResult(path=None, rows=0)
     assert list(path.parent.iterdir()) == []
 
 
@@ -187,7 +187,7 @@ def test_where_the_loop_ended_before_a_sample_and_without_a_word_there_is_no_fil
         loop.is_gone = loop.stands = True
         went = record(loop.spec, loop.rows, loop.events, loop)
 
-    assert went == Recorded(path=None, rows=0)
+    assert went == RecorderResult(path=None, rows=0)
     assert list(path.parent.iterdir()) == []
 
 
@@ -230,7 +230,7 @@ def test_the_process_records_to_the_end_whatever_signals_come_and_leaves_nothing
             went = recorder.wait(LONGEST)
             assert not recorder.running
 
-    assert went == Recorded(path=str(path), rows=500)
+    assert went == RecorderResult(path=str(path), rows=500)
     assert ticks_of(read(path)[0]).tolist() == list(range(500))
     assert read(path)[0].stopped.reason == "finished"
     assert [file.name for file in path.parent.iterdir()] == ["a.mcap"]
@@ -251,12 +251,12 @@ def test_the_process_notices_that_the_loop_s_process_was_killed_before_anybody_b
                 while recorder.running:
                     pass
                 assert not recorder.failed
-                assert recorder.wait(LONGEST) == Recorded(path=str(path), rows=77)
+                assert recorder.wait(LONGEST) == RecorderResult(path=str(path), rows=77)
     finally:
         sleeper.kill()
         sleeper.wait()
 
-    assert "ended without a word" in read(path)[0].stopped.sentence
+    assert "ended without a message" in read(path)[0].stopped.sentence
 
 
 def test_a_process_that_can_t_record_says_why_in_a_sentence(path: Path) -> None:

@@ -329,7 +329,7 @@ def test_a_name_that_isn_t_there_is_a_clear_error() -> None:
 def test_another_program_s_memory_is_a_clear_error() -> None:
     foreign = SharedMemory(create=True, size=100_000)
     try:
-        with pytest.raises(FormatError, match=f"{foreign.name}' is another program's"):
+        with pytest.raises(FormatError, match=f"{foreign.name}' belongs to another program"):
             RowRing.attach(foreign.name)
     finally:
         foreign.close()
@@ -339,8 +339,8 @@ def test_another_program_s_memory_is_a_clear_error() -> None:
 @pytest.mark.parametrize(
     ("place", "value", "said"),
     [
-        (MAGIC, 0, "another program's"),
-        (VERSION, 7, "layout 7, .* knows layout 2"),
+        (MAGIC, 0, "another program"),
+        (VERSION, 7, "layout 7, .* uses layout 2"),
         (SLOTS, 2**20, "is damaged"),
         (SLOTS, 7, "is damaged"),
         (WIDTH, 0, "is damaged"),
@@ -355,7 +355,7 @@ def test_a_ring_that_isn_t_as_it_should_be_is_a_clear_error(
 
 
 def test_a_ring_of_the_other_kind_is_a_clear_error(ring: RowRing) -> None:
-    with pytest.raises(FormatError, match="holds rows, and texts are expected"):
+    with pytest.raises(FormatError, match="holds rows; expected texts"):
         MessageRing.attach(ring.name)
 
 
@@ -381,7 +381,7 @@ def test_a_limit_for_the_size_of_files_is_told_and_leaves_no_memory_behind() -> 
     size, _, reason = said.partition(" ")
     assert int(size) > 65536 * 16 * 8  # the rows alone: slots, columns, bytes
     assert reason.startswith(
-        "bytes of shared memory can't be had: File too large; allow larger files (ulimit -f)"
+        "bytes of shared memory aren't available: File too large; allow larger files (ulimit -f)"
     )
     assert not list(Path("/dev/shm").glob(f"servobench-*-{number}-*"))
 

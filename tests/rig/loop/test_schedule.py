@@ -86,11 +86,11 @@ def test_without_privileges_it_runs_all_the_same_and_says_what_was_denied_and_ho
 
     assert (told["policy"], told["locked"]) == (os.SCHED_OTHER, 0)
     assert named(told["denied"], "real-time priority (operation not permitted)")
-    assert named(told["denied"], "memory kept in place (no more than 64 KiB may be locked)")
-    assert named(told["granted"], "timers to the nanosecond")
+    assert named(told["denied"], "memory locked (no more than 64 KiB may be locked)")
+    assert named(told["granted"], "nanosecond timers")
     assert isinstance(told["sentences"], list)
     (sentence,) = told["sentences"]
-    for part in ("without memory kept in place", "rtprio 99", "memlock unlimited", "CAP_SYS_NICE"):
+    for part in ("without memory locked", "rtprio 99", "memlock unlimited", "CAP_SYS_NICE"):
         assert part in sentence
 
 
@@ -113,7 +113,7 @@ def test_a_processor_that_is_not_there_is_named_with_those_that_are() -> None:
 def test_a_priority_that_the_system_does_not_know_is_refused_before_anything_is_changed(
     priority: int,
 ) -> None:
-    with pytest.raises(UsageError, match=f"priority of {priority} can't be; expected 1 to 99"):
+    with pytest.raises(UsageError, match=f"priority of {priority} isn't possible; expected 1 to 99"):
         real_time(priority=priority)
 
 

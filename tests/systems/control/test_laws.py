@@ -51,7 +51,7 @@ def test_compiled_and_interpreted_laws_agree(law: Any, monkeypatch: pytest.Monke
     rng = np.random.default_rng(3)
     reference, counts = rng.normal(0, 5, 300), np.cumsum(rng.integers(-40, 60, 300))
     compiled = voltages(law, reference, counts, H, device(limit=2.0))
-    for name in ("looked", "lowpassed", "completed", "settled"):
+    for name in ("take_sample", "lowpass_step", "complete_switch", "settle_voltage"):
         monkeypatch.setattr(kernels, name, getattr(kernels, name).py_func)
     state = law.start(H, device(limit=2.0))
     if isinstance(state, Running):
@@ -335,7 +335,7 @@ def test_a_device_without_an_encoder_is_refused() -> None:
         UsageError, match="'pid' needs the shaft's angle, and the device 'box' has no encoder"
     ):
         Pid().start(H, blind)
-    with pytest.raises(UsageError, match="doesn't say how many counts"):
+    with pytest.raises(UsageError, match="doesn't give its encoder's counts"):
         Lead().start(H, device(counts_per_rev=None))
     assert OpenLoop().start(H, blind) is None
 

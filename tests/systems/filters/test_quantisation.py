@@ -12,7 +12,6 @@ from servobench.systems.filters.quantisation import (
     derivative_noise,
     mean_noise,
     noise,
-    noise_lines,
 )
 
 STEP = 2 * np.pi / 2048
@@ -125,25 +124,6 @@ def test_the_difference_over_all_speeds_has_a_sixth_of_the_step_squared() -> Non
         STEP / 0.002 / np.sqrt(6), rel=1e-9
     )
     assert quad(lambda f: f * (1 - f), 0, 1)[0] == pytest.approx(1 / 6)
-
-
-@pytest.mark.parametrize(
-    "speed", [47.6, 19.905]
-)  # a little above a whole number of counts a sample, and a little below
-def test_the_lines_add_up_to_the_noise_and_the_strongest_is_where_a_run_has_it(speed: float) -> None:
-    chain = Chain.parse("derivative | lowpass 50 rad/s euler")
-
-    lines = noise_lines(chain, speed, 0.002, STEP, 20_000)
-
-    # The powers beyond the n-th add up to less than (Δ/T)²/(π² n) at the gain of all but the lowest lines, below 0.06.
-    exact = noise(chain, speed, 0.002, STEP)
-    assert np.sqrt(sum(line.rms**2 for line in lines)) == pytest.approx(exact, rel=1e-3)
-    run = error(speed, 0.002, filtered=coefficients(50, 0.002, "euler"))
-    power = np.abs(np.fft.rfft(run * np.hanning(len(run)))) ** 2
-    # A bin of the record is 0.0033 Hz wide.
-    assert lines[0].harmonic == 1
-    assert np.fft.rfftfreq(len(run), 0.002)[np.argmax(power)] == pytest.approx(lines[0].frequency, abs=0.0034)
-    assert all(0 <= line.frequency <= 250 for line in lines)
 
 
 def test_the_fraction_of_a_count_is_between_zero_and_one_whichever_way_the_shaft_turns() -> None:

@@ -9,7 +9,7 @@ from scipy.signal import freqz, group_delay, lfilter
 
 from servobench.core.errors import UsageError
 from servobench.recordings.measurement.base import Chain
-from servobench.systems.filters.attenuation import attenuation, cutoff_for
+from servobench.systems.filters.attenuation import attenuation
 from servobench.systems.filters.response import frequency_response, impulse_response, lag
 from tests.systems.filters.test_quantisation import coefficients
 
@@ -100,11 +100,3 @@ def test_at_the_cutoff_half_of_the_power_and_70_7_percent_of_the_amplitude_are_l
     assert found.amplitude == pytest.approx(1 / math.sqrt(2))
     assert found.decibels == pytest.approx(-3.0103, abs=5e-5)
     assert math.degrees(found.phase) == pytest.approx(-45)
-
-
-def test_the_cutoff_for_an_attenuation_gives_it() -> None:
-    assert attenuation(cutoff_for(100, 0.2), 100).amplitude == pytest.approx(0.2)
-    assert attenuation(cutoff_for(100, 1e-200), 100).amplitude == pytest.approx(1e-200)
-    for part in (0, 1, 1.5):
-        with pytest.raises(UsageError, match="positive"):
-            cutoff_for(100, part)

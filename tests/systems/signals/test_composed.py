@@ -103,14 +103,14 @@ def test_a_deep_nest_of_sums_is_looked_at_once() -> None:
         (lambda: Sequence(segments=()), "is empty; expected one at least"),
         (
             lambda: Sum(parts=(Square(), 3)),
-            "3 is no signal; expected a table with a type, one of chirp, constant",
+            "3 isn't a signal; expected a table with a type, one of chirp, constant",
         ),
         (
             lambda: Sum(parts=({"low": 1},)),
             "is missing; expected the name of a signal; known: chirp, constant",
         ),
         (lambda: Sum(parts=({"type": "sinus"},)), r"no signal called 'sinus' \(did you mean 'sine'\?\)"),
-        (lambda: Sum(parts=({"type": 1},)), "1 is no name of a signal"),
+        (lambda: Sum(parts=({"type": 1},)), "1 isn't the name of a signal"),
     ],
 )
 def test_what_is_no_signal_is_no_part(make, message: str) -> None:

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from servobench.systems.signals.edges import periods, reached
+from servobench.systems.signals.edges import is_past, periods
 from servobench.systems.signals.square import Square
 
 
@@ -72,7 +72,7 @@ def test_a_time_that_is_a_thousandth_of_a_period_away_is_not_moved(
 def test_a_time_has_reached_an_edge_that_is_less_than_a_nanosecond_away(
     before: float, expected: bool
 ) -> None:
-    assert reached(np.array([0.6 - before]), 0.6)[0] == expected
+    assert is_past(np.array([0.6 - before]), 0.6)[0] == expected
 
 
 @pytest.mark.parametrize("phase", [0.0, 0.1, -7.0])

@@ -12,15 +12,15 @@ import pytest
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.export.answer import Answer
 from servobench.export.first_order import first_order_motor
+from servobench.export.summary import ResultSummary
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.state_feedback import StateFeedback
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning import loop, response
 from servobench.systems.tuning import tune as verb
 from servobench.systems.tuning.base import Wish
-from servobench.systems.tuning.tune import Tuned, tune
+from servobench.systems.tuning.tune import TuningResult, tune
 from tests.export.conftest import document
 
 MOST_OFF = 0.03  # of a pole's distance from zero
@@ -33,7 +33,7 @@ def motor_of(gain: float, tau: float, delay: float) -> FirstOrderMotor:
         told["parameters"][name]["value"] = value
     told["covariance"]["matrix"] = (1e-6 * np.array(told["covariance"]["matrix"])).tolist()
     told["transfer_function"] |= {"numerator": [gain], "denominator": [tau, 1.0], "delay": delay}
-    return first_order_motor(Answer.from_document(told, "the result"), "tune", "rad")
+    return first_order_motor(ResultSummary.from_document(told, "the result"), "tune", "rad")
 
 
 def held(gain: float, tau: float, delay: float, h: float) -> Any:
@@ -97,7 +97,7 @@ def off(wished: Any, obtained: Array) -> float:
     return max(abs(a - b) / abs(a) for a, b in zip(first, then, strict=True))
 
 
-def judged_poles(made: Tuned, motor: tuple[float, float, float]) -> tuple[list[complex], Array]:
+def judged_poles(made: TuningResult, motor: tuple[float, float, float]) -> tuple[list[complex], Array]:
     """The poles wished for, worked out from the wish, and those obtained; one that the law's zero cancels left out."""
     wish = made.wish
     found = independent_poles(made.controller, motor, wish.sample_time)
@@ -173,7 +173,7 @@ REASONS = (
     "too fast for",
     "faster than a controller",
     "the slowest poles of the loop would be",
-    "slower than the motor is by itself",
+    "slower than the motor itself",
     "no gains of the right sign",
     "a lead compensator doesn't reach that",
     "a loop can't be faster than",
@@ -229,7 +229,9 @@ def test_a_wish_slower_than_the_motor_is_told_the_slowest_that_can_be_had() -> N
     motor = (23.7, 0.0992, 0.0004)
     wish = Wish(controller="pid", output="position", sample_time=0.002, damping=0.8, bandwidth=5.0)
 
-    with pytest.raises(UsageError, match=r"slower than the motor is by itself.*is the slowest") as caught:
+    with pytest.raises(
+        UsageError, match=r"slower than the motor itself.*the slowest possible is about"
+    ) as caught:
         tune(motor_of(*motor), "pole_placement", wish)
 
     told = float(str(caught.value).split("about `damping=0.8` `bandwidth=")[1].split("`")[0])

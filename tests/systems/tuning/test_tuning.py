@@ -13,8 +13,8 @@ from scipy.optimize import brentq
 import servobench as sb
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.export.answer import Answer
 from servobench.export.first_order import first_order_motor
+from servobench.export.summary import ResultSummary
 from servobench.rig.experiment import Experiment, read_experiment
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
@@ -22,7 +22,7 @@ from servobench.systems.signals.square import Square
 from servobench.systems.tuning.base import METHODS, Wish
 from servobench.systems.tuning.loop import nominal_margins, open_loop
 from servobench.systems.tuning.response import unit_step
-from servobench.systems.tuning.tune import LEAST_FACTOR, LEAST_PHASE, Tuned
+from servobench.systems.tuning.tune import LEAST_FACTOR, LEAST_PHASE, TuningResult
 from servobench.systems.tuning.tune import tune as tune_motor
 from tests.export.conftest import COULOMB, DELAY, GAIN, TAU, document
 
@@ -33,16 +33,16 @@ def wish(**changed: Any) -> Wish:
     return Wish(**{"controller": "pid", "output": "position", "sample_time": H, **changed})
 
 
-def answered(**changed: Any) -> Answer:
-    return Answer.from_document(document(**changed), "the result")
+def answered(**changed: Any) -> ResultSummary:
+    return ResultSummary.from_document(document(**changed), "the result")
 
 
-def tune(answer: Answer, method: str, wish: Wish) -> Tuned:
+def tune(answer: ResultSummary, method: str, wish: Wish) -> TuningResult:
     return tune_motor(first_order_motor(answer, "tune", "rad"), method, wish)
 
 
 @cache
-def tuned(method: str = "pole_placement", **changed: Any) -> Tuned:
+def tuned(method: str = "pole_placement", **changed: Any) -> TuningResult:
     return tune(answered(), method, wish(**changed))
 
 
@@ -155,7 +155,7 @@ def test_margins_have_intervals_that_grow_with_what_is_not_known_of_the_motor() 
 
     known = tuned(damping=0.8, bandwidth=40.0).margins
     unsure = tune(
-        Answer.from_document(vague, "the result"), "pole_placement", wish(damping=0.8, bandwidth=40.0)
+        ResultSummary.from_document(vague, "the result"), "pole_placement", wish(damping=0.8, bandwidth=40.0)
     ).margins
 
     for name in ("phase_margin", "delay_margin", "gain_crossover"):
@@ -171,7 +171,7 @@ def test_margins_have_intervals_that_grow_with_what_is_not_known_of_the_motor() 
 SHEET = {"resistance": 8.4, "inductance": 1.16e-3, "k": 0.042, "inertia": 2.0952e-5, "damping": 1e-6}
 
 
-def of_the_twin(sd: float) -> Answer:
+def of_the_twin(sd: float) -> ResultSummary:
     """Return a result whose gain and time constant are the twin's own, by its equations, with a relative deviation."""
     r, k, j, b = SHEET["resistance"], SHEET["k"], SHEET["inertia"], SHEET["damping"]
     gain, tau = k / (r * b + k * k), r * j / (r * b + k * k)
@@ -183,7 +183,7 @@ def of_the_twin(sd: float) -> Answer:
     spread = {"gain": sd * gain, "time_constant": sd * tau, "coulomb_voltage": 0.0, "delay": 0.0}
     told["covariance"]["matrix"] = np.diag([spread[name] ** 2 for name in names]).tolist()
     told["transfer_function"] |= {"numerator": [gain], "denominator": [tau, 1.0], "delay": delay}
-    return Answer.from_document(told, "the result")
+    return ResultSummary.from_document(told, "the result")
 
 
 def twin_step(controller: Any, size: float, **changed: str) -> Array:
@@ -255,11 +255,11 @@ def test_over_the_interval_of_the_motor_the_twin_overshoots_by_what_is_predicted
     ("asked", "because"),
     [
         ({"damping": 0.8, "bandwidth": 300.0}, "the slowest poles of the loop would be"),
-        ({"damping": 0.8, "bandwidth": 5000.0}, "a pole goes as far as 500 rad/s, and 5000 rad/s is wished"),
-        ({"damping": 0.3, "bandwidth": 100.0}, "too fast for the 0.0024 s that pass before anything is seen"),
+        ({"damping": 0.8, "bandwidth": 5000.0}, "poles may go up to 500 rad/s, and 5000 rad/s is requested"),
+        ({"damping": 0.3, "bandwidth": 100.0}, "too fast for 0.0024 s of delay and sample time"),
         (
             {"damping": 0.8, "bandwidth": 20.0, "step": 10.0},
-            "a step of 10 rad would ask for 14.1 V, and the limit is 10 V",
+            "a step of 10 rad would need 14.1 V, and the limit is 10 V",
         ),
         ({"poles": (-200, -100 + 100j)}, "the slowest poles of the loop would be"),
     ],
@@ -271,7 +271,7 @@ def test_a_wish_that_is_too_fast_is_refused_and_the_fastest_that_is_told_can_be_
     with pytest.raises(UsageError, match=because) as caught:
         tuned(**asked)
 
-    told = re.search(r"about (.*) is the fastest", str(caught.value))
+    told = re.search(r"the fastest possible is about (.*?)(?:;|$|, )", str(caught.value))
     assert told is not None
     given = dict(re.findall(r"`(\w+)=([^`]*)`", told[1]))
     slower: dict[str, Any] = {}
@@ -294,14 +294,14 @@ def test_lambda_below_the_dead_time_is_refused() -> None:
     [
         ("pole_placement", {"damping": 0.8, "bandwidth": 2.0}, "more than 1/time constant = 10.1 rad/s"),
         ("pole_placement", {"damping": 0.8}, "needs `damping=...` and `bandwidth=...`"),
-        ("pole_placement", {"closed_loop": 0.1}, "is a wish for lambda_tuning"),
+        ("pole_placement", {"closed_loop": 0.1}, "is for lambda_tuning"),
         ("pole_placement", {"poles": (-1, 2)}, "left of zero"),
         ("pole_placement", {"poles": (-10, -20, -30, -40)}, "4 poles; expected two, or three"),
         ("pole_placement", {"output": "speed", "poles": (-10, -20, -30)}, "a speed loop has two poles"),
         ("pole_placement", {"output": "speed", "controller": "lead", "damping": 1, "bandwidth": 20}, "finds no gains of 'lead'"),
-        ("pole_placement", {"poles": (-20, -30), "damping": 0.8}, "give the one or the others"),
+        ("pole_placement", {"poles": (-20, -30), "damping": 0.8}, "give one or the other"),
         ("lambda_tuning", {}, "needs `closed_loop=...`"),
-        ("lambda_tuning", {"closed_loop": 0.1, "damping": 0.8}, "wishes for pole_placement"),
+        ("lambda_tuning", {"closed_loop": 0.1, "damping": 0.8}, "are for pole_placement"),
         ("lambda_tuning", {"closed_loop": 0.1, "controller": "lead"}, "finds no gains of 'lead'"),
         ("lambda_tuning", {"closed_loop": 0.1, "controller": "open_loop"}, "no controller that can be tuned"),
         ("lamda_tuning", {"closed_loop": 0.1}, "did you mean 'lambda_tuning'"),
@@ -352,7 +352,9 @@ def test_wires_the_other_way_round_turn_the_gains_round() -> None:
     told["parameters"]["gain"] |= {"value": -GAIN, "interval": [-GAIN - 0.04, -GAIN + 0.04]}
     told["transfer_function"] |= {"numerator": [-GAIN]}
 
-    made = tune(Answer.from_document(told, "the result"), "pole_placement", wish(damping=0.8, bandwidth=20.0))
+    made = tune(
+        ResultSummary.from_document(told, "the result"), "pole_placement", wish(damping=0.8, bandwidth=20.0)
+    )
 
     right = tuned(damping=0.8, bandwidth=20.0)
     assert isinstance(made.controller, Pid)
@@ -394,7 +396,7 @@ def test_a_response_is_told_only_where_it_is_worked_out_as_far_as_its_overshoot(
 )
 def test_a_bandwidth_beyond_any_controller_is_told(asked: dict[str, Any]) -> None:
     with pytest.raises(
-        UsageError, match=r"no controller has ticks for a loop faster than 1e\+09 rad/s; expected"
+        UsageError, match=r"no controller samples fast enough for a loop faster than 1e\+09 rad/s; expected"
     ):
         tuned(**asked)
 
@@ -412,7 +414,7 @@ def test_ticks_far_too_short_are_refused_before_anything_is_placed(
     def fail(*_: Any, **__: Any) -> None:
         raise AssertionError("placed")
 
-    monkeypatch.setattr(f"servobench.systems.tuning.{method}.placed", fail)
+    monkeypatch.setattr(f"servobench.systems.tuning.{method}.place_poles", fail)
 
     with pytest.raises(UsageError, match="takes more than 20000 ticks of that; expected") as refused:
         tuned(method, **asked, sample_time=sample_time)

@@ -13,6 +13,7 @@ from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.encoder_rounding import is_rounded
+from servobench.identification.estimators.misfit_covariance import allow_for_misfit
 from servobench.identification.estimators.prediction_error import (
     THRESHOLD,
     PredictionError,
@@ -20,7 +21,6 @@ from servobench.identification.estimators.prediction_error import (
     rounding_explains,
 )
 from servobench.identification.estimators.repetition import period, repeats, stretches_repeat
-from servobench.identification.estimators.second_weighing import weighed_twice
 from servobench.identification.trust.validation import explains_the_colour
 from servobench.identification.uncertainty.score_test import innovations_and_jacobian
 
@@ -34,7 +34,7 @@ def as_it_is(fit: Fit) -> Fit:
     return fit
 
 
-def allowing_for_disturbance(fit: Fit) -> Fit:
+def allow_for_disturbance(fit: Fit) -> Fit:
     """Return the fit itself, or prediction error's where the residuals say that a random torque acts on the motor.
 
     Where every count is where it should be there is nothing to allow for, or nothing but rounding.
@@ -58,7 +58,7 @@ def allowing_for_disturbance(fit: Fit) -> Fit:
             return counted
         allowing = PredictionError().fit_after(fit)
     fed_back = allowing is not fit and any(record.data.closed_loop for record in fit.records)
-    return allowing if fed_back or explains_the_colour(allowing) else weighed_twice(fit)
+    return allowing if fed_back or explains_the_colour(allowing) else allow_for_misfit(fit)
 
 
 def with_counts_as_bins(fit: Fit) -> Fit:
@@ -78,8 +78,8 @@ def with_counts_as_bins(fit: Fit) -> Fit:
     if any(finding.severity != "info" for finding in counted.findings) or not _says_more(counted, fit):
         return fit
     sentence = (
-        "Where the shaft rests or turns back, the encoder rounds many samples the same way, which doesn't average out. The "
-        "estimator interval_likelihood takes each count for what it is, and knows the motor better."
+        "Where the shaft rests or turns back, the encoder rounds many samples the same way, which doesn't average "
+        "out. The estimator interval_likelihood uses each count's whole bin and determines the motor better."
     )
     return replace(counted, findings=(*counted.findings, info("rounding-lasts", sentence)))
 
@@ -117,10 +117,10 @@ def _where_that_tells_the_delay(fit: Fit) -> Fit:
         allowing = PredictionError().fit_after(fit)
     except NotIdentifiable:  # too few blocks of samples that a random torque leaves apart
         return fit
-    prior = delay_prior.expected_delay(fit.model.structure, [record.data for record in fit.records])
+    prior = delay_prior.prior_of_delay(fit.model.structure, [record.data for record in fit.records])
     if prior is None or not allowing.sd("delay") < delay_prior.TOLD * prior.scale:
         return fit
-    return allowing if explains_the_colour(allowing) else weighed_twice(fit)
+    return allowing if explains_the_colour(allowing) else allow_for_misfit(fit)
 
 
 def _where_rounding_repeats(fit: Fit) -> Fit | None:
@@ -146,17 +146,20 @@ def _where_rounding_repeats(fit: Fit) -> Fit | None:
     if any(finding.severity != "info" for finding in counted.findings):
         return None
     sentence = (
-        "The motor goes to and fro over the same counts, so the encoder's rounding repeats with the input and doesn't "
-        "average out. The estimator interval_likelihood takes each count for what it is."
+        "The motor moves back and forth over the same counts, so the encoder's rounding repeats with the input and "
+        "doesn't average out. The estimator interval_likelihood uses each count's whole bin."
     )
     apart = counted.model.theta - fit.model.theta
     line = Contribution(
         source="another estimator",
         covariance=np.outer(apart, apart),
-        reason="output_error takes the middle of each count and says something else; a few distinct roundings decide",
+        reason=(
+            "output_error, which uses the middle of each count, gives another value; only a few distinct "
+            "roundings decide"
+        ),
     )
     said = (*counted.findings, info("rounding-repeats", sentence))
-    return replace(counted.widened(line), findings=said)
+    return replace(counted.widen(line), findings=said)
 
 
 def _by_counts(fit: Fit) -> Fit | None:
@@ -172,7 +175,7 @@ def _by_counts(fit: Fit) -> Fit | None:
     if not rounding_explains(counted, times=0.5):
         return None
     sentence = (
-        "The encoder's rounding comes and goes slowly in these data: the speed is near a simple fraction of counts per sample. "
-        "The estimator interval_likelihood takes each count for what it is; to output_error it would look like a moving shaft."
+        "The encoder's rounding varies slowly in these data, as the speed is close to a simple fraction of counts "
+        "per sample. The estimator interval_likelihood allows for it; output_error would mistake it for motion."
     )
     return replace(counted, findings=(*counted.findings, info("rounding-beats", sentence)))

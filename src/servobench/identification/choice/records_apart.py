@@ -16,7 +16,8 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.estimate import Estimate
-from servobench.core.finding import Finding, info, parameter_in_words
+from servobench.core.finding import Finding, info
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
@@ -63,15 +64,15 @@ def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], F
     for name in apart:
         told = [each.fit[name] for each in selections if np.isfinite(each.fit[name].sd)]
         at = fit.model.names.index(name)
-        added += _beyond_stated(fit[name], told, len(fit.records)) * _moved_along(fit, at, selections)
-        holding[name] = _holding([fit[name], *told])
+        added += _beyond_stated(fit[name], told, len(fit.records)) * _joint_factor(fit, at, selections)
+        holding[name] = _hull([fit[name], *told])
     line = Contribution(
         source="disagreement between records",
         covariance=added,
-        reason="without one record or another the parameters come out differently",
+        reason="the parameters change when a record is left out",
         freedom=len(fit.records) - 1,
     )
-    wider = fit.widened(line)
+    wider = fit.widen(line)
     said = (*fit.findings, _finding(apart, selections))
     return replace(wider, intervals={**wider.intervals, **holding}, findings=said)
 
@@ -117,7 +118,7 @@ def _beyond_stated(whole: Estimate, told: Sequence[Estimate], count: int) -> flo
     return max(jackknife**2 - whole.sd**2, 0.0) if np.isfinite(whole.sd) else 0.0
 
 
-def _moved_along(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
+def _joint_factor(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
     """What a parameter's variance is times to be the covariance (P, P), with those parameters along that no selection tells.
 
     Those go with it as they do in the fit: of a record shorter than its time constant, gain and time constant in proportion.
@@ -130,26 +131,26 @@ def _moved_along(fit: Fit, at: int, selections: Sequence[_Without]) -> Array:
     return np.outer(slope, slope)
 
 
-def _holding(estimates: Sequence[Estimate]) -> tuple[float, float]:
+def _hull(estimates: Sequence[Estimate]) -> tuple[float, float]:
     """The interval that holds all of theirs."""
     return min(each.interval[0] for each in estimates), max(each.interval[1] for each in estimates)
 
 
 def _finding(apart: Sequence[str], selections: Sequence[_Without]) -> Finding:
     sentence = (
-        f"The records don't agree: {'; '.join(_told(name, selections) for name in apart)}. The intervals are widened to hold "
-        "what each choice of records says. The motor wasn't the same in all of them, or doesn't follow this model over all of "
-        "their levels, speeds and directions, so that somebody who fits other records, or weighs them otherwise, finds other "
-        "figures. Fit together those in which the motor does what you need it for."
+        f"The records don't agree: {'; '.join(_line(name, selections) for name in apart)}. The intervals are widened "
+        "to cover each choice of records. The motor changed between them, or doesn't follow this model over all "
+        "their levels, speeds and directions, so other records give other values. Fit those in which the motor does "
+        "what you need it for."
     )
     return info("records-apart", sentence, parameters=tuple(apart))
 
 
-def _told(name: str, selections: Sequence[_Without]) -> str:
+def _line(name: str, selections: Sequence[_Without]) -> str:
     low, high = _ends(name, selections)
-    words = parameter_in_words(name)
-    return f"the {words} is {_said(low.fit[name])} without {low.name}, and {_said(high.fit[name])} without {high.name}"
+    words = parameter_in_words(name, low.fit[name].unit)
+    return f"the {words} is {_text(low.fit[name])} without {low.name}, and {_text(high.fit[name])} without {high.name}"
 
 
-def _said(estimate: Estimate) -> str:
+def _text(estimate: Estimate) -> str:
     return str(rounded_interval(estimate.value, estimate.interval, estimate.unit))

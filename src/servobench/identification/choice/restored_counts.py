@@ -9,7 +9,7 @@ import numpy as np
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.identification.choice.noise_choice import allowing_for_disturbance
+from servobench.identification.choice.noise_choice import allow_for_disturbance
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.models.motion import turns_both_ways
@@ -44,14 +44,14 @@ def with_counts_restored(
         return tuple(records), []
     restored = []
     for record in records:
-        found = _restored(record)
+        found = _restore(record)
         if found is None:
             return tuple(records), []
         restored.append(found)
     return tuple(each.data for each in restored), [_finding(each) for each in restored]
 
 
-def _restored(record: Dataset) -> Summation | None:
+def _restore(record: Dataset) -> Summation | None:
     """The first position that a motor explains up to the rounding of its counts."""
     for found in summations(record):
         fits: list[Fit] = []
@@ -92,7 +92,7 @@ def _is_rounding_beside_torque(plain: Fit) -> bool:
     data = plain.records[0].data
     if _is_printed((data.quantum or np.nan) / data.sample_time):
         return False
-    fit = allowing_for_disturbance(plain)
+    fit = allow_for_disturbance(plain)
     if fit.disturbance is None or not explains_the_colour(fit):
         return False
     low, high = _BESIDE_TORQUE
@@ -131,6 +131,7 @@ def _finding(found: Summation) -> Finding:
     turn = f" ({2.0 * np.pi / (data.quantum or np.nan):.6g} in a turn)" if data.position_unit == "rad" else ""
     return info(
         "counts-restored",
-        f"{data.name}: this speed is the difference of counts of {data.quantum:.6g} {data.position_unit}{turn}, taken "
-        f"{found.how}; it was summed back to the counts, and they are fitted, as they say more than their difference.",
+        f"{data.name}: this speed is the difference of counts of {data.quantum:.6g} {data.position_unit}{turn}, "
+        f"taken {found.how}; it was summed back to the counts, which are fitted instead because they hold more "
+        "information.",
     )

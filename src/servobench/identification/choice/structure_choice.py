@@ -19,19 +19,25 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
-from servobench.identification.choice.rungs.comparison import better, clearly_better, fitted, moved
-from servobench.identification.choice.rungs.trial import Rung, tried, with_term_more
-from servobench.identification.choice.rungs.words import found, stopped
+from servobench.core.rounding import instead_of
+from servobench.identification.choice.structure_ladder.comparison import (
+    better,
+    clearly_better,
+    fit_structure,
+    shifts_parameters,
+)
+from servobench.identification.choice.structure_ladder.sentences import rung_finding, stop_finding
+from servobench.identification.choice.structure_ladder.trial import Rung, try_rung, with_term_more
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.delay_prior import is_usual
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.identification.models.first_motion import rests_at_first, stands_at_first
-from servobench.identification.models.motion import smoothed_speed, turns_both_ways
+from servobench.identification.models.motion import smooth_speed, turns_both_ways
 from servobench.identification.trust.doubts.base import about_data
 from servobench.identification.trust.explanations.base import Causes, names_a_cause
-from servobench.identification.trust.missing_terms import shown_terms
+from servobench.identification.trust.missing_terms import score_terms
 from servobench.identification.trust.validation import explains_the_colour
-from servobench.identification.uncertainty.score_test import ASKED, Shown
+from servobench.identification.uncertainty.score_test import ASKED, TermScore
 from servobench.recordings.measurement.dataset import Dataset
 
 _RUNGS = 5  # coulomb, asymmetric, stribeck, gravity and load; behind the winding there is none
@@ -53,7 +59,7 @@ class Choice:
 
     fit: Fit
     causes: Causes
-    shown: tuple[Shown, ...] = ()
+    shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
 
 
@@ -66,7 +72,7 @@ class _Base:
     fits: Mapping[str, Fit]
 
 
-def chosen(
+def choose_structure(
     method: Estimator,
     data: Sequence[Dataset],
     structure: str,
@@ -80,11 +86,11 @@ def chosen(
     """
     if structure != "auto":
         _check_combination(method, STRUCTURES[structure], data, estimator)
-        fit = allow(fitted(method, STRUCTURES[structure], data))
-        return Choice(fit=fit, causes=Causes(tuple(data)), shown=shown_terms(fit))
+        fit = allow(fit_structure(method, STRUCTURES[structure], data))
+        return Choice(fit=fit, causes=Causes(tuple(data)), shown=score_terms(fit))
     base = _base(method, data)
     known = base.fits if method is ESTIMATORS["output_error"] else {}
-    return _climbed(method, data, base, Causes(tuple(data), known), allow)
+    return _climb(method, data, base, Causes(tuple(data), known), allow)
 
 
 def _check_combination(
@@ -99,34 +105,33 @@ def _check_combination(
 def _base(method: Estimator, data: Sequence[Dataset]) -> _Base:
     """The simplest structure for a motor that turned so, with Coulomb friction if that is needed."""
     if not turns_both_ways(data):
-        return _resting(method, data, fitted(method, STRUCTURES["first_order_one_way"], data))
-    frictionless = fitted(method, STRUCTURES["first_order"], data)
+        return _base_for_one_way(method, data, fit_structure(method, STRUCTURES["first_order_one_way"], data))
+    frictionless = fit_structure(method, STRUCTURES["first_order"], data)
     try:
-        with_friction = fitted(method, STRUCTURES["first_order_coulomb"], data)
+        with_friction = fit_structure(method, STRUCTURES["first_order_coulomb"], data)
     except NotIdentifiable:
         return _Base(fit=frictionless, fits={frictionless.structure: frictionless})
     fits = {each.structure: each for each in (frictionless, with_friction)}
+    gains = instead_of(frictionless.model["gain"], with_friction.model["gain"])
     if better(with_friction, frictionless):
         sentence = (
             f"Coulomb friction is needed: without it the simulation explains {frictionless.fit_percent:.1f} % of the output, "
-            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {frictionless.model['gain']:.4g} instead of "
-            f"{with_friction.model['gain']:.4g}."
+            f"with it {with_friction.fit_percent:.1f} %, and the gain would be {gains}."
         )
         told = info("friction-found", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(told,), fits=fits)
-    if moved(with_friction, frictionless):
+    if shifts_parameters(with_friction, frictionless):
         sentence = (
-            "No Coulomb friction can be told from these data for certain, but it can't be left out either: without it the gain "
-            f"would be {frictionless.model['gain']:.5g} instead of {with_friction.model['gain']:.5g}, and seem better "
-            "known than it is."
+            "These data don't show for certain whether there is Coulomb friction, but it can't be left out: without it the gain "
+            f"would be {gains}, with too narrow an interval."
         )
         told = info("friction-possible", sentence, parameters=("coulomb_voltage",))
         return _Base(fit=with_friction, findings=(told,), fits=fits)
-    sentence = "No Coulomb friction can be told from these data: the model without it explains them as well."
+    sentence = "The data show no Coulomb friction: the model without it explains them as well."
     return _Base(fit=frictionless, findings=(info("friction-not-found", sentence),), fits=fits)
 
 
-def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
+def _base_for_one_way(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
     """The base for a motor that turned one way: the simple one, or that of a shaft that friction holds where it also stood."""
     simple = _Base(fit=one_way, fits={one_way.structure: one_way})
     begins = any(record.starts_at_rest or rests_at_first(record) for record in data)
@@ -135,7 +140,7 @@ def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
     if not (begins or stands or late) and (explains_the_colour(one_way) or not _stands(data)):
         return simple
     try:
-        with_rest = fitted(method, STRUCTURES["first_order_one_way_rest"], data)
+        with_rest = fit_structure(method, STRUCTURES["first_order_one_way_rest"], data)
     except NotIdentifiable:
         return simple
     fits = {each.structure: each for each in (one_way, with_rest)}
@@ -144,9 +149,7 @@ def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
     worth = not (clearly_better(one_way, with_rest) and drifts) if begins else better(with_rest, one_way)
     if not with_rest.converged or not worth:
         return replace(simple, fits=fits)
-    sentence = (
-        "The motor stands still in a part of the record, so the model has friction that holds the shaft."
-    )
+    sentence = "The motor stands still in part of the record, so the model has friction that holds the shaft."
     without, with_it = (f"{fit.fit_percent:.2f}" for fit in (one_way, with_rest))
     if without != with_it:
         sentence += f" Without it the simulation explains {without} % of the output, with it {with_it} %."
@@ -155,12 +158,12 @@ def _resting(method: Estimator, data: Sequence[Dataset], one_way: Fit) -> _Base:
 
 def _stands(data: Sequence[Dataset]) -> bool:
     """Whether at least one sample in fifty was taken while the motor stood still."""
-    speeds = [np.abs(smoothed_speed(record)) for record in data]
+    speeds = [np.abs(smooth_speed(record)) for record in data]
     still = np.concatenate([speed <= 1e-3 * speed.max() for speed in speeds])
     return bool(np.mean(still) > 0.02)
 
 
-def _climbed(
+def _climb(
     method: Estimator,
     data: Sequence[Dataset],
     base: _Base,
@@ -170,49 +173,51 @@ def _climbed(
     """The base with a rung more for each term that the data ask for and can tell, and why there are no more."""
     plain, fit, refused = base.fit, allow(base.fit), dict[str, Rung]()
     findings = base.findings
-    shown = shown_terms(fit)
+    shown = score_terms(fit)
     if any(finding.code == _REST for finding in findings):
         return Choice(
             fit=fit, causes=causes, shown=shown, findings=findings
         )  # nothing more can be told of its friction
-    if _suspected(shown, fit) and _damaged(causes, fit):
+    if _candidate_terms(shown, fit) and _is_damaged(causes, fit):
         return Choice(fit=fit, causes=causes, shown=shown, findings=findings)
     for _ in range(_RUNGS):
-        terms = [t for t in _suspected(shown, fit) if t not in refused and with_term_more(fit.structure, t)]
-        asked = _asked(shown)
-        rungs = (tried(method, data, plain, fit, term, term in asked, allow) for term in terms)
-        kept = next((rung for rung in rungs if not _noted(rung, refused)), None)
+        terms = [
+            t for t in _candidate_terms(shown, fit) if t not in refused and with_term_more(fit.structure, t)
+        ]
+        asked = _significant_terms(shown)
+        rungs = (try_rung(method, data, plain, fit, term, term in asked, allow) for term in terms)
+        kept = next((rung for rung in rungs if not _note_refusal(rung, refused)), None)
         if kept is None:
             break
         earlier = [f for f in findings if "coulomb" not in kept.term or f.code != "friction-not-found"]
-        findings = (*earlier, found(kept, plain, fit))
+        findings = (*earlier, rung_finding(kept, plain, fit))
         plain, fit = kept.plain, kept.fit
-        shown = shown_terms(fit)
+        shown = score_terms(fit)
     hidden = [rung.hidden for rung in refused.values() if rung.hidden]
-    told = (*findings, stopped(fit, shown, refused), *hidden)
+    told = (*findings, stop_finding(fit, shown, refused), *hidden)
     return Choice(fit=fit, causes=causes, shown=shown, findings=told)
 
 
-def _damaged(causes: Causes, fit: Fit) -> bool:
+def _is_damaged(causes: Causes, fit: Fit) -> bool:
     """Whether something is wrong with the records themselves, to which a richer structure would only bend."""
     told = [finding for record in causes.records for finding in record.findings]
     return names_a_cause([*told, *about_data(causes.records)]) or causes.are_damage(fit.fit_percent)
 
 
-def _noted(rung: Rung, refused: dict[str, Rung]) -> bool:
+def _note_refusal(rung: Rung, refused: dict[str, Rung]) -> bool:
     """Whether something speaks against a rung; it is noted in `refused`."""
     if rung.doubt:
         refused[rung.term] = rung
     return bool(rung.doubt)
 
 
-def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
+def _candidate_terms(shown: Sequence[TermScore], fit: Fit) -> list[str]:
     """The rungs to try: those that the data ask for, and all where the fit leaves a colour that nothing explains.
 
     A score test knows of small terms only: where gravity is large, the model's angle is so wrong that a pull by it means nothing.
     Where a long record is nearly explained, what is missing is small, and the intervals hold it: each trial would take seconds.
     """
-    asked = _asked(shown)
+    asked = _significant_terms(shown)
     first = [
         term for term in asked if term == "winding"
     ]  # two poles bend all else, and are fitted in no time
@@ -224,14 +229,14 @@ def _suspected(shown: Sequence[Shown], fit: Fit) -> list[str]:
     return ["coulomb", *asked] if fit.structure == "first_order_gravity" else asked
 
 
-def _asked(shown: Sequence[Shown]) -> list[str]:
+def _significant_terms(shown: Sequence[TermScore]) -> list[str]:
     """The rungs that the data ask for, strongest first."""
     asked = [one for one in shown if _asks(one)]
     asked.sort(key=lambda one: -one.size)
     return list(dict.fromkeys(str(one.term.rung) for one in asked))
 
 
-def _asks(one: Shown) -> bool:
+def _asks(one: TermScore) -> bool:
     """Whether a score test calls for a rung: friction that falls with the speed or grows with the load, not the other way.
 
     Where its absence moves gain or time constant by more than their own standard deviation, a hint is enough to try it: a

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol
 
-from servobench.identification.design.assumed import AssumedMotor
+from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.systems.signals.base import Signal
 from servobench.systems.signals.multisine import Multisine
 from servobench.systems.signals.prbs import PRBS

@@ -18,9 +18,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.identification.design.assumed import AssumedMotor
+from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.identification.estimators.covariance import inverse
-from servobench.identification.estimators.disturbance import whitened
+from servobench.identification.estimators.disturbance import whiten
 from servobench.identification.models.base import STRUCTURES, Structure
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -42,7 +42,7 @@ class Foresight:
     rounding: float
 
 
-def foreseen(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
+def foresee(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
     """Return what an experiment with the input u (N,) at the times t (N,) [s] will tell of a motor at rest at first.
 
     The same draws are used for all experiments, so that they can be compared.
@@ -51,7 +51,7 @@ def foreseen(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
     both = min(np.mean(speed > 0), np.mean(speed < 0)) > _BOTH_WAYS
     name = "first_order_coulomb" if both else "first_order_one_way"
     structure = STRUCTURES[name]
-    parts = [_parts(each, structure, t, u, random) for each, random in drawn(motor, draws)]
+    parts = [_parts(each, structure, t, u, random) for each, random in draw_motors(motor, draws)]
     white, scatter, extra = (np.mean([part[k] for part in parts], axis=0) for k in range(3))
     noise = np.maximum(np.diag(white), np.diag(scatter))
     sd = np.sqrt(noise + np.diag(extra))
@@ -65,7 +65,7 @@ def foreseen(motor: AssumedMotor, t: Array, u: Array, draws: int) -> Foresight:
     )
 
 
-def drawn(motor: AssumedMotor, draws: int) -> list[tuple[AssumedMotor, np.random.Generator]]:
+def draw_motors(motor: AssumedMotor, draws: int) -> list[tuple[AssumedMotor, np.random.Generator]]:
     """Return motors within the tolerance of the assumed one, with a generator for the noise of each."""
     found = []
     for number in range(draws):
@@ -77,7 +77,7 @@ def drawn(motor: AssumedMotor, draws: int) -> list[tuple[AssumedMotor, np.random
     return found
 
 
-def counted(motor: AssumedMotor, position: Array, random: np.random.Generator) -> Array:
+def count_position(motor: AssumedMotor, position: Array, random: np.random.Generator) -> Array:
     """Return what the encoder makes of a position (N,) [rad] from a random start: the middle of each count, with the noise."""
     before = np.sqrt(max(motor.noise**2 - motor.quantum**2 / 12, 0.0))
     angle = position + motor.quantum * random.uniform() + before * random.standard_normal(len(position))
@@ -95,12 +95,12 @@ def _parts(
     errors = [structure.unmodelled(theta, data)]
     if motor.winding and motor.delay > 0:
         errors.append(_lag(motor, structure, theta, data)[:, None])
-    rounding = counted(motor, prediction.y, random) - prediction.y
+    rounding = count_position(motor, prediction.y, random) - prediction.y
     columns = np.column_stack([prediction.jacobian, rounding, *errors])
     if motor.disturbance is None:
         columns = columns / motor.noise
     else:
-        columns = whitened(columns, data, structure.sliding(theta, data), motor.disturbance)
+        columns = whiten(columns, data, structure.sliding(theta, data), motor.disturbance)
     j, e = columns[:, : len(theta)], columns[:, len(theta) :]
     bread = inverse(j.T @ j)
     shift = (bread @ (j.T @ e))[:shared]

@@ -11,7 +11,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import MissingInformation, UsageError
-from servobench.identification.design.assumed import AssumedMotor
+from servobench.identification.design.assumed_motor import AssumedMotor
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -38,13 +38,13 @@ class DesignLimits:
             raise MissingInformation(
                 motor.name,
                 [
-                    "resistance and motor constant, or nobody can tell the current of an experiment: name the motor's data sheet "
-                    "(`nominal=...`), or leave `current=...` out"
+                    "resistance and torque constant are needed to predict the current: name the motor's data sheet "
+                    "(`nominal=...`), or leave out `current=...`"
                 ],
             )
 
 
-def used(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> Mapping[str, float]:
+def limit_use(motor: AssumedMotor, limits: DesignLimits, t: Array, u: Array) -> Mapping[str, float]:
     """Return what part of each limit an experiment with the input u (N,) at t (N,) [s] uses, 1 for all of it.
 
     It is the most that any motor within the tolerance does: gain and time constant at their ends.

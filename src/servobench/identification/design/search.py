@@ -12,10 +12,12 @@ from pydantic import TypeAdapter
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.identification.design.assumed import AssumedMotor
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.identification.design.candidates import Candidate, Shape, candidates
-from servobench.identification.design.foresight import Foresight, counted, drawn, foreseen
-from servobench.identification.design.limits import DesignLimits, used
+from servobench.identification.design.foresight import Foresight, count_position, draw_motors, foresee
+from servobench.identification.design.limits import DesignLimits, limit_use
 from servobench.identification.identify import identify
 from servobench.rig.experiment import PAPER, Experiment, Limits
 from servobench.systems.signals.base import AnySignal, Signal
@@ -35,7 +37,7 @@ _LEAST = 0.05  # of the voltage: a signal that has to be smaller is none
 
 
 @dataclass(frozen=True, kw_only=True)
-class Foreseen:
+class RatedSignal:
     """A signal of a `family`, and what it will tell: `sd` in SI units, `relative` to gain and time constant.
 
     `structure` is the model that the parameters belong to, `rounding` as in `Foresight`; `used` is how much of each limit it
@@ -51,7 +53,7 @@ class Foreseen:
     used: Mapping[str, float]
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Design:
     """The experiment for a `wish`, as `chosen`, the best of the `others`, one of each family, and the paper's square wave.
 
@@ -60,11 +62,21 @@ class Design:
 
     experiment: Experiment
     wish: Wish
-    chosen: Foreseen
-    others: tuple[Foreseen, ...]
-    paper: Foreseen
+    chosen: RatedSignal
+    others: tuple[RatedSignal, ...]
+    paper: RatedSignal
     active: tuple[str, ...]
     assumptions: tuple[str, ...]
+
+    def __str__(self) -> str:
+        """The experiment's file, what it will tell of gain and time constant, and what limits it."""
+        tells = ", ".join(
+            f"{parameter_in_words(name)} to {100 * TWO_SIDED * sd:.2g} %"
+            for name, sd in self.chosen.relative.items()
+        )
+        return f"{self.chosen.family}: {tells}; limited by {' and '.join(self.active)}\n\n{self.experiment.to_toml()}"
+
+    __repr__ = __str__
 
     def to_dict(self) -> dict[str, Any]:
         """Return the design as plain data of the schema `servobench.design/1`."""
@@ -80,7 +92,7 @@ class Design:
         }
 
 
-def design(
+def best_design(
     motor: AssumedMotor,
     limits: DesignLimits,
     duration: float = 10.0,
@@ -98,34 +110,35 @@ def design(
     limits.check(motor)
     if not (math.isfinite(duration) and duration >= 10 * sample_time > 0):
         raise UsageError(
-            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is no experiment; expected at least ten samples"
+            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is too short an experiment; "
+            "expected at least ten samples"
         )
     if duration > _MOST_SAMPLES * sample_time:
         raise UsageError(
-            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} samples, "
-            f"too many to compare experiments; expected {_MOST_SAMPLES} at the most: a duration of "
+            f"a duration of {duration:g} s at a sample time of {sample_time:g} s is {duration / sample_time:.4g} "
+            f"samples, too many to compare experiments; expected at most {_MOST_SAMPLES}: a duration of "
             f"{_MOST_SAMPLES * sample_time:g} s, or a longer sample time"
         )
     t = np.arange(round(duration / sample_time), dtype=np.float64) * sample_time
     seen = [
         found
         for candidate in candidates(motor, duration, sample_time)
-        if (found := _looked_at(motor, limits, t, candidate)) is not None
+        if (found := _rate_candidate(motor, limits, t, candidate)) is not None
     ]
     if not seen and _FULL * limits.voltage <= 1.5 * motor.coulomb_voltage:
         raise NotIdentifiable(
-            f"{limits.voltage:g} V hardly moves the motor, of which friction takes {motor.coulomb_voltage:.2g} V: allow "
-            f"more voltage, at least {1.6 * motor.coulomb_voltage:.2g} V"
+            f"{limits.voltage:g} V hardly moves the motor, as friction takes {motor.coulomb_voltage:.2g} V: allow at "
+            f"least {1.6 * motor.coulomb_voltage:.2g} V"
         )
     if not seen:
         raise NotIdentifiable(
-            f"no experiment of {duration:g} s keeps the limits and still moves the motor: allow more travel, speed or current, "
-            "or give a shorter sample time"
+            f"no experiment of {duration:g} s moves the motor within the limits: allow more travel, speed or "
+            "current, or a shorter sample time"
         )
-    ranked = _ranked(motor, t, sorted(seen, key=lambda each: cost(each, wish)), wish)
+    ranked = _rank(motor, t, sorted(seen, key=lambda each: cost(each, wish)), wish)
     chosen = _reliable(motor, t, ranked)
     others = _best_of_each_family([each for each in ranked if each is not chosen], chosen.family)
-    paper = _told(motor, limits, t, "the paper's square wave", PAPER.signal, _THOROUGH)
+    paper = _rate(motor, limits, t, "the paper's square wave", PAPER.signal, _THOROUGH)
     active = [name for name, part in chosen.used.items() if part > 0.95 * _FULL]
     return Design(
         experiment=_experiment(motor, limits, chosen, duration, sample_time),
@@ -138,19 +151,21 @@ def design(
     )
 
 
-def cost(each: Foreseen, wish: Wish) -> float:
+def cost(each: RatedSignal, wish: Wish) -> float:
     """Return what is to be small: a relative standard deviation, or the geometric mean of both."""
     if wish == "both":
         return math.sqrt(each.relative["gain"] * each.relative["time_constant"])
     return each.relative[wish]
 
 
-def _looked_at(motor: AssumedMotor, limits: DesignLimits, t: Array, candidate: Candidate) -> Foreseen | None:
+def _rate_candidate(
+    motor: AssumedMotor, limits: DesignLimits, t: Array, candidate: Candidate
+) -> RatedSignal | None:
     """A candidate as large as the limits allow; None where it would have to be too small to move the motor."""
     top = _largest(motor, limits, t, candidate.shape)
     if top is None:
         return None
-    return _told(motor, limits, t, candidate.family, candidate.shape(top), _QUICK)
+    return _rate(motor, limits, t, candidate.family, candidate.shape(top), _QUICK)
 
 
 def _largest(motor: AssumedMotor, limits: DesignLimits, t: Array, shape: Shape) -> float | None:
@@ -168,15 +183,15 @@ def _largest(motor: AssumedMotor, limits: DesignLimits, t: Array, shape: Shape) 
 
 
 def _keeps(motor: AssumedMotor, limits: DesignLimits, t: Array, signal: Signal) -> bool:
-    return all(part <= _FULL * (1 + 1e-9) for part in used(motor, limits, t, signal(t)).values())
+    return all(part <= _FULL * (1 + 1e-9) for part in limit_use(motor, limits, t, signal(t)).values())
 
 
-def _told(
+def _rate(
     motor: AssumedMotor, limits: DesignLimits, t: Array, family: str, signal: Signal, draws: int
-) -> Foreseen:
+) -> RatedSignal:
     u = signal(t)
-    ahead: Foresight = foreseen(motor, t, u, draws)
-    return Foreseen(
+    ahead: Foresight = foresee(motor, t, u, draws)
+    return RatedSignal(
         family=family,
         signal=signal,
         structure=ahead.structure,
@@ -186,48 +201,48 @@ def _told(
             "time_constant": ahead.sd["time_constant"] / motor.time_constant,
         },
         rounding=ahead.rounding,
-        used=used(motor, limits, t, u),
+        used=limit_use(motor, limits, t, u),
     )
 
 
-def _ranked(motor: AssumedMotor, t: Array, seen: Sequence[Foreseen], wish: Wish) -> list[Foreseen]:
+def _rank(motor: AssumedMotor, t: Array, seen: Sequence[RatedSignal], wish: Wish) -> list[RatedSignal]:
     """The nearest to the best, and the best of each family, looked at thoroughly and put in order."""
     near = list(seen[:_NEAR])
     near += [each for each in _best_of_each_family(seen, "") if each not in near]
     thorough = []
     for each in near:
-        ahead = foreseen(motor, t, each.signal(t), _THOROUGH)
+        ahead = foresee(motor, t, each.signal(t), _THOROUGH)
         scale = {"gain": abs(motor.gain), "time_constant": motor.time_constant}
         relative = {name: ahead.sd[name] / value for name, value in scale.items()}
         thorough.append(replace(each, sd=ahead.sd, relative=relative, rounding=ahead.rounding))
     return sorted(thorough, key=lambda each: cost(each, wish))
 
 
-def _best_of_each_family(seen: Sequence[Foreseen], without: str) -> tuple[Foreseen, ...]:
-    best: dict[str, Foreseen] = {}
+def _best_of_each_family(seen: Sequence[RatedSignal], without: str) -> tuple[RatedSignal, ...]:
+    best: dict[str, RatedSignal] = {}
     for each in seen:
         best.setdefault(each.family, each)
     return tuple(each for each in best.values() if each.family != without)
 
 
-def _reliable(motor: AssumedMotor, t: Array, ranked: Sequence[Foreseen]) -> Foreseen:
+def _reliable(motor: AssumedMotor, t: Array, ranked: Sequence[RatedSignal]) -> RatedSignal:
     """The first experiment of which rounding averages out and whose rehearsals come out as foretold."""
     steady = [each for each in ranked if each.rounding <= _ROUNDS]
     for each in steady:
-        if _rehearsed(motor, t, each):
+        if _rehearse(motor, t, each):
             return each
     raise NotIdentifiable(
-        f"none of the {len(ranked)} best experiments came out as foretold when it was simulated and identified: allow more "
+        f"none of the {len(ranked)} best experiments came out as predicted when simulated and identified: allow more "
         "voltage, travel or time"
     )
 
 
-def _rehearsed(motor: AssumedMotor, t: Array, each: Foreseen) -> bool:
+def _rehearse(motor: AssumedMotor, t: Array, each: RatedSignal) -> bool:
     """Whether motors drawn within the tolerance are identified as foretold."""
     u = each.signal(t)
-    for real, random in drawn(motor, _REHEARSALS):
+    for real, random in draw_motors(motor, _REHEARSALS):
         position, _ = real.motion(t, u)
-        data = real.dataset(t, u, counted(real, position, random))
+        data = real.dataset(t, u, count_position(real, position, random))
         fit = identify(data).fit
         if fit is None:
             return False
@@ -239,7 +254,7 @@ def _rehearsed(motor: AssumedMotor, t: Array, each: Foreseen) -> bool:
 
 
 def _experiment(
-    motor: AssumedMotor, limits: DesignLimits, chosen: Foreseen, duration: float, sample_time: float
+    motor: AssumedMotor, limits: DesignLimits, chosen: RatedSignal, duration: float, sample_time: float
 ) -> Experiment:
     notes = (
         f"Designed for {motor.name}: predicted standard deviations {100 * chosen.relative['gain']:.2g} % of the gain and "
@@ -255,7 +270,7 @@ def _experiment(
     )
 
 
-def _plain(each: Foreseen) -> dict[str, Any]:
+def _plain(each: RatedSignal) -> dict[str, Any]:
     return {
         "family": each.family,
         "signal": TypeAdapter(AnySignal).dump_python(each.signal, mode="json"),

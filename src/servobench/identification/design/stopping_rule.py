@@ -13,6 +13,7 @@ from dataclasses import dataclass, field
 
 from servobench.core.errors import NotIdentifiable, UnknownName, UsageError
 from servobench.core.finding import Verdict
+from servobench.core.parameter_names import parameter_in_words
 from servobench.identification.result import Result
 from servobench.recordings.recording import Recording
 
@@ -31,7 +32,7 @@ def parse_wish(text: str) -> Mapping[str, float]:
         name, equals, amount = (piece.strip() for piece in part.partition("="))
         if not equals or not amount.endswith("%"):
             raise UsageError(
-                f"until {text!r}: {part.strip()!r} is no wish; expected such as time_constant=0.5%"
+                f"until {text!r}: {part.strip()!r} isn't a target; expected, for example, time_constant=0.5%"
             )
         if name not in NAMES:
             raise UnknownName("parameter to wait for", name, NAMES)
@@ -39,7 +40,7 @@ def parse_wish(text: str) -> Mapping[str, float]:
             share = float(amount[:-1]) / 100
         except ValueError:
             raise UsageError(
-                f"until {text!r}: {amount[:-1].strip()!r} is no number; expected such as 0.5%"
+                f"until {text!r}: {amount[:-1].strip()!r} isn't a number; expected, for example, 0.5%"
             ) from None
         if not (math.isfinite(share) and share > 0):
             raise UsageError(f"until {text!r}: {amount} can't be reached; expected more than 0 %")
@@ -75,21 +76,23 @@ class StoppingRule:
             result = identify(measure(recording, self.chain), structure=self.structure)
         except NotIdentifiable:
             return None
-        if not self.reached(result):
+        if not self.is_met(result):
             return None
-        return f"stopped after {length:g} s, as the wished interval was reached: {self.known(result)}"
+        return (
+            f"stopped after {length:g} s, when the target interval was reached: {self.progress_text(result)}"
+        )
 
-    def known(self, result: Result) -> str:
+    def progress_text(self, result: Result) -> str:
         """Return in words how well a result knows each parameter wished for, and its verdict where that isn't trusted."""
         told = []
         for name in self.wished:
             share = half(result, name)
             how = f"± {100 * share:.2g} %" if math.isfinite(share) else "not known"
-            told.append(f"{name.replace('_', ' ')} {how}")
+            told.append(f"{parameter_in_words(name)} {how}")
         verdict = "" if result.verdict is Verdict.TRUSTED else f", and the result is {result.verdict}"
         return f"{' and '.join(told)}{verdict}"
 
-    def reached(self, result: Result) -> bool:
+    def is_met(self, result: Result) -> bool:
         """Return whether a result is trusted and knows each parameter as well as wished."""
         if result.fit is None or result.verdict is not Verdict.TRUSTED:
             return False

@@ -1,4 +1,8 @@
-"""The kind `estimators`: from data and a structure to a model with its uncertainty."""
+"""The kind `estimators`: from data and a structure to a model with its uncertainty.
+
+A member is an object that `ESTIMATORS.member(name)` is given. `hindrance` makes the refusal that its abilities call for, and
+`output_error.simulate_record` a `FittedRecord` for parameters that were found some other way.
+"""
 
 from __future__ import annotations
 
@@ -63,7 +67,7 @@ class IntervalsOnDemand(Mapping[str, tuple[float, float]]):
         return len(self._found)
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Fit:
     """What an estimator gives: a model, and how well it is known.
 
@@ -91,7 +95,12 @@ class Fit:
     budget: tuple[Contribution, ...] = ()
     """What made the intervals wider than the estimator's own."""
 
-    def widened(self, line: Contribution) -> Fit:
+    def __repr__(self) -> str:
+        """The structure, the estimator and each parameter with half of its interval."""
+        parts = ", ".join(f"{name} {estimate}" for name, estimate in self.estimates.items())
+        return f"<Fit {self.structure} by {self.estimator}: {parts}>"
+
+    def widen(self, line: Contribution) -> Fit:
         """Return the fit with a line more in its budget: the covariance grows by that of the line, and the intervals with it.
 
         An interval that lies unevenly about its value keeps its shape: each side grows as √(half² + (1.96 sd)²) does.
@@ -99,7 +108,7 @@ class Fit:
         return replace(
             self,
             covariance=self.covariance + line.covariance,
-            intervals=IntervalsOnDemand(partial(self._grown, TWO_SIDED**2 * np.diag(line.covariance))),
+            intervals=IntervalsOnDemand(partial(self._widen_sides, TWO_SIDED**2 * np.diag(line.covariance))),
             budget=(*self.budget, line),
         )
 
@@ -109,11 +118,11 @@ class Fit:
         return replace(
             self,
             covariance=self.covariance - taken,
-            intervals=self._grown(-(TWO_SIDED**2) * np.diag(taken)) if taken.any() else self.intervals,
+            intervals=self._widen_sides(-(TWO_SIDED**2) * np.diag(taken)) if taken.any() else self.intervals,
             budget=tuple(each for each in self.budget if each.source != source),
         )
 
-    def _grown(self, squares: Array) -> dict[str, tuple[float, float]]:
+    def _widen_sides(self, squares: Array) -> dict[str, tuple[float, float]]:
         """The uneven intervals with so much more (P,) in the square of each side."""
         grown = {}
         for name, (low, high) in self.intervals.items():
@@ -175,8 +184,9 @@ def fit_percent(records: Sequence[FittedRecord]) -> float:
 class Abilities:
     """What a method of identification can do; `hindrance` holds data and structure against it.
 
-    `method` says in one sentence what it does, `noise` what noise it is right for, `interval` what its intervals are worth:
-    docs/which-estimator.md is written from them.
+    `method` says in a few words what it does, `noise` what noise it is right for, `interval` what its intervals are worth, each
+    without a full stop: docs/which-estimator.md is written from them (`make generate`). Data that need what isn't declared are
+    refused, or a finding names what was left out.
     """
 
     method: str
@@ -195,7 +205,7 @@ class Abilities:
     closed_loop: bool
     """The data may come from a feedback loop."""
     delay: bool
-    """A delay is found."""
+    """A delay is found; otherwise it is held at zero with an infinite variance, and a finding of the fit names it."""
     friction: bool
     """Coulomb friction is found."""
     disturbance: bool
@@ -221,7 +231,7 @@ class Estimator(Protocol):
         """Return the fit of a structure to several datasets jointly.
 
         `starts` are vectors to begin from, in place of the structure's own guesses: the parameters, then the nuisance
-        parameters of each record. Raises `NotIdentifiable` where the data don't determine the parameters.
+        parameters of each record. Raises `NotIdentifiable` where the data don't determine the parameters, or `supports` refuses.
         """
         ...
 
@@ -251,9 +261,9 @@ def too_few(used: int, unknowns: int, data: Sequence[Dataset]) -> NotIdentifiabl
     if used == given:
         return NotIdentifiable(f"{used} samples for {unknowns} unknowns: record for longer")
     return NotIdentifiable(
-        f"{given} samples that count as {used}, for {unknowns} unknowns: samples that follow closely on one another are "
-        "averaged where the motor seems to be moved at random, and those behind a filter that looks back to before the record "
-        "say nothing. Record for longer"
+        f"{given} samples that count as {used}, for {unknowns} unknowns: closely spaced samples are averaged where a "
+        "random torque seems to act, and samples whose filter reaches back before the record aren't used. Record "
+        "for longer"
     )
 
 

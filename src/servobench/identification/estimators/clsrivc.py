@@ -13,13 +13,13 @@ from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info, refusal, warning
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Fit, hindrance, too_few
 from servobench.identification.estimators.instruments.closed_loop import noise_free_inputs
-from servobench.identification.estimators.instruments.noise_colour import autoregression, coloured_power
+from servobench.identification.estimators.instruments.noise_colour import autoregression, noise_power
 from servobench.identification.estimators.least_squares import Layout, Minimum
 from servobench.identification.estimators.output_error import remarks, simulations
 from servobench.identification.estimators.srivc import not_rational
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure
 from servobench.identification.models.rational import Rational
-from servobench.identification.models.rational.refined import stabilised
+from servobench.identification.models.rational.guesses import reflect_poles
 from servobench.recordings.measurement.dataset import Dataset
 
 _PASSES = 40
@@ -42,8 +42,8 @@ class Clsrivc:
     """
 
     abilities = Abilities(
-        method="sets the simulation error against instruments that come from the loop's reference alone",
-        noise="any noise of the output that has nothing to do with the reference, coloured noise in a closed loop too",
+        method="correlates the simulation error with instruments made from the loop's reference alone",
+        noise="any output noise independent of the reference, also coloured noise in a closed loop",
         interval="covers; allows for coloured residuals",
         position=True,
         speed=True,
@@ -71,8 +71,8 @@ class Clsrivc:
                 )
                 return refusal(
                     "reference-missing",
-                    f"{record.name} {has}: clsrivc needs the reference of the loop at the times of the input, and it has to "
-                    "change; give it, or take srivc where the loop was open.",
+                    f"{record.name} {has}: clsrivc needs the loop's reference at the times of the input, and it "
+                    "must change. Give it, or use srivc if the loop was open.",
                 )
         return None
 
@@ -90,7 +90,7 @@ class Clsrivc:
         quiet = [replace(record, u=u) for record, u in zip(data, inputs, strict=True)]
         equations = Equations(structure, Layout(structure, tuple(data)), Layout(structure, tuple(quiet)))
         start = (starts or structure.guesses(data))[0]
-        return _fitted(equations, _root(equations, start), share)
+        return _fit(equations, _root(equations, start), share)
 
 
 ESTIMATORS.member("clsrivc")(Clsrivc())
@@ -155,8 +155,8 @@ class Point:
         scaled = (self.cross * np.outer(scale, scale))[part]
         if not np.isfinite(scaled).all() or np.linalg.cond(scaled) > 1e13:
             raise NotIdentifiable(
-                "the reference doesn't tell these parameters apart; let it change more often or between more levels, or take a "
-                "lower order"
+                "the reference can't separate these parameters; let it change more often or between more levels, or "
+                "use a lower order"
             )
         out = np.zeros_like(right)
         columns = right[free].T * scale[free]
@@ -185,7 +185,7 @@ def _root(equations: Equations, start: Array) -> tuple[Point, NDArray[np.bool_],
         if moved <= _ENOUGH**2 * point.cost / samples:
             return point, free, _minimum(point, True, f"converged in {step} steps")
         for halving in range(_HALVINGS):
-            to = stabilised(equations.structure, point.theta + change * 0.5**halving)
+            to = reflect_poles(equations.structure, point.theta + change * 0.5**halving)
             trial = equations.at(np.clip(to, lower, upper))
             if trial.merit < point.merit:
                 break
@@ -206,7 +206,7 @@ def _minimum(point: Point, converged: bool, status: str) -> Minimum:
     )
 
 
-def _fitted(equations: Equations, root: tuple[Point, NDArray[np.bool_], Minimum], share: float) -> Fit:
+def _fit(equations: Equations, root: tuple[Point, NDArray[np.bool_], Minimum], share: float) -> Fit:
     point, free, minimum = root
     structure, data = equations.structure, equations.measured.data
     shared = equations.measured.shared
@@ -225,21 +225,21 @@ def _fitted(equations: Equations, root: tuple[Point, NDArray[np.bool_], Minimum]
         status=minimum.status,
         residual_sd=sd,
         records=tuple(replace(record, innovations=record.residual / (sd or 1.0)) for record in records),
-        findings=(*remarks(structure, data, minimum), _told(share)),
+        findings=(*remarks(structure, data, minimum), _finding(share)),
     )
 
 
 def _covariance(point: Point, free: NDArray[np.bool_], residuals: Sequence[Array]) -> Array:
     """cross⁻¹ Z'ΓZ cross⁻ᵀ with the residuals' own colour in Γ; infinite for what is held."""
     phi, variance = autoregression(residuals)
-    meat = sum((coloured_power(z, phi, variance) for z in point.instruments), np.zeros_like(point.cross))
+    meat = sum((noise_power(z, phi, variance) for z in point.instruments), np.zeros_like(point.cross))
     bread = point.solve(np.eye(len(point.theta)), free)
     covariance = np.asarray(bread @ meat @ bread.T, dtype=np.float64)
     covariance[~free, ~free] = np.inf
     return covariance
 
 
-def _told(share: float) -> Finding:
+def _finding(share: float) -> Finding:
     sentence = f"The instruments come from the loop's reference, which alone causes {100 * share:.0f} % of the input's variation."
     if share >= _WEAK:
         return info("instruments-from-reference", sentence)

@@ -20,10 +20,10 @@ def sandwich(h: Array, scores: Sequence[Array]) -> Array:
     M = Γ₀ + Σ (1 - l/(L+1)) (Γ_l + Γ_l'), Bartlett weights (Newey and West 1987), the lag L from the colour of what the scores do
     to each parameter, H⁻¹ J_k r_k (Andrews 1991, equations 6.2 and 6.4, an AR(1) for each).
     """
-    return sandwiched(inverse(h), scores)
+    return sandwich_from_bread(inverse(h), scores)
 
 
-def sandwiched(bread: Array, scores: Sequence[Array]) -> Array:
+def sandwich_from_bread(bread: Array, scores: Sequence[Array]) -> Array:
     """Return B M B as `sandwich` does, B = H⁻¹ (P, P)."""
     meat = np.zeros_like(bread)
     for s in scores:

@@ -32,7 +32,7 @@ from servobench.identification.estimators.least_squares import (
     information,
     jacobian_and_residual,
     lowest,
-    squared,
+    square_jacobians,
 )
 from servobench.identification.estimators.least_squares import at as point_at
 from servobench.identification.models.base import Structure
@@ -49,7 +49,7 @@ _SHORTEST = 0.01  # s, of the prior's scale
 
 
 @dataclass(frozen=True, kw_only=True)
-class Expected:
+class DelayPrior:
     """The prior of the delay, number `at` of the parameters: its `middle` and its `scale` [s]."""
 
     at: int
@@ -63,18 +63,18 @@ class Expected:
         return 2.0 * float(np.log1p(((delay - self.middle) / self.scale) ** 2))
 
 
-def expected_delay(structure: Structure, data: Sequence[Dataset]) -> Expected | None:
+def prior_of_delay(structure: Structure, data: Sequence[Dataset]) -> DelayPrior | None:
     """Return what is expected of the delay that the loop adds to what the device says; None for a structure without one."""
     names = [parameter.name for parameter in structure.parameters]
     if "delay" not in names:
         return None
     step = max(min(record.sample_time, record.input_step) for record in data)
-    return Expected(at=names.index("delay"), middle=step, scale=max(2.0 * step, _SHORTEST))
+    return DelayPrior(at=names.index("delay"), middle=step, scale=max(2.0 * step, _SHORTEST))
 
 
 def where_expected(
-    structure: Structure, data: Sequence[Dataset], minimum: Minimum, sd: float, prior: Expected
-) -> tuple[Minimum, Expected] | None:
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, sd: float, prior: DelayPrior
+) -> tuple[Minimum, DelayPrior] | None:
     """Return the place with the largest posterior where the data don't tell the delay, and None where they do.
 
     `sd` is the standard deviation [s] that they give it by themselves. The prior comes along, with the way to other places that
@@ -108,8 +108,8 @@ def _along(one: Minimum, other: Minimum, at: int) -> Array | None:
 
 
 def _one_of_several(
-    structure: Structure, data: Sequence[Dataset], minimum: Minimum, prior: Expected
-) -> tuple[Minimum, Expected] | None:
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, prior: DelayPrior
+) -> tuple[Minimum, DelayPrior] | None:
     """The likeliest of several places that a delay is told at, each to a part of a sample; None where there is only one.
 
     A shaft that friction holds while its input climbs sets off at the same time if the input climbs one stair less, a sample
@@ -137,15 +137,15 @@ def _one_of_several(
 
 def surprise(fit: Fit) -> float:
     """Return twice the negative logarithm of the prior's density at the delay of a fit, 0 at its middle or without a delay."""
-    prior = expected_delay(fit.model.structure, [record.data for record in fit.records])
+    prior = prior_of_delay(fit.model.structure, [record.data for record in fit.records])
     return 0.0 if prior is None else prior.penalty(float(fit.model.theta[prior.at]))
 
 
-def prior_of(fit: Fit) -> Expected | None:
+def prior_of(fit: Fit) -> DelayPrior | None:
     """Return the prior that holds the delay of a fit, None where the data tell the delay by themselves."""
     if not any(each.code == CODE for each in fit.findings):
         return None
-    return expected_delay(fit.model.structure, [record.data for record in fit.records])
+    return prior_of_delay(fit.model.structure, [record.data for record in fit.records])
 
 
 def is_usual(fit: Fit) -> bool:
@@ -153,15 +153,18 @@ def is_usual(fit: Fit) -> bool:
     return surprise(fit) < _USUAL_SURPRISE
 
 
-def finding(minimum: Minimum, prior: Expected, covariance: Array) -> Finding:
+def finding(minimum: Minimum, prior: DelayPrior, covariance: Array) -> Finding:
     """Return what to say of a delay that is expected and not told; `covariance` (P, P) is that with the prior."""
     value, half = minimum.theta[prior.at], TWO_SIDED * float(np.sqrt(covariance[prior.at, prior.at]))
     usual = abs(value - prior.middle) <= prior.scale
-    why = "as is usual in control loops" if usual else "which fits best, though loops are seldom that late"
+    why = (
+        "as is usual in control loops" if usual else "which fits best, though few loops have so long a delay"
+    )
     return info(
         CODE,
-        f"These data can't tell the delay apart from friction and the time constant. {1e3 * value:.2g} ± {1e3 * half:.2g} ms is "
-        f"taken for it, {why}, and the other intervals allow for that. Faster samples of a step from rest would tell it.",
+        f"These data can't separate the delay from friction and the time constant. It is taken as {1e3 * value:.2g} "
+        f"± {1e3 * half:.2g} ms, {why}, and the other intervals allow for that; sample a step from rest faster to "
+        "measure it.",
         parameters=("delay",),
     )
 
@@ -177,7 +180,7 @@ def _minima_at(
     layout = Layout(structure, tuple(data))
     lower, upper = (float(bounds[at]) for bounds in structure.bounds(data))
     free = np.arange(len(minimum.theta)) != at
-    h = information(layout, squared(layout, minimum.predictions))
+    h = information(layout, square_jacobians(layout, minimum.predictions))
     slope = np.linalg.lstsq(h[np.ix_(free, free)], h[free, at], rcond=None)[0]
     guesses = structure.guesses(data) if structure.friction else ()
     found = []
@@ -199,7 +202,7 @@ def _samples(data: Sequence[Dataset], minimum: Minimum) -> float:
     )
 
 
-def _loss(minimum: Minimum, prior: Expected, samples: float) -> float:
+def _loss(minimum: Minimum, prior: DelayPrior, samples: float) -> float:
     """Twice the negative logarithm of the posterior, but for a constant."""
     cost = max(minimum.cost, np.finfo(float).tiny)
     return samples * float(np.log(cost)) + prior.penalty(float(minimum.theta[prior.at]))

@@ -53,7 +53,7 @@ class Disturbance:
         return float((sample_time / self.ratio) ** (1 / _POWER[kind])) if self.ratio > 0 else float("inf")
 
     @classmethod
-    def remembering(cls, memory: float, tau: float, kind: Kind, sample_time: float) -> Disturbance:
+    def from_memory(cls, memory: float, tau: float, kind: Kind, sample_time: float) -> Disturbance:
         """Return the disturbance for which the filter's `memory` is that long [s], with unit variance of the measurement."""
         return cls(tau=tau, ratio=sample_time / memory ** _POWER[kind], variance=1.0)
 
@@ -115,7 +115,7 @@ def _samples(data: Dataset, moving: Array) -> Blocks:
 
 
 @dataclass(frozen=True, eq=False)
-class Linearised:
+class Linearisation:
     """Records near one point of the parameters: blocks of [residual, Jacobian], and where each record's columns stand.
 
     `places` are the columns of each record in the joint vector, `free` (P + ΣQ,) which of its entries may move. The
@@ -200,7 +200,7 @@ class Profile:
         low, high = (float(np.sqrt(0.5 * x * self.disturbance.tau)) for x in (min(q), max(q)))
         return low, high
 
-    def widened(self, covariance: Array) -> Array:
+    def widen(self, covariance: Array) -> Array:
         """Return a covariance (P, P) of the best parameters with the doubt about the noise model added.
 
         Σ w (C + δ δ') over the trials, δ the change of the parameters from the best trial to that one: the variance of a mixture.
@@ -215,7 +215,7 @@ class Profile:
         )
 
 
-def profile(near: Linearised, tau: float, around: float | None = None) -> Profile:
+def profile(near: Linearisation, tau: float, around: float | None = None) -> Profile:
     """Return how likely disturbances are for records near a point of the parameters, for a given τ [s].
 
     The restricted likelihood (Patterson and Thompson 1971), -2 ln L = (n - p) ln r + Σ ln S + ln |J'S⁻¹J| with r profiled,
@@ -240,7 +240,7 @@ def profile(near: Linearised, tau: float, around: float | None = None) -> Profil
     )
 
 
-def _mode(near: Linearised, tau: float, levels: Array) -> tuple[float, float]:
+def _mode(near: Linearisation, tau: float, levels: Array) -> tuple[float, float]:
     """The ln(q/r) of the lowest deviance, and its standard deviation from the curvature there (at most 3)."""
 
     def deviance(level: float) -> float:
@@ -272,7 +272,7 @@ def _inverse(h: Array) -> tuple[Array, float]:
     return out, float(np.sum(np.log(values)) - 2 * np.sum(np.log(scale)))
 
 
-def whitened(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
+def whiten(x: Array, data: Dataset, moving: Array, disturbance: Disturbance) -> Array:
     """Return columns x (M,) or (M, K) as innovations of each sample, of unit variance."""
     out, _ = _innovations(
         x.reshape(len(x), -1), _samples(data, moving), data.kind, disturbance.tau, disturbance.ratio
@@ -309,7 +309,7 @@ def of_each_sample(
     found, q = disturbance, disturbance.ratio * disturbance.variance
     for _ in range(5):
         squares = sum(
-            float(np.sum(whitened(r, d, m, found) ** 2))
+            float(np.sum(whiten(r, d, m, found) ** 2))
             for r, d, m in zip(residuals, data, moving, strict=True)
         )
         variance = found.variance * squares / sum(len(r) for r in residuals)
@@ -318,7 +318,7 @@ def of_each_sample(
 
 
 @dataclass(frozen=True, eq=False)
-class Whitened:
+class WhitenedStructure:
     """A structure whose predictions are innovations of blocks: least squares on it is maximum likelihood under the disturbance.
 
     Wraps another structure; the data that go with it are `whitened_data`. A block's innovation stands in the place of its first
@@ -357,21 +357,21 @@ class Whitened:
         """None of the parameters (P,): a search begins where another one ended."""
         return np.zeros(len(self.parameters), dtype=bool)
 
-    def moved(self, theta: Array, change: Array) -> Array:
+    def move(self, theta: Array, change: Array) -> Array:
         """That of the structure, for theta and a change of it (P + ΣQ,)."""
-        return Layout(self.structure, self.data).moved(theta, change)
+        return Layout(self.structure, self.data).move(theta, change)
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the innovations of the prediction and of its Jacobian for theta (P + Q,), the filter held fixed."""
         plain = self.structure.predict(theta, data)
-        both = self._filtered(np.column_stack([plain.y, plain.jacobian]), data)
+        both = self._filter_columns(np.column_stack([plain.y, plain.jacobian]), data)
         valid = np.zeros(len(plain.y), dtype=bool)
         valid[self._blocks(data).starts] = True
         return Prediction(y=both[:, 0], jacobian=both[:, 1:], valid=valid)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the innovations (M, E) of what the structure knows that it may be wrong by, for theta (P + Q,)."""
-        return self._filtered(self.structure.unmodelled(theta, data), data)
+        return self._filter_columns(self.structure.unmodelled(theta, data), data)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """That of the structure, for theta (P + Q,)."""
@@ -381,7 +381,7 @@ class Whitened:
     def whitened_data(self) -> tuple[Dataset, ...]:
         """The records with the innovations of their outputs in place of the outputs, which no encoder has rounded."""
         return tuple(
-            replace(record, y=self._filtered(record.y[:, None], record)[:, 0], quantum=None)
+            replace(record, y=self._filter_columns(record.y[:, None], record)[:, 0], quantum=None)
             for record in self.data
         )
 
@@ -394,7 +394,7 @@ class Whitened:
             b for b, record in zip(self.blocks, self.data, strict=True) if record.t_output is data.t_output
         )
 
-    def _filtered(self, x: Array, data: Dataset) -> Array:
+    def _filter_columns(self, x: Array, data: Dataset) -> Array:
         """Columns x (M, K) as innovations of unit variance at the first samples of the blocks, zero elsewhere."""
         blocks, noise = self._blocks(data), self.disturbance
         found, _ = _innovations(blocks.means(x), blocks, data.kind, noise.tau, noise.ratio)

@@ -12,10 +12,16 @@ from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, warning
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
 from servobench.identification.estimators.covariance import conservative, inverse, plain, sandwich
-from servobench.identification.estimators.least_squares import Layout, Minimum, information, minimise, squared
+from servobench.identification.estimators.least_squares import (
+    Layout,
+    Minimum,
+    information,
+    minimise,
+    square_jacobians,
+)
 from servobench.identification.estimators.output_error import simulations
 from servobench.identification.estimators.spectral.detection import DetectionLines
-from servobench.identification.estimators.spectral.fitting import Settled, settled
+from servobench.identification.estimators.spectral.fitting import PointFit, fit_points
 from servobench.identification.estimators.spectral.readings import bode_readings
 from servobench.identification.estimators.spectral.response import (
     FrequencyResponse,
@@ -39,9 +45,12 @@ class ResponseFit:
     """
 
     abilities = Abilities(
-        method="fits the transfer function to points of the frequency response, with the noise around each of its lines",
-        noise="any that is stationary: its spectrum is measured",
-        interval="covers for any colour of noise; wider where the structure misses the points",
+        method=(
+            "fits the transfer function to points of the frequency response, weighted by the noise measured "
+            "around each line"
+        ),
+        noise="any stationary noise: its spectrum is measured",
+        interval="covers for noise of any colour; wider where the structure misses the points",
         position=True,
         speed=True,
         chain=True,
@@ -64,14 +73,14 @@ class ResponseFit:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        found = settled(structure, data, starts[0] if starts else None)
+        found = fit_points(structure, data, starts[0] if starts else None)
         return _fit(structure, data, found)
 
 
 ESTIMATORS.member("frequency_response")(ResponseFit())
 
 
-def _fit(structure: Structure, data: Sequence[Dataset], found: Settled) -> Fit:
+def _fit(structure: Structure, data: Sequence[Dataset], found: PointFit) -> Fit:
     """The fit that settled points stand for, with records simulated by it."""
     guess = structure.guesses(data)[0]
     start = np.concatenate(
@@ -95,7 +104,7 @@ def _fit(structure: Structure, data: Sequence[Dataset], found: Settled) -> Fit:
     )
 
 
-def _with_unseen(found: Settled, layout: Layout, minimum: Minimum) -> Array:
+def _with_unseen(found: PointFit, layout: Layout, minimum: Minimum) -> Array:
     """The covariance (P, P) with that of the parameters that the frequency response doesn't show.
 
     They follow the others as the sum of squares wants it, by -H_uu⁻¹ H_us with the nuisance parameters among the u, and are
@@ -104,7 +113,7 @@ def _with_unseen(found: Settled, layout: Layout, minimum: Minimum) -> Array:
     seen, count = found.seen, len(found.seen)
     if seen.all():
         return found.covariance
-    h = information(layout, squared(layout, minimum.predictions))
+    h = information(layout, square_jacobians(layout, minimum.predictions))
     own, shown = np.flatnonzero(~seen), np.flatnonzero(seen)
     hidden = np.concatenate([own, np.arange(count, len(h))])
     part = h[np.ix_(hidden, hidden)]
@@ -130,7 +139,7 @@ def _scores(layout: Layout, minimum: Minimum) -> tuple[list[Array], float]:
     return scores, total / max(used, 1)
 
 
-def _about(data: Sequence[Dataset], found: Settled) -> list[Finding]:
+def _about(data: Sequence[Dataset], found: PointFit) -> list[Finding]:
     """What the fit itself has to say."""
     findings = []
     if not found.converged:
@@ -141,16 +150,17 @@ def _about(data: Sequence[Dataset], found: Settled) -> list[Finding]:
         findings.append(
             warning(
                 "response-misfit",
-                f"The structure misses the points of the frequency response by {np.sqrt(found.misfit):.2g} times what noise "
-                "explains; the intervals are wider by that factor. Look at the Bode figure, or take a structure of higher order.",
+                f"The structure misses the points of the frequency response by {np.sqrt(found.misfit):.2g} times "
+                "the noise; the intervals are wider by that factor. Look at the Bode figure, or use a structure of "
+                "higher order.",
             )
         )
     if any(record.reference is not None for record in data):
         findings.append(
             warning(
                 "loop-closed",
-                "The data have a reference, so the input was made from the output: noise biases the frequency response then; "
-                "take clsrivc or prediction_error.",
+                "The data have a reference, so the loop was closed and noise biases the frequency response. Use "
+                "clsrivc or prediction_error.",
             )
         )
     return findings

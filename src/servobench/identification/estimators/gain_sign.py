@@ -14,7 +14,7 @@ import numpy as np
 from servobench.identification.estimators.covariance import effective_samples
 from servobench.identification.estimators.least_squares import Minimum, jacobian_and_residual, lowest
 from servobench.identification.models.base import Structure
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
 _MOSTLY = 0.8  # of Σ |u ω|: then the motion has the input's sign, or the opposite one
@@ -31,7 +31,7 @@ def with_usual_sign(structure: Structure, data: Sequence[Dataset], minimum: Mini
     if largest == 0.0:  # a part of a record before which the input was on, and in which it is off
         return minimum
     start = minimum.theta.copy()
-    top = max(float(np.abs(smoothed_speed(record)).max()) for record in data)
+    top = max(float(np.abs(smooth_speed(record)).max()) for record in data)
     start[names.index("gain")] = sign * top / largest
     for name in _LOST:
         if name in names:
@@ -50,7 +50,7 @@ def with_usual_sign(structure: Structure, data: Sequence[Dataset], minimum: Mini
 
 def usual_sign(data: Sequence[Dataset]) -> int:
     """Return 1 or -1 where nearly all motion has the sign of the input or the opposite one, and 0 where neither is so."""
-    power = np.concatenate([record.input_at_output * smoothed_speed(record) for record in data])
+    power = np.concatenate([record.input_at_output * smooth_speed(record) for record in data])
     total = float(np.sum(np.abs(power)))
     share = float(np.sum(power)) / total if total > 0 else 0.0
     return int(np.sign(share)) if abs(share) > _MOSTLY else 0

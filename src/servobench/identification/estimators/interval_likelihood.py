@@ -32,12 +32,12 @@ from servobench.identification.estimators.base import (
 )
 from servobench.identification.estimators.covariance import conservative, inverse, sandwich
 from servobench.identification.estimators.interval.bins import Bins
-from servobench.identification.estimators.interval.noise import NoiseProfile, profiled
-from servobench.identification.estimators.interval.search import Found, Near, searched
-from servobench.identification.estimators.interval.wander import wandering
-from servobench.identification.estimators.known_errors import Weighed, of_known_errors
+from servobench.identification.estimators.interval.noise import NoiseProfile, profile_noise
+from servobench.identification.estimators.interval.search import Near, Optimum, search_maximum
+from servobench.identification.estimators.interval.wander import wander_ratio
 from servobench.identification.estimators.least_squares import Layout, Minimum
 from servobench.identification.estimators.output_error import best_minimum, remarks, simulations
+from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.models.base import STRUCTURES, Model, Structure
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -57,9 +57,9 @@ class IntervalLikelihood:
     """
 
     abilities = Abilities(
-        method="takes a count for the bin that it is, not for its middle, and finds the noise before rounding",
+        method="treats a count as a bin, not as the bin's middle, and estimates the noise before rounding",
         noise="white noise before the encoder's rounding, best below a fifth of a count",
-        interval="covers; wider than needed where there is next to no noise before rounding",
+        interval="covers; wider than necessary with almost no noise before rounding",
         position=True,
         speed=False,
         chain=False,
@@ -92,8 +92,8 @@ class IntervalLikelihood:
         first = best_minimum(structure, data, starts or structure.guesses(data))
         layout = Layout(structure, tuple(data))
         floor = _floor(layout)
-        found = searched(layout, first.theta, _first_noise(data, first), floor)
-        return _fitted(layout, found, profiled(found, floor))
+        found = search_maximum(layout, first.theta, _first_noise(data, first), floor)
+        return _fit_from(layout, found, profile_noise(found, floor))
 
 
 ESTIMATORS.member("interval_likelihood")(IntervalLikelihood())
@@ -103,15 +103,16 @@ def _no_bins(data: Dataset) -> str | None:
     """Why a record's values aren't bins of an encoder; None where they are."""
     if not data.quantum:
         return (
-            f"needs the step of the encoder, and {data.name} doesn't tell it: give the output in counts, or its resolution, "
-            "or use output_error"
+            f"needs the encoder's step, which {data.name} doesn't give: give the output in counts, or its "
+            "resolution, or use output_error"
         )
     steps = np.diff(data.y) / data.quantum
     off = float(np.abs(steps - np.round(steps)).max(initial=0.0))
     if off > _ON_GRID:
         return (
-            f"needs values that are whole steps of {data.quantum:.6g} {data.output_unit} apart, and some of {data.name} are "
-            f"{off:.2g} of a step off: the resolution is wrong, or the values were smoothed; output_error can work on them"
+            f"needs values that are whole steps of {data.quantum:.6g} {data.output_unit} apart, and some of "
+            f"{data.name} are {off:.2g} of a step off: the resolution is wrong, or the values were smoothed; "
+            "output_error can use them"
         )
     return None
 
@@ -145,13 +146,13 @@ def _first_noise(data: Sequence[Dataset], first: Minimum) -> float:
     return float(np.sqrt(max(variance - quantum**2 / 12, (0.1 * quantum) ** 2)))
 
 
-def _fitted(layout: Layout, found: Found, noise: NoiseProfile) -> Fit:
+def _fit_from(layout: Layout, found: Optimum, noise: NoiseProfile) -> Fit:
     """The fit that a maximum and what is known of s stand for."""
     structure, data = layout.structure, layout.data
     lower, upper = layout.bounds()
     theta = found.near.theta if found.at_kink else found.near.theta + noise.best.change
     theta = np.clip(theta, lower, upper)
-    said = found.near.said(noise.best)
+    said = found.near.bins_at(noise.best)
     covariance = _covariance(layout, found.near, noise, said)[: layout.shared, : layout.shared]
     records = simulations(structure, data, theta)
     squares = sum(float(record.residual @ record.residual) for record in records)
@@ -189,8 +190,8 @@ def _covariance(layout: Layout, near: Near, noise: NoiseProfile, said: Sequence[
     """
     best = noise.best
     scores = _scores(near, said)
-    found = noise.widened(conservative(inverse(best.information), sandwich(best.information, scores)))
-    found += of_known_errors(layout.structure, _weighed(layout, near, said), inverse(best.information))
+    found = noise.widen(conservative(inverse(best.information), sandwich(best.information, scores)))
+    found += of_known_errors(layout.structure, _weigh_records(layout, near, said), inverse(best.information))
     everything = replace(near, free=np.ones_like(near.free)).at(best.change, best.s).information
     held = ~near.free
     found[held, held] = np.diag(inverse(everything))[held]
@@ -209,10 +210,10 @@ def _scores(near: Near, said: Sequence[Bins]) -> list[Array]:
     return scores
 
 
-def _weighed(layout: Layout, near: Near, said: Sequence[Bins]) -> list[Weighed]:
+def _weigh_records(layout: Layout, near: Near, said: Sequence[Bins]) -> list[WeightedRecord]:
     """The records at the maximum, each sample with what its bin tells."""
     return [
-        Weighed(
+        WeightedRecord(
             data=record,
             theta=near.theta[place],
             place=place,
@@ -240,12 +241,12 @@ def _noise_told(noise: NoiseProfile, data: Dataset) -> Finding:
     if noise.at_floor:
         return info(
             "noise-below-rounding",
-            f"Noise before the encoder's rounding, if there is any, is below {high:.2g} of a count. {s:.2g} is taken, so "
-            "that the intervals are rather too wide than too narrow.",
+            f"Noise before the encoder's rounding, if there is any, is below {high:.2g} of a count. It is taken as "
+            f"{s:.2g}, so the intervals are too wide rather than too narrow.",
         )
     sentence = f"The noise before the encoder's rounding is {s:.2g} of a count ({low:.2g} to {high:.2g})"
     if s >= _NO_GAIN:
-        sentence += ": with so much of it a count tells no more than the middle of its bin, and output_error does as well"
+        sentence += ": with that much noise the bin adds nothing to its middle, and output_error does as well"
     return info("noise-before-rounding", sentence + ".")
 
 
@@ -260,7 +261,7 @@ def _miscounts_told(records: Sequence[FittedRecord], s: float) -> list[Finding]:
             sentence = (
                 f"{record.data.name}: {'a sample is' if wrong == 1 else f'{wrong} samples are'} where no noise puts "
                 f"{'it' if wrong == 1 else 'them, the worst'}: {record.residual[worst] / quantum:+.3g} counts off at "
-                f"{record.data.t_output[worst]:.6g} s. All the others look noisier for it; leave it out."
+                f"{record.data.t_output[worst]:.6g} s. It makes all other samples look noisier; leave it out."
             )
             found.append(warning("counts-off", sentence))
     return found
@@ -271,15 +272,15 @@ def _torque_told(layout: Layout, near: Near, said: Sequence[Bins], s: float) -> 
     names = [parameter.name for parameter in layout.structure.parameters]
     if "time_constant" not in names:
         return []
-    ratio = wandering(layout, near, said, s, float(near.theta[names.index("time_constant")]))
+    ratio = wander_ratio(layout, near, said, s, float(near.theta[names.index("time_constant")]))
     if ratio <= _DOUBT:
         return []
     return [
         warning(
             "noise-not-of-the-measurement",
-            "What the model leaves over isn't white noise of the measurement but wanders, as under a random torque or where the "
-            "model lacks something: the intervals are too narrow then. prediction_error allows for a random torque. "
-            f"(Likelihood ratio {ratio:.3g}; chance alone exceeds {_DOUBT} once in a hundred.)",
+            "The residual isn't white measurement noise but wanders, as under a random torque or with an "
+            "incomplete model, so the intervals are too narrow. prediction_error allows for a random torque. "
+            f"(Likelihood ratio {ratio:.3g}; by chance alone it exceeds {_DOUBT} once in a hundred.)",
             parameters=tuple(names),
         )
     ]

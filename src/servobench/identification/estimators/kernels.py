@@ -156,7 +156,7 @@ def latest(t: Array, at: Array) -> NDArray[np.int64]:
 
 
 @compiled
-def met(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
+def find_places(places: NDArray[np.int64], wanted: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return the number of the first of places (N,) that is the same as wanted (M,), for each of those, or -1; both ascend."""
     out, n = np.empty(len(wanted), dtype=np.int64), 0
     for k in range(len(wanted)):

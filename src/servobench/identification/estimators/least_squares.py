@@ -41,7 +41,7 @@ class Minimum:
 
 
 @runtime_checkable
-class Summing(Protocol):
+class NormalEquations(Protocol):
     """A structure that can add up the normal equations of a record without holding its Jacobian, which is much faster."""
 
     def normal(self, theta: Array, data: Dataset) -> tuple[Array, Array, float] | None:
@@ -50,7 +50,7 @@ class Summing(Protocol):
 
 
 @runtime_checkable
-class Curved(Protocol):
+class CurvedValley(Protocol):
     """A structure whose sum of squares has a curved valley, and which knows how to get into it and how to follow it."""
 
     @property
@@ -58,7 +58,7 @@ class Curved(Protocol):
         """Which of the parameters to hold while the others come near their place, (P,)."""
         ...
 
-    def moved(self, theta: Array, change: Array) -> Array:
+    def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change to first order."""
         ...
 
@@ -97,12 +97,12 @@ class Layout:
         return summed or _sums(record, self.structure.predict(theta, record))
 
     @cached_property
-    def _summing(self) -> Summing | None:
-        return self.structure if isinstance(self.structure, Summing) else None
+    def _summing(self) -> NormalEquations | None:
+        return self.structure if isinstance(self.structure, NormalEquations) else None
 
-    def moved(self, theta: Array, change: Array) -> Array:
+    def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from a joint vector (P + ΣQ,), along the structure's valley where it knows one."""
-        return self._curved.moved(theta, change) if self._curved else theta + change
+        return self._curved.move(theta, change) if self._curved else theta + change
 
     @property
     def held_at_first(self) -> NDArray[np.bool_] | None:
@@ -110,8 +110,8 @@ class Layout:
         return self._curved.held_at_first if self._curved else None
 
     @cached_property
-    def _curved(self) -> Curved | None:
-        return self.structure if isinstance(self.structure, Curved) else None
+    def _curved(self) -> CurvedValley | None:
+        return self.structure if isinstance(self.structure, CurvedValley) else None
 
     def bounds(self) -> tuple[Array, Array]:
         """Return the lower and the upper bounds of the joint vector."""
@@ -224,28 +224,28 @@ def descent(
         at_bound = ((point.theta <= lower) & (point.g < 0)) | ((point.theta >= upper) & (point.g > 0))
         active = np.flatnonzero(moves & ~at_bound & (point.h.diagonal() > _NOTHING))
         if not len(active):
-            return _ended(point, None, True, "every parameter is at a bound")
+            return _end_descent(point, None, True, "every parameter is at a bound")
         change = np.zeros_like(point.theta)
         every = len(active) == len(moves)
         h, g = (point.h, point.g) if every else (point.h[active[:, None], active], point.g[active])
         change[active] = _damped_step(h, g, damping)
         change = np.minimum(np.maximum(point.theta + change, lower), upper) - point.theta
-        reached = np.minimum(np.maximum(layout.moved(point.theta, change), lower), upper)
+        reached = np.minimum(np.maximum(layout.move(point.theta, change), lower), upper)
         if _small(change, point, layout):
-            return _ended(point, change, True, f"converged in {step} steps")
+            return _end_descent(point, change, True, f"converged in {step} steps")
         trial = at(layout, reached)
         foretold = float(change @ (2 * point.g - point.h @ change))
         if trial.cost <= point.cost:
             gained = point.cost - trial.cost
             done, point = gained <= 1e-13 * point.cost, trial
-            damping = max(damping * _following(gained, foretold), 1e-12)
+            damping = max(damping * _next_damping(gained, foretold), 1e-12)
             if done:
-                return _ended(point, None, True, f"converged in {step} steps")
+                return _end_descent(point, None, True, f"converged in {step} steps")
         else:
             damping = max(damping, least) * _after_a_rise(trial.cost, point.cost)
             # In a narrow valley that bends, the right damping is small, and found by now.
             least = 0.0
-    return _ended(point, None, False, f"did not settle within {steps} steps")
+    return _end_descent(point, None, False, f"did not settle within {steps} steps")
 
 
 def at(layout: Layout, theta: Array) -> Point:
@@ -264,7 +264,7 @@ def at(layout: Layout, theta: Array) -> Point:
 
 
 def information(layout: Layout, squares: Sequence[Array]) -> Array:
-    """Return J'J (P + ΣQ, P + ΣQ) of all records; `squares` are the records' own, as `squared` gives them."""
+    """Return J'J (P + ΣQ, P + ΣQ) of all records; `squares` are the records' own, as `square_jacobians` gives them."""
     places = layout.columns()
     size = int(places[-1][-1]) + 1
     h = np.zeros((size, size))
@@ -273,7 +273,7 @@ def information(layout: Layout, squares: Sequence[Array]) -> Array:
     return h
 
 
-def squared(layout: Layout, predictions: Sequence[Prediction]) -> list[Array]:
+def square_jacobians(layout: Layout, predictions: Sequence[Prediction]) -> list[Array]:
     """Return J'J (P + Q, P + Q) of each record."""
     jacobians = [jacobian_and_residual(r, p)[0] for r, p in zip(layout.data, predictions, strict=True)]
     # Far from any motor a pendulum's sensitivities may grow beyond all numbers.
@@ -308,7 +308,7 @@ def _evaluate(layout: Layout, theta: Array) -> tuple[tuple[Prediction, ...], flo
     return predictions, cost if np.isfinite(cost) else np.inf
 
 
-def _following(gained: float, foretold: float) -> float:
+def _next_damping(gained: float, foretold: float) -> float:
     """What to multiply the damping by after a step that gained something."""
     ratio = gained / foretold if foretold > 0 else 0.0
     return 0.01 if ratio > 0.9 else 0.1 if ratio > 0.5 else 1.0 if ratio > 0.25 else 4.0
@@ -339,7 +339,7 @@ def _small(change: Array, point: Point, layout: Layout) -> bool:
     return float(change @ point.h @ change) <= _ENOUGH**2 * point.cost / max(samples, 1)
 
 
-def _ended(point: Point, change: Array | None, converged: bool, status: str) -> Descent:
+def _end_descent(point: Point, change: Array | None, converged: bool, status: str) -> Descent:
     still = np.zeros_like(point.theta)
     return Descent(
         point=point, change=still if change is None else change, converged=converged, status=status

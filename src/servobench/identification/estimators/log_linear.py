@@ -39,9 +39,12 @@ ESTIMATORS.member("log_linear")(
         "log_linear",
         log_slope,
         Abilities(
-            method="reads the slope of ln(1 - Δω/Δω∞) on each step of the speed; gain and offset from the steady values",
-            noise="little, as it isn't modelled; part of the measurement's lag is taken for the motor's",
-            interval="scatter between steps only; knows nothing of the bias that the chain makes",
+            method=(
+                "reads the slope of ln(1 - Δω/Δω∞) on each step of the speed; gain and offset from the "
+                "steady values"
+            ),
+            noise="little: noise isn't modelled, and part of the measurement's lag is counted as the motor's",
+            interval="scatter between steps only; doesn't include the chain's bias",
             position=False,
             speed=True,
             chain=False,
@@ -60,9 +63,9 @@ ESTIMATORS.member("log_linear_corrected")(
         "log_linear_corrected",
         log_slope,
         Abilities(
-            method="reads like log_linear, and gives the motor that reads the same when simulated through the measurement chain",
-            noise="little, as it isn't modelled",
-            interval="scatter between steps only; knows nothing of an error common to all of them",
+            method="finds the motor that gives log_linear's reading when simulated through the measurement chain",
+            noise="little: noise isn't modelled",
+            interval="scatter between steps only; doesn't include an error common to all of them",
             position=True,
             speed=True,
             chain=True,

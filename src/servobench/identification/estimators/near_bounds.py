@@ -23,14 +23,14 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.covariance import inverse
-from servobench.identification.estimators.delay_prior import Expected
+from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import (
     Layout,
     Minimum,
     Point,
     descent,
     information,
-    squared,
+    square_jacobians,
 )
 from servobench.identification.models.base import Structure
 from servobench.recordings.measurement.dataset import Dataset
@@ -48,7 +48,7 @@ def intervals_near_bounds(
     minimum: Minimum,
     covariance: Array,
     variance: float = 1.0,
-    prior: Expected | None = None,
+    prior: DelayPrior | None = None,
 ) -> dict[str, tuple[float, float]]:
     """Return the 95 % intervals of those shared parameters that are within 3 standard deviations of a bound, by name.
 
@@ -76,7 +76,7 @@ class _Profile:
     at: int
     sd: float
     variance: float
-    prior: Expected | None
+    prior: DelayPrior | None
 
     def end(self, side: float, bound: float) -> float:
         """The end of the interval on one side (±1): where the cost has risen by as much as it may, or the bound.
@@ -123,13 +123,13 @@ class _Profile:
             return Layout(self.structure, self.data)
         middle = float(self.minimum.theta[self.prior.at])
         weight = self.variance / self.prior.scale**2
-        return _Expecting(self.structure, self.data, self.prior.at, middle, weight)
+        return _WithDelayPrior(self.structure, self.data, self.prior.at, middle, weight)
 
     @cached_property
     def _information(self) -> Array:
         """J'J (P + ΣQ, P + ΣQ) at the minimum, with that of the prior."""
         layout = Layout(self.structure, self.data)
-        h = information(layout, squared(layout, self.minimum.predictions))
+        h = information(layout, square_jacobians(layout, self.minimum.predictions))
         if self.prior is not None:
             h[self.prior.at, self.prior.at] += self.variance / self.prior.scale**2
         return h
@@ -149,7 +149,7 @@ class _Profile:
 
 
 @dataclass(frozen=True, eq=False)
-class _Expecting(Layout):
+class _WithDelayPrior(Layout):
     """A sum of squares in which a delay, number `at`, costs the square of its distance from a `middle` [s], times a weight."""
 
     at: int

@@ -20,7 +20,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.estimators.budget import Contribution
-from servobench.identification.estimators.delay_prior import Expected
+from servobench.identification.estimators.delay_prior import DelayPrior
 from servobench.identification.estimators.least_squares import Minimum
 
 SOURCE: Final = "another minimum"
@@ -33,7 +33,7 @@ def other_minima(
     others: Sequence[tuple[Array, float]],
     covariance: Array,
     samples: int,
-    prior: Expected | None = None,
+    prior: DelayPrior | None = None,
 ) -> Contribution | None:
     """Return the line for ends of a search (theta, cost) that explain n samples nearly as well as the place that is stated.
 
@@ -57,11 +57,11 @@ def other_minima(
         return None
     each = np.array(ways)
     added = (each.T * weights) @ each / (1.0 + sum(weights))
-    reason = "other figures explain the data nearly as well, with none between them that do"
+    reason = "a separate minimum explains the data nearly as well"
     return Contribution(source=SOURCE, covariance=added, reason=reason)
 
 
-def _odds(place: Minimum, theta: Array, cost: float, samples: int, prior: Expected | None) -> float:
+def _odds(place: Minimum, theta: Array, cost: float, samples: int, prior: DelayPrior | None) -> float:
     """How likely an end is beside the place; at most as likely, as the place was chosen."""
     exponent = samples * float(np.log(max(cost, 1e-300) / place.cost))
     if prior is not None:

@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.channels import Array
-from servobench.core.finding import Finding, info, parameter_in_words, warning
+from servobench.core.finding import Finding, info, warning
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import milliseconds
 from servobench.identification.estimators import delay_prior
 from servobench.identification.estimators.base import (
@@ -23,29 +24,29 @@ from servobench.identification.estimators.base import (
     hindrance,
     too_few,
 )
-from servobench.identification.estimators.covariance import conservative, inverse, sandwiched
-from servobench.identification.estimators.delay_prior import Expected, expected_delay, where_expected
+from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
+from servobench.identification.estimators.delay_prior import DelayPrior, prior_of_delay, where_expected
 from servobench.identification.estimators.encoder_rounding import counts_in_place, is_rounded, rounding_sines
 from servobench.identification.estimators.gain_sign import with_usual_sign
-from servobench.identification.estimators.known_errors import Weighed, of_known_errors
 from servobench.identification.estimators.least_squares import (
     Layout,
     Minimum,
-    Summing,
+    NormalEquations,
     information,
     jacobian_and_residual,
     lowest,
-    squared,
+    square_jacobians,
 )
 from servobench.identification.estimators.near_bounds import intervals_near_bounds
 from servobench.identification.estimators.other_minima import other_minima
-from servobench.identification.estimators.repetition import folded, period, repeats
+from servobench.identification.estimators.repetition import fold, period, repeats
+from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.models.base import STRUCTURES, Model, Prediction, Structure
 from servobench.recordings.measurement.dataset import Dataset
 
 
 @runtime_checkable
-class Held(Protocol):
+class StartStateGuesses(Protocol):
     """A structure that knows where to search for a record's start state alone, without guessing the parameters first."""
 
     def starts(self, theta: Array, data: Dataset) -> tuple[Array, ...]:
@@ -62,9 +63,9 @@ class OutputError:
     """
 
     abilities = Abilities(
-        method="simulates the model from the input alone and minimises what is left of the output, chain and delay included",
-        noise="white noise of the measurement, such as an encoder's rounding",
-        interval="covers; allows for coloured residuals, a little narrow where a random torque acts",
+        method="simulates the model from the input alone and minimises the residual, chain and delay included",
+        noise="white measurement noise, such as an encoder's rounding",
+        interval="covers; allows for coloured residuals; a little narrow under a random torque",
         position=True,
         speed=True,
         chain=True,
@@ -85,13 +86,13 @@ class OutputError:
     ) -> Fit:
         """Return the best fit found from the start vectors, or from the structure's guesses where there are none."""
         minimum = best_minimum(structure, data, starts or structure.guesses(data))
-        return fitted(structure, data, with_usual_sign(structure, data, minimum))
+        return fit_minimum(structure, data, with_usual_sign(structure, data, minimum))
 
 
 ESTIMATORS.member("output_error")(OutputError())
 
 
-def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
+def fit_minimum(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
     """Return the fit that a minimum of the squared residuals stands for, or the place beside it where the delay is usual."""
     fit, minimum, prior = _roughly(structure, data, minimum)
     variance = fit.residual_sd**2
@@ -99,21 +100,21 @@ def fitted(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> F
     return replace(fit, intervals=IntervalsOnDemand(search))
 
 
-def fitted_roughly(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
+def fit_minimum_roughly(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> Fit:
     """Return the same fit without the intervals of parameters near a bound, each of which takes a dozen searches."""
     return _roughly(structure, data, minimum)[0]
 
 
 def _roughly(
     structure: Structure, data: Sequence[Dataset], minimum: Minimum
-) -> tuple[Fit, Minimum, Expected | None]:
+) -> tuple[Fit, Minimum, DelayPrior | None]:
     """The fit, the place that it is at, and the prior of a delay that isn't told."""
     variance, covariance = uncertainty(structure, data, minimum)
     ends = (*minimum.others, (minimum.theta, minimum.cost))
     findings: list[Finding] = []
-    used: Expected | None = None
+    used: DelayPrior | None = None
     # A richer structure begins where a plain one ended, whose delay was expected already; each further search of it takes long.
-    prior = expected_delay(structure, data) if isinstance(structure, Summing) else None
+    prior = prior_of_delay(structure, data) if isinstance(structure, NormalEquations) else None
     if prior is not None:
         sd = float(np.sqrt(covariance[prior.at, prior.at]))
         usual = where_expected(structure, data, minimum, sd, prior)
@@ -136,7 +137,7 @@ def _roughly(
     )
     samples = sum(int(each.valid.sum()) for each in minimum.predictions)
     apart = other_minima(minimum, ends, covariance, samples, prior)
-    return (fit.widened(apart) if apart else fit), minimum, used
+    return (fit.widen(apart) if apart else fit), minimum, used
 
 
 def simulations(
@@ -170,7 +171,7 @@ def simulations(
 
 
 def uncertainty(
-    structure: Structure, data: Sequence[Dataset], minimum: Minimum, prior: Expected | None = None
+    structure: Structure, data: Sequence[Dataset], minimum: Minimum, prior: DelayPrior | None = None
 ) -> tuple[float, Array]:
     """Return the variance of the residuals and the covariance (P, P) of the shared parameters at a minimum.
 
@@ -187,7 +188,7 @@ def uncertainty(
     return variance, covariance[: layout.shared, : layout.shared]
 
 
-def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: Expected | None = None) -> Array:
+def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: DelayPrior | None = None) -> Array:
     """The covariance of the joint vector.
 
     A parameter at a bound that is a limit of nature, such as no friction, is held there for the others' sake; its own standard
@@ -197,7 +198,7 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: Expect
     the truth lies within the bounds, the bound brings the estimate no farther from it, measured by H (a projection onto a convex
     set): the covariance of a free delay is enough, that of a held one would take the bound for the delay.
     """
-    squares = squared(layout, minimum.predictions)
+    squares = square_jacobians(layout, minimum.predictions)
     h = information(layout, squares)
     lower, upper = layout.bounds()
     held = ((minimum.theta <= lower) & (lower >= 0)) | (minimum.theta >= upper)
@@ -207,7 +208,7 @@ def _covariance(layout: Layout, minimum: Minimum, variance: float, prior: Expect
     bread = inverse(h * np.outer(~held, ~held) if held.any() else h)
     covariance = _of_noise(layout, minimum, variance, bread, squares)
     if variance > 0:
-        known = _weighed(layout, minimum, variance)
+        known = _weigh_records(layout, minimum, variance)
         covariance += of_known_errors(layout.structure, known, variance * bread)
     if prior is not None:
         column = (
@@ -269,7 +270,7 @@ def _of_noise(
     """
     residuals = [r.y - p.y for r, p in zip(layout.data, minimum.predictions, strict=True)]
     alone = counts_in_place(layout.data, residuals, len(minimum.theta))
-    rounded = _rounded(layout, minimum, variance, alone, squares)
+    rounded = _rounding_covariance(layout, minimum, variance, alone, squares)
     exact = bread @ rounded @ bread if rounded.size else None
     # Where the data say next to nothing of some direction, a product with its huge variance is rounding error.
     if exact is None or not (np.diag(exact) >= 0).all():
@@ -280,9 +281,9 @@ def _of_noise(
 def _robust(layout: Layout, minimum: Minimum, variance: float, bread: Array) -> Array:
     """The covariance of the joint vector for coloured residuals, and for such as repeat with the input."""
     scores = _scores(layout, minimum)
-    covariance = conservative(variance * bread, sandwiched(bread, scores))
-    repeated = _folded(layout, minimum, scores)
-    return conservative(covariance, sandwiched(bread, repeated)) if repeated else covariance
+    covariance = conservative(variance * bread, sandwich_from_bread(bread, scores))
+    repeated = _fold_scores(layout, minimum, scores)
+    return conservative(covariance, sandwich_from_bread(bread, repeated)) if repeated else covariance
 
 
 def best_minimum(
@@ -295,7 +296,7 @@ def best_minimum(
     return lowest(structure, data, starts, free)
 
 
-def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord:
+def simulate_record(structure: Structure, theta: Array, data: Dataset) -> FittedRecord:
     """Return a record simulated with parameters theta (P,) that are held; only its own start state is fitted."""
     minimum = with_start_fitted(structure, theta, data)
     return simulations(structure, [data], minimum.theta, minimum.predictions)[0]
@@ -303,7 +304,7 @@ def simulated(structure: Structure, theta: Array, data: Dataset) -> FittedRecord
 
 def with_start_fitted(structure: Structure, theta: Array, data: Dataset) -> Minimum:
     """Return the minimum (P + Q,) over a record's own start state, with parameters theta (P,) held."""
-    if isinstance(structure, Held):
+    if isinstance(structure, StartStateGuesses):
         starts = structure.starts(theta, data)
     else:
         starts = tuple(np.concatenate([theta, guess[len(theta) :]]) for guess in structure.guesses([data]))
@@ -311,14 +312,14 @@ def with_start_fitted(structure: Structure, theta: Array, data: Dataset) -> Mini
     return best_minimum(structure, [data], starts, free)
 
 
-def _weighed(layout: Layout, minimum: Minimum, variance: float) -> list[Weighed]:
+def _weigh_records(layout: Layout, minimum: Minimum, variance: float) -> list[WeightedRecord]:
     """The records at a minimum, each sample with the same variance of its noise."""
     found = []
     for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
         j, r = jacobian_and_residual(record, prediction)
         weight, used = np.full(len(r), 1.0 / variance), prediction.valid
         found.append(
-            Weighed(
+            WeightedRecord(
                 data=record,
                 theta=minimum.theta[place],
                 place=place,
@@ -344,18 +345,18 @@ def _scores(layout: Layout, minimum: Minimum) -> list[Array]:
     return scores
 
 
-def _folded(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[Array]:
+def _fold_scores(layout: Layout, minimum: Minimum, scores: Sequence[Array]) -> list[Array]:
     """The scores of all records, summed over the input's periods where the residual repeats; none where no record's does."""
     out, any_repeats = [], False
     for record, prediction, s in zip(layout.data, minimum.predictions, scores, strict=True):
         cycle = period(record) if len(s) == len(record.y) else None
         again = cycle is not None and repeats(record.y - prediction.y, cycle)
         any_repeats |= again
-        out.append(folded(s, cycle) if again and cycle is not None else s)
+        out.append(fold(s, cycle) if again and cycle is not None else s)
     return out if any_repeats else []
 
 
-def _rounded(
+def _rounding_covariance(
     layout: Layout, minimum: Minimum, variance: float, alone: bool, squares: Sequence[Array]
 ) -> Array:
     """The covariance of J'r over the joint vector by what encoders round, (0, 0) where there are none; others are white.
@@ -400,20 +401,19 @@ def remarks(structure: Structure, data: Sequence[Dataset], minimum: Minimum) -> 
         if parameter.name == "delay":
             # What it is worth shows in its interval: `trust.doubts.delay` says so where it means something.
             end = (
-                "shortest that columns out of step allow"
+                "shortest that misaligned columns allow"
                 if value <= low
                 else "longest that the first motion allows"
             )
             sentence = f"The delay ended at {milliseconds(float(value))} ms, the {end}."
             found.append(info("parameter-at-bound", sentence, parameters=("delay",)))
             continue
-        sentence = (
-            f"The {parameter_in_words(parameter.name)} ended at the edge of what is possible, {value:.3g}: "
-        )
+        words = parameter_in_words(parameter.name, parameter.unit_in(data[0]))
+        sentence = f"The {words} ended at the limit of its range, {value:.3g}: "
         if value == 0:
             sentence += "the data show none of it."
             found.append(info("parameter-at-bound", sentence, parameters=(parameter.name,)))
         else:
-            sentence += "the model doesn't suit these data, or the columns are out of step."
+            sentence += "the model doesn't suit these data, or the columns are misaligned."
             found.append(warning("parameter-at-bound", sentence, parameters=(parameter.name,)))
     return found

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info, refusal
+from servobench.core.rounding import plain as number
 from servobench.identification.estimators.base import (
     ESTIMATORS,
     Abilities,
@@ -24,15 +25,15 @@ from servobench.identification.estimators.disturbance import (
     WEIGHED,
     Blocks,
     Disturbance,
-    Linearised,
+    Linearisation,
     Profile,
-    Whitened,
+    WhitenedStructure,
     blocks_of,
     longest_block,
     of_each_sample,
     profile,
     variance_of_rest,
-    whitened,
+    whiten,
 )
 from servobench.identification.estimators.encoder_rounding import counts_in_place
 from servobench.identification.estimators.least_squares import Layout, minimise
@@ -55,8 +56,8 @@ class PredictionError:
     """
 
     abilities = Abilities(
-        method="predicts each sample from those before it with a Kalman filter, and minimises the innovations",
-        noise="a random torque on the motor, and white noise of the measurement; both levels are found",
+        method="predicts each sample from the previous ones with a Kalman filter and minimises the innovations",
+        noise="a random torque on the motor and white measurement noise; estimates both levels",
         interval="covers under a random torque",
         position=True,
         speed=True,
@@ -90,18 +91,20 @@ class PredictionError:
         """Return the fit that begins from another estimator's."""
         structure, data = start.model.structure, tuple(record.data for record in start.records)
         theta = start.vector
-        found = _profiled(structure, data, theta)
+        found = _profile(structure, data, theta)
         for remaining in reversed(range(_ROUNDS)):
             before = theta
-            model = Whitened(structure, found.disturbance, data, _weighed(structure, data, theta, found))
+            model = WhitenedStructure(
+                structure, found.disturbance, data, _choose_blocks(structure, data, theta, found)
+            )
             minimum = minimise(model, model.whitened_data, theta)
             theta = minimum.theta
             _, covariance = uncertainty(model, model.whitened_data, minimum)
             change = (theta - before)[: len(covariance)]
             if not remaining or np.all(np.abs(change) <= _SETTLED * np.sqrt(np.diag(covariance))):
                 break
-            found = _profiled(structure, data, theta, found)
-        covariance = found.widened(covariance)
+            found = _profile(structure, data, theta, found)
+        covariance = found.widen(covariance)
         records, disturbance = with_innovations(structure, data, theta, found.disturbance)
         return replace(
             start,
@@ -116,7 +119,7 @@ class PredictionError:
                 partial(intervals_near_bounds, model, model.whitened_data, minimum, covariance)
             ),
             records=records,
-            findings=(*remarks(structure, data, minimum), _told(found, data[0])),
+            findings=(*remarks(structure, data, minimum), _finding(found, data[0])),
         )
 
 
@@ -137,12 +140,12 @@ def disturbance_test(fit: Fit) -> Profile | None:
     data = [record.data for record in fit.records]
     if PredictionError().supports(fit.model.structure, data) is not None:
         return None
-    return _profiled(fit.model.structure, data, fit.vector)
+    return _profile(fit.model.structure, data, fit.vector)
 
 
-def linearised(
+def linearise(
     structure: Structure, data: Sequence[Dataset], theta: Array, noise: Disturbance | None
-) -> Linearised:
+) -> Linearisation:
     """Return the records near theta (P + ΣQ,), in blocks that are short beside τ and beside the memory of a noise model."""
     layout = Layout(structure, tuple(data))
     lower, upper = layout.bounds()
@@ -157,7 +160,7 @@ def linearised(
         for record, place in _each_record(layout)
     )
     columns = [_columns(structure, record, theta[place]) for record, place in _each_record(layout)]
-    return Linearised(
+    return Linearisation(
         blocks=blocks,
         columns=tuple(b.means(x) for b, x in zip(blocks, columns, strict=True)),
         places=tuple(layout.columns()),
@@ -172,7 +175,7 @@ def time_constant(structure: Structure, theta: Array) -> float:
     return float(theta[[parameter.name for parameter in structure.parameters].index("time_constant")])
 
 
-def _profiled(
+def _profile(
     structure: Structure, data: Sequence[Dataset], theta: Array, earlier: Profile | None = None
 ) -> Profile:
     """How likely disturbances are near theta.
@@ -182,7 +185,7 @@ def _profiled(
     tau = time_constant(structure, theta)
     noise = earlier.disturbance if earlier else None
     while True:
-        near = linearised(structure, data, theta, noise)
+        near = linearise(structure, data, theta, noise)
         found = profile(near, tau, float(np.log(noise.ratio)) if noise else None)
         longest = [longest_block(noise, tau, record) for record in data]
         finer = [longest_block(found.disturbance, tau, record) for record in data]
@@ -194,7 +197,7 @@ def _profiled(
         noise = found.disturbance
 
 
-def _weighed(
+def _choose_blocks(
     structure: Structure, data: Sequence[Dataset], theta: Array, found: Profile
 ) -> tuple[Blocks, ...]:
     """The blocks of samples that the parameters are found from: short enough that it doesn't matter where they begin."""
@@ -232,25 +235,24 @@ def with_innovations(
     ]
     each = of_each_sample(disturbance, [record.residual for record in records], data, moving)
     return tuple(
-        replace(record, innovations=whitened(record.residual, record.data, slides, each))
+        replace(record, innovations=whiten(record.residual, record.data, slides, each))
         for record, slides in zip(records, moving, strict=True)
     ), each
 
 
-def _told(found: Profile, data: Dataset) -> Finding:
+def _finding(found: Profile, data: Dataset) -> Finding:
     unit = f"{data.position_unit}/s"
     low, high = found.wander
     if found.likelihood_ratio <= THRESHOLD:
         return info(
             "disturbance-not-found",
-            "Nothing shows that a random torque moves the motor: a model with one explains the data no better than chance would, "
-            f"so output_error would do. (Likelihood ratio {max(found.likelihood_ratio, 0.0):.3g}, limit {THRESHOLD}.)",
+            "The data show no random torque: including one improves the fit no more than chance would, so output_error is "
+            f"enough. (Likelihood ratio {number(max(found.likelihood_ratio, 0.0), 3)}, limit {THRESHOLD}.)",
         )
     return info(
         "disturbance-found",
-        f"Something moves the motor at random: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "
-        f"{high:.2g}) beside what the input does, more than chance would make it seem. The intervals allow for it "
-        "(estimator prediction_error); without that they would be too narrow. "
-        f"(Likelihood ratio {found.likelihood_ratio:.3g}, limit {THRESHOLD}.)",
+        f"A random torque acts on the motor: its speed wanders by {found.disturbance.wander:.2g} {unit} ({low:.2g} to "
+        f"{high:.2g}) around the model's, more than chance explains. The intervals allow for it (estimator prediction_error). "
+        f"(Likelihood ratio {number(found.likelihood_ratio, 3)}, limit {THRESHOLD}.)",
         parameters=("gain", "time_constant"),
     )

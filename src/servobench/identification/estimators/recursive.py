@@ -12,17 +12,17 @@ from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, refusal
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
 from servobench.identification.estimators.disturbance import Disturbance
-from servobench.identification.estimators.output_error import simulated
+from servobench.identification.estimators.output_error import simulate_record
 from servobench.identification.estimators.prediction_error import with_innovations
 from servobench.identification.estimators.recursion.bank import Likeliest
-from servobench.identification.estimators.recursion.beginning import (
+from servobench.identification.estimators.recursion.motion import NOTHING, Motion, Samples, possible
+from servobench.identification.estimators.recursion.start import (
     SETTLED,
     Setting,
-    begun,
-    gone_through,
+    run_through,
+    start_motion,
     start_state,
 )
-from servobench.identification.estimators.recursion.motion import NOTHING, Motion, Samples, possible
 from servobench.identification.estimators.recursion.whiteness import is_white
 from servobench.identification.models.base import STRUCTURES, Model, Structure
 from servobench.identification.models.first_order import FirstOrder
@@ -97,12 +97,12 @@ class Recursive:
         if self._kept is not None:
             self._kept.append(samples)
         residual = np.empty(0) if self._motion is None else self._follow(self._motion, samples)
-        self.behind = self._waiting_for_more()
+        self.behind = self._samples_to_wait()
         if self.samples >= self._next:
             self.look_again()
         return residual
 
-    def _waiting_for_more(self) -> int:
+    def _samples_to_wait(self) -> int:
         if self._waiting is not None:
             return sum(len(each.t) for each in self._waiting)
         return 0 if self._motion is None else len(self._motion.pending.t)
@@ -136,10 +136,10 @@ class Recursive:
         """Begin again with all samples so far: where the estimate is, or where output error finds it in twice as many."""
         found, now = None, self._now()
         if now is None or len(samples.t) >= 2 * self._fresh:
-            found = begun(self.setting, samples)
+            found = start_motion(self.setting, samples)
             self._fresh = len(samples.t) if found is not None else self._fresh
         if found is None and now is not None and self._motion is not None:
-            found = gone_through(self.setting, samples, now, self._motion.friction, self._motion)
+            found = run_through(self.setting, samples, now, self._motion.friction, self._motion)
         if found is not None:
             self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
         self._kept = [samples]
@@ -261,8 +261,11 @@ class RecursiveFit:
     """
 
     abilities = Abilities(
-        method="follows the motor sample by sample, with filters for random torques of many sizes side by side; runs live too",
-        noise="a random torque on the motor, and white noise of the measurement; both levels are found",
+        method=(
+            "follows the motor sample by sample with a bank of filters for random torques of different "
+            "sizes; also runs live"
+        ),
+        noise="a random torque on the motor and white measurement noise; estimates both levels",
         interval="covers under a random torque, and at any time while the motor runs",
         position=True,
         speed=False,
@@ -280,12 +283,12 @@ class RecursiveFit:
         if not isinstance(structure, FirstOrder):
             return refusal(
                 "estimator-unsuited",
-                "recursive follows first-order motors only; prediction_error can do others.",
+                "recursive takes first-order motors only; prediction_error takes others.",
             )
         if not all(is_plain(record) or record.chain.linear for record in data):
             return refusal(
                 "estimator-unsuited",
-                "recursive works on a plain position; output_error can work behind a chain.",
+                "recursive works on an unfiltered position; output_error can use data behind a chain.",
             )
         return hindrance("recursive", self.abilities, structure, data)
 
@@ -296,16 +299,16 @@ class RecursiveFit:
         lacking = self.supports(structure, data)
         if lacking is not None or not isinstance(structure, FirstOrder):
             raise NotIdentifiable(
-                lacking.sentence.rstrip(".") if lacking else "recursive follows first-order motors only"
+                lacking.sentence.rstrip(".") if lacking else "recursive takes first-order motors only"
             )
-        live = _followed(structure, data, starts)
+        live = _follow_records(structure, data, starts)
         found, disturbance = live.estimate(), live.disturbance
         if not found or disturbance is None or live.covariance is None:
             raise NotIdentifiable(
-                "the samples don't tell gain and time constant to half of their size: record for longer"
+                "the samples don't determine gain and time constant to within half their size: record for longer"
             )
         theta = np.array([found[parameter.name][0] for parameter in structure.parameters])
-        own = [simulated(structure, theta, record).nuisance for record in data]
+        own = [simulate_record(structure, theta, record).nuisance for record in data]
         records, disturbance = with_innovations(structure, data, np.concatenate([theta, *own]), disturbance)
         return Fit(
             model=Model(structure=structure, theta=theta, data=data[0]),
@@ -323,7 +326,9 @@ class RecursiveFit:
 ESTIMATORS.member("recursive")(RecursiveFit())
 
 
-def _followed(structure: FirstOrder, data: Sequence[Dataset], starts: Sequence[Array] | None) -> Recursive:
+def _follow_records(
+    structure: FirstOrder, data: Sequence[Dataset], starts: Sequence[Array] | None
+) -> Recursive:
     """What followed all records to their ends."""
     own = len(structure.parameters) + len(structure.nuisance(data[0]))
     live = Recursive(

@@ -47,7 +47,7 @@ class Cycle:
 
         if (self.places == np.arange(len(self.places))).all():  # nothing is missing
             return slice(self.length, None), slice(None, -self.length)
-        now = kernels.met(self.places, self.places + self.length)
+        now = kernels.find_places(self.places, self.places + self.length)
         before = np.flatnonzero(now >= 0)
         return now[before], before
 
@@ -109,7 +109,7 @@ def _alike_from_start(one: Array, other: Array) -> bool:
     return power > 0 and float(now @ before) > _REPEATS * power
 
 
-def folded(scores: Array, cycle: Cycle) -> Array:
+def fold(scores: Array, cycle: Cycle) -> Array:
     """Return scores (M, P) summed over the periods, a row for each place in the period of which there is a sample."""
     from servobench.identification.estimators import kernels
 
@@ -141,12 +141,12 @@ def _alike(u: Array, places: NDArray[np.int64], shifts: NDArray[np.int64], near:
     """Those of the shifts after which a few samples of the input are as they were, as far as there are any."""
     last = int(np.searchsorted(places, places[-1] - (places[-1] + 1) // 2, side="right")) - 1
     probes = np.linspace(0, last, _PROBES).astype(int)[:, None]
-    later, met = _found(places, places[probes] + shifts)
+    later, met = _find_places(places, places[probes] + shifts)
     alike = ((np.abs(u[later] - u[probes]) <= near) | ~met).all(axis=0)
     return np.asarray(shifts[alike], dtype=np.int64)
 
 
-def _found(
+def _find_places(
     places: NDArray[np.int64], wanted: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """The samples at the places that are wanted, and whether there is one."""

@@ -9,7 +9,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, refusal, warning
 from servobench.identification.estimators.base import ESTIMATORS, Abilities, Fit, hindrance
-from servobench.identification.estimators.output_error import best_minimum, fitted
+from servobench.identification.estimators.output_error import best_minimum, fit_minimum
 from servobench.identification.models.base import Structure
 from servobench.identification.models.rational import Rational
 from servobench.recordings.measurement.dataset import Dataset
@@ -28,8 +28,11 @@ class Srivc:
     """
 
     abilities = Abilities(
-        method="regression with refined instruments and filters, then Gauss-Newton with the delay; no start values",
-        noise="white noise of the measurement; unbiased for coloured noise too, while the loop is open",
+        method=(
+            "regression with refined instruments and filters, then Gauss-Newton with the delay; needs no "
+            "start values"
+        ),
+        noise="white measurement noise; in open loop also unbiased for coloured noise",
         interval="covers; allows for coloured residuals",
         position=True,
         speed=True,
@@ -53,7 +56,7 @@ class Srivc:
         lacking = self.supports(structure, data)
         if lacking is not None:
             raise NotIdentifiable(lacking.sentence.rstrip("."))
-        fit = fitted(structure, data, best_minimum(structure, data, starts or structure.guesses(data)))
+        fit = fit_minimum(structure, data, best_minimum(structure, data, starts or structure.guesses(data)))
         return replace(fit, estimator="srivc", findings=(*fit.findings, *_in_a_loop(data)))
 
 
@@ -67,8 +70,8 @@ def not_rational(name: str, structure: Structure) -> Finding | None:
     names = ", ".join(parameter.name for parameter in structure.parameters)
     return refusal(
         "estimator-unsuited",
-        f"{name} works on rational structures (rational_2_1, rational_1_0_integrator_delay); this one has {names}; "
-        "output_error can fit it.",
+        f"{name} fits rational structures only (rational_2_1, rational_1_0_integrator_delay), and this one has "
+        f"{names}; output_error can fit it.",
     )
 
 
@@ -78,6 +81,6 @@ def _in_a_loop(data: Sequence[Dataset]) -> list[Finding]:
     return [
         warning(
             "loop-closed",
-            "The data have a reference, so the input was made from the output: coloured noise biases srivc then; take clsrivc.",
+            "The data have a reference, so the loop was closed and coloured noise biases srivc. Use clsrivc.",
         )
     ]

@@ -26,8 +26,8 @@ ESTIMATORS.member("step_63")(
         time_to_63,
         Abilities(
             method="reads the time to 63.2 % of each step of the speed; gain and offset from the steady values",
-            noise="little, as it isn't modelled; the measurement's lag is taken for the motor's",
-            interval="scatter between steps only; knows nothing of the bias that the chain makes",
+            noise="little: noise isn't modelled, and the measurement's lag is counted as the motor's",
+            interval="scatter between steps only; doesn't include the chain's bias",
             position=False,
             speed=True,
             chain=False,
@@ -46,9 +46,9 @@ ESTIMATORS.member("step_63_corrected")(
         "step_63_corrected",
         time_to_63,
         Abilities(
-            method="reads like step_63, and gives the motor that reads the same when simulated through the measurement chain",
-            noise="little, as it isn't modelled",
-            interval="scatter between steps only; knows nothing of an error common to all of them",
+            method="finds the motor that gives step_63's reading when simulated through the measurement chain",
+            noise="little: noise isn't modelled",
+            interval="scatter between steps only; doesn't include an error common to all of them",
             position=True,
             speed=True,
             chain=True,

@@ -21,7 +21,7 @@ from servobench.identification.estimators.steps import (
     TEXTBOOK,
     Readings,
     Rule,
-    left_out_told,
+    omission_text,
     read_step,
     read_steps,
     textbook_speed,
@@ -49,7 +49,7 @@ class StepReading:
 
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
         """Return a refusal for a structure that isn't a first-order motor without friction."""
-        return unsuited(self.name, replace(self.abilities, position=True, chain=True), structure, data)
+        return refuse_data(self.name, replace(self.abilities, position=True, chain=True), structure, data)
 
     def fit(
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
@@ -77,7 +77,7 @@ class CorrectedReading:
 
     def supports(self, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
         """Return a refusal for a structure that isn't a first-order motor without friction."""
-        return unsuited(self.name, self.abilities, structure, data)
+        return refuse_data(self.name, self.abilities, structure, data)
 
     def fit(
         self, structure: Structure, data: Sequence[Dataset], starts: Sequence[Array] | None = None
@@ -90,7 +90,7 @@ class CorrectedReading:
         return _with(found, *_correction_told(data, float(readings.mean[1]), float(values[1])))
 
 
-def unsuited(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
+def refuse_data(name: str, can: Abilities, structure: Structure, data: Sequence[Dataset]) -> Finding | None:
     """Return a refusal for what a reading of steps can't work on, None where it can."""
     lacking = hindrance(name, can, structure, data)
     if lacking is not None:
@@ -120,7 +120,7 @@ def read_alike(
     free = [0, 1] if readings.through_standstill else [0, 1, 2]
     values, slope = wanted.copy(), np.eye(3)
     for _ in range(_ROUNDS):
-        here = _simulated_reading(structure, data, readings, rule, values)
+        here = _reading_of_simulation(structure, data, readings, rule, values)
         slope = _slope(structure, data, readings, rule, values)
         if not (np.isfinite(here).all() and np.isfinite(slope).all()):
             break
@@ -134,8 +134,8 @@ def read_alike(
         if np.all(np.abs(change) <= _SAME * _scale(readings, values)):
             return values, slope
     raise NotIdentifiable(
-        f"no motor reads like these data behind their measurement chain: {wanted[1]:.3g} s are read, which the chain alone may "
-        "take; record the position, or a speed that is filtered less, or take output_error"
+        f"no motor gives this reading behind the measurement chain: it is {wanted[1]:.3g} s, which the chain alone "
+        "may take. Record the position or a less filtered speed, or use output_error"
     )
 
 
@@ -154,7 +154,7 @@ def _slope(
         width = 1e-4 * float(_scale(readings, values)[n])
         side = np.eye(3)[n] * width
         after, before = (
-            _simulated_reading(structure, data, readings, rule, values + sign * side) for sign in (1, -1)
+            _reading_of_simulation(structure, data, readings, rule, values + sign * side) for sign in (1, -1)
         )
         slope[:, n] = (after - before) / (2 * width)
     return slope
@@ -181,7 +181,7 @@ def _theta(structure: Structure, values: Array) -> Array:
     )
 
 
-def _simulated_reading(
+def _reading_of_simulation(
     structure: Structure, data: Sequence[Dataset], readings: Readings, rule: Rule, values: Array
 ) -> Array:
     """The mean of the same steps, read off the response of a motor with those values (3,).
@@ -211,7 +211,7 @@ def _fit(
     theta = _theta(structure, values)
     spread = _spread(readings, slope)
     names = [parameter.name for parameter in structure.parameters]
-    place = [names.index("gain"), names.index("time_constant"), *_lost(names)]
+    place = [names.index("gain"), names.index("time_constant"), *_friction_places(names)]
     covariance = np.diag(np.full(len(names), np.inf))
     covariance[np.ix_(place, place)] = spread
     records = _records(structure, data, theta)
@@ -230,7 +230,7 @@ def _fit(
     )
 
 
-def _lost(names: Sequence[str]) -> list[int]:
+def _friction_places(names: Sequence[str]) -> list[int]:
     return [n for n, name in enumerate(names) if name in {"coulomb_voltage", "offset_voltage"}]
 
 
@@ -283,25 +283,29 @@ def _remarks(name: str, readings: Readings, data: Sequence[Dataset]) -> list[Fin
         found.append(
             info(
                 "speed-derived",
-                f"{name} needs a speed, so the position was differenced and put through 50/(s + 50), as textbooks do. That "
-                "lags by 20 ms and half a sample, and makes noise of the encoder's rounding; an estimator that works on the "
-                "position has neither.",
+                f"{name} needs a speed, so the position was differenced and filtered with 50/(s + 50), as textbooks "
+                "do. That adds a lag of 20 ms and half a sample and amplifies the encoder's rounding; an estimator "
+                "that uses the position avoids both.",
                 parameters=("time_constant",),
             )
         )
     if n < _FEWEST:
-        sentence = f"{n} step(s) could be read; it takes {_FEWEST} for a scatter, so there are no intervals."
+        sentence = f"{n} step(s) could be read; a scatter needs {_FEWEST}, so there are no intervals."
         found.append(warning("scatter-unknown", sentence, parameters=("gain", "time_constant")))
     else:
-        sentence = f"{n} steps were read; the intervals are their scatter, which knows nothing of an error common to all."
+        sentence = (
+            f"{n} steps were read; the intervals are their scatter and don't include an error common to all."
+        )
         found.append(info("intervals-from-scatter", sentence, parameters=("gain", "time_constant")))
-    found.append(info("delay-not-read", f"{name} reads no delay: it is held at zero.", parameters=("delay",)))
+    found.append(
+        info("delay-not-read", f"{name} reads no delay: it is fixed at zero.", parameters=("delay",))
+    )
     if readings.left_out:
-        found.append(info("steps-left-out", _sentence(f"not read: {left_out_told(readings.left_out)}")))
+        found.append(info("steps-left-out", _sentence(f"not read: {omission_text(readings.left_out)}")))
     if readings.through_standstill:
         sentence = (
-            "The steps begin, end or pass at rest, where friction acts differently: what it takes is read as a lower gain. Steps "
-            "between two speeds in the same direction would show it."
+            "The steps start, end or pass at rest, where friction acts differently, so friction is read as a lower "
+            "gain. Record steps between two speeds in the same direction."
         )
         found.append(warning("friction-in-the-gain", sentence, parameters=("gain", "time_constant")))
     return found
@@ -314,8 +318,8 @@ def _lag_told(name: str, data: Sequence[Dataset], read: float, true: float) -> l
         return []
     chains = sorted({_chain_text(record) for record in data})
     sentence = (
-        f"The measurement chain ({' or '.join(chains)}) is in the reading: a motor of {true:.4g} s reads {read:.4g} s here, "
-        f"{100 * lag:+.2g} %. {name}_corrected takes that out."
+        f"The measurement chain ({' or '.join(chains)}) is part of the reading: a motor of {true:.4g} s reads "
+        f"{read:.4g} s here, {100 * lag:+.2g} %. {name}_corrected removes that."
     )
     told = warning if abs(lag) >= _LARGE else info
     return [told("chain-in-the-reading", sentence, parameters=("time_constant",))]
@@ -324,8 +328,8 @@ def _lag_told(name: str, data: Sequence[Dataset], read: float, true: float) -> l
 def _correction_told(data: Sequence[Dataset], read: float, true: float) -> list[Finding]:
     chains = sorted({_chain_text(record) for record in data})
     sentence = (
-        f"{read:.4g} s were read; a motor of {true:.4g} s, simulated and measured in the same way ({' or '.join(chains)}), reads "
-        "the same."
+        f"{read:.4g} s was read; a motor of {true:.4g} s, simulated and measured in the same way "
+        f"({' or '.join(chains)}), reads the same."
     )
     return [info("reading-corrected", sentence, parameters=("time_constant",))]
 

@@ -156,21 +156,21 @@ def read_steps(data: Sequence[Dataset], rule: Rule) -> Readings:
     steps = [step for n, record in enumerate(data) for step in input_steps(record, n)]
     if not steps:
         raise NotIdentifiable(
-            "the input has no steps to read: it never jumps from one level to another and holds that; record a square wave, or "
-            "take output_error, which works with any input"
+            "the input has no steps to read: it never jumps to another level and stays there. Record a square wave, "
+            "or use output_error, which takes any input"
         )
     speeds = [textbook_speed(record.y, record) for record in data]
     good, left_out = [], []
     for step in steps:
         t, speed = data[step.record].t_output, speeds[step.record]
         value = read_step(step, t, speed, rule)
-        why = _hindered(step, t, speed, value)
+        why = _obstacle(step, t, speed, value)
         if why:
             left_out.append((step, why))
         else:
             good.append((step, value, _one_way(step, t, speed)))
     if not good:
-        raise NotIdentifiable(f"{left_out_told(left_out)}; {_advice(left_out, data, speeds)}")
+        raise NotIdentifiable(f"{omission_text(left_out)}; {_advice(left_out, data, speeds)}")
     chosen = [each for each in good if each[2]] or good
     values = np.array([value if one_way else [*value[:2], np.nan] for _, value, one_way in chosen])
     return Readings(steps=tuple(step for step, _, _ in chosen), values=values, left_out=tuple(left_out))
@@ -181,12 +181,12 @@ def _between(t: Array, start: float, end: float) -> slice:
     return slice(int(np.searchsorted(t, start)), int(np.searchsorted(t, end, side="right")))
 
 
-def _hindered(step: Step, t: Array, speed: Array, value: Array) -> str:
+def _obstacle(step: Step, t: Array, speed: Array, value: Array) -> str:
     """Why a step can't be read, empty where it can."""
     before, after = step.steady(t, speed)
     scatter = max(float(before.std()), float(after.std()))
     if abs(float(after.mean() - before.mean())) < _CLEAR * scatter:
-        return "can't be told from the scatter of the speed"
+        return "can't be distinguished from the scatter of the speed"
     if not np.isfinite(value).all() or value[1] <= 0:
         return "can't be read from so few samples"
     return "" if step.held >= _SETTLED * value[1] else "did not settle"
@@ -198,7 +198,7 @@ def _one_way(step: Step, t: Array, speed: Array) -> bool:
     return first * last > 0.02 * max(abs(first), abs(last)) ** 2
 
 
-def left_out_told(left_out: Sequence[tuple[Step, str]]) -> str:
+def omission_text(left_out: Sequence[tuple[Step, str]]) -> str:
     """Return what became of steps that couldn't be read, with the times of the first few; without a full stop."""
     sentences = []
     for why in dict.fromkeys(why for _, why in left_out):
@@ -217,7 +217,7 @@ def _advice(left_out: Sequence[tuple[Step, str]], data: Sequence[Dataset], speed
     if np.isfinite(tau):
         wait = f"for about {_SETTLED * tau:.2g} s, five time constants"
     now = f"the longest was held for {step.held:.3g} s"
-    return f"hold each level {wait} ({now}), or take output_error, which needs no steady values"
+    return f"hold each level {wait} ({now}), or use output_error, which needs no steady values"
 
 
 def apparent_time_constant(step: Step, t: Array, speed: Array) -> float:

@@ -23,8 +23,8 @@ from servobench.core.channels import Array
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.disturbance import Disturbance, Trial
-from servobench.identification.estimators.prediction_error import PredictionError, linearised
-from servobench.identification.estimators.second_weighing import SOURCE as NOISE_MODEL
+from servobench.identification.estimators.misfit_covariance import SOURCE as NOISE_MODEL
+from servobench.identification.estimators.prediction_error import PredictionError, linearise
 from servobench.identification.estimators.sizes import WEAK, sizes
 
 SOURCE: Final = "random torque not seen"
@@ -43,20 +43,20 @@ def with_unseen_torque(fit: Fit) -> Fit:
     first_order = {"gain", "time_constant"} <= set(fit.model.names)
     if tried or not first_order or PredictionError().supports(structure, data) is not None:
         return fit
-    covariance = beyond(fit.covariance + _added(fit), fit.covariance)
-    reason = "a random torque that is too small to be seen moves the parameters by more than the rounding of an encoder does"
-    return fit.widened(Contribution(source=SOURCE, covariance=covariance, reason=reason))
+    covariance = beyond(fit.covariance + _extra_covariance(fit), fit.covariance)
+    reason = "a random torque too small to be seen shifts the parameters by more than encoder rounding does"
+    return fit.widen(Contribution(source=SOURCE, covariance=covariance, reason=reason))
 
 
-def _added(fit: Fit) -> Array:
+def _extra_covariance(fit: Fit) -> Array:
     """What the mixture has more than the covariance without a torque (P, P)."""
     data = [record.data for record in fit.records]
     structure, tau, shared = fit.model.structure, fit.model["time_constant"], len(fit.model.theta)
     speed = abs(fit.model["gain"]) * max(float(np.abs(record.u).max(initial=0.0)) for record in data)
     q = 2.0 * (_LEVELS * speed) ** 2 / tau  # the speed wanders by √(q τ / 2)
-    r = linearised(structure, data, fit.vector, None).under(tau, 0.0).variance
+    r = linearise(structure, data, fit.vector, None).under(tau, 0.0).variance
     finest = Disturbance(tau=tau, ratio=float(q[-1] / r), variance=r)
-    near = replace(linearised(structure, data, fit.vector, finest), prior=r / (WEAK * sizes(fit)) ** 2)
+    near = replace(linearise(structure, data, fit.vector, finest), prior=r / (WEAK * sizes(fit)) ** 2)
     none = near.under(tau, 0.0)
     ratios = q / none.variance
     trials = [none, *(near.under(tau, float(ratio)) for ratio in ratios)]

@@ -57,22 +57,22 @@ class Trend:
 _SIGNATURES: Mapping[str, tuple[tuple[float, float, float], str]] = {
     "resistance": (
         (0, 1, 1),
-        "the resistance changed: time constant and Coulomb voltage move together, and the gain stays",
+        "the resistance changed: time constant and Coulomb voltage change together, and the gain stays",
     ),
-    "inertia": ((0, 1, 0), "the inertia changed: only the time constant moves"),
+    "inertia": ((0, 1, 0), "the inertia changed: only the time constant changes"),
     "torque constant": (
         (-1, -2, -1),
-        "the torque constant changed, as a magnet's does that warms: the time constant moves twice as much as the gain",
+        "the torque constant changed, as when a magnet warms: the time constant changes twice as much as the gain",
     ),
     "Coulomb friction": ((0, 0, 1), "the friction changed: gain and time constant stay"),
-    "viscous friction": ((-1, -1, 0), "the viscous friction changed: gain and time constant move together"),
+    "viscous friction": ((-1, -1, 0), "the viscous friction changed: gain and time constant change together"),
     "encoder scale": (
         (1, 0, 0),
-        "the scale of the encoder changed, or a belt slips: only the gain moves",
+        "the scale of the encoder changed, or a belt slips: only the gain changes",
     ),
     "supply": (
         (1, 0, -1),
-        "the supply or the amplifier's gain changed: gain and Coulomb voltage move against each other",
+        "the supply or the amplifier's gain changed: gain and Coulomb voltage change in opposite directions",
     ),
 }
 

@@ -93,7 +93,7 @@ def scatter(name: str, unit: str, values: Sequence[float], sds: Sequence[float],
         ratio=float(np.sqrt(q / freedom)),
         ratio_interval=(ends[0], ends[1]),
         between=between,
-        covered=_covered(y, s),
+        covered=_count_covered(y, s),
         differs=differs,
         mean=centre,
         interval=(centre - half, centre + half),
@@ -123,7 +123,7 @@ def paule_mandel(y: Array, s: Array) -> float:
     return float(np.sqrt(high))
 
 
-def _covered(y: Array, s: Array) -> int:
+def _count_covered(y: Array, s: Array) -> int:
     """How many values are within 1.96 stated standard deviations of the mean of the others, whose own is counted in."""
     count = 0
     for n in range(len(y)):

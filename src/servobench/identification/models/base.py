@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Literal, Protocol, TypeAlias, runtime_checkable
+from typing import Literal, Protocol, TypeAlias, get_args, runtime_checkable
 
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.core.registry import Registry
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -103,7 +104,7 @@ class Structure(Protocol):
 
 
 @runtime_checkable
-class Simulating(Protocol):
+class Simulator(Protocol):
     """A structure that can predict without derivatives, which is much faster where the input changes at each sample."""
 
     def simulate(self, theta: Array, data: Dataset, u: Array) -> Array:
@@ -114,6 +115,12 @@ class Simulating(Protocol):
 STRUCTURES: Registry[Structure] = Registry(
     "model structure", "servobench.identification.models", "servobench.models"
 )
+
+
+def check_output(output: str) -> None:
+    """Raise `UsageError` where a name is none of an output of the shaft."""
+    if output not in get_args(Output):
+        raise UsageError(f"output is {output!r}; expected 'position' or 'speed'")
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -139,7 +146,11 @@ class Model:
         return tuple(parameter.unit_in(self.data) for parameter in self.structure.parameters)
 
     def transfer_function(self, output: Output = "speed") -> TransferFunction:
-        """Return the linear part as a transfer function from the input to the speed or the position."""
+        """Return the linear part as a transfer function from the input to the speed or the position.
+
+        Raises `UsageError` for another output.
+        """
+        check_output(output)
         return self.structure.transfer_function(self.theta, output, self.data)
 
     def simulate(self, data: Dataset, nuisance: Array, u: Array | None = None) -> Array:
@@ -147,14 +158,14 @@ class Model:
 
         `u` (N,) is an input in place of the dataset's own, at the same times.
         """
-        return simulated(self.structure, np.concatenate([self.theta, nuisance]), data, u)
+        return simulate_output(self.structure, np.concatenate([self.theta, nuisance]), data, u)
 
 
-def simulated(structure: Structure, theta: Array, data: Dataset, u: Array | None = None) -> Array:
+def simulate_output(structure: Structure, theta: Array, data: Dataset, u: Array | None = None) -> Array:
     """Return what a structure predicts (M,) for theta (P + Q,), without derivatives where it can do without them.
 
     `u` (N,) is an input in place of the dataset's own, at the same times.
     """
-    if isinstance(structure, Simulating):
+    if isinstance(structure, Simulator):
         return structure.simulate(theta, data, data.u if u is None else u)
     return structure.predict(theta, data if u is None else replace(data, u=u, reference=None)).y

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from servobench.identification.models.base import Parameter
 
-GAIN = Parameter(name="gain", meaning="steady speed for each unit of input", unit="{position}/(s·{input})")
+GAIN = Parameter(name="gain", meaning="steady speed per unit of input", unit="{position}/(s·{input})")
 
 
 TIME_CONSTANT = Parameter(
@@ -14,7 +14,7 @@ TIME_CONSTANT = Parameter(
 
 COULOMB = Parameter(
     name="coulomb_voltage",
-    meaning="input that friction takes, whichever way the motor turns",
+    meaning="input needed to overcome friction, in either direction",
     unit="{input}",
     lower=0.0,
 )
@@ -22,12 +22,14 @@ COULOMB = Parameter(
 
 ONE_WAY = Parameter(
     name="coulomb_voltage",
-    meaning="input that friction and offset take while the motor turns this way",
+    meaning="input needed to overcome friction and offset in this direction",
     unit="{input}",
 )
 
 
-OFFSET = Parameter(name="offset_voltage", meaning="input at which the motor gets no torque", unit="{input}")
+OFFSET = Parameter(
+    name="offset_voltage", meaning="input at which the motor produces no torque", unit="{input}"
+)
 
 
-DELAY = Parameter(name="delay", meaning="time from a change of the input until it acts", unit="s")
+DELAY = Parameter(name="delay", meaning="time from a change of the input to its effect", unit="s")

@@ -33,7 +33,7 @@ def rests_at_first(data: Dataset) -> bool:
 
     Under one level from the first sample on, a shaft that sets off stands for a few samples, too: see `stands_at_first`.
     """
-    stood = _stood(data)
+    stood = _standstill_time(data)
     changes = data.t_input[1:][data.u[1:] != data.u[0]]
     return stands_at_first(data) and len(changes) > 0 and bool(changes[0] <= data.t_output[0] + stood)
 
@@ -48,10 +48,10 @@ def stands_at_first(data: Dataset) -> bool:
         return False
     if data.kind == "speed":
         return bool(np.abs(data.y[:_FEW]).max() <= noise and _top_speed(data) > _CLEAR * noise)
-    return _top_speed(data) * _stood(data) > _FAR * noise
+    return _top_speed(data) * _standstill_time(data) > _FAR * noise
 
 
-def _stood(data: Dataset) -> float:
+def _standstill_time(data: Dataset) -> float:
     """How long [s] the output stays where it begins; 0 for one that never leaves."""
     away = np.flatnonzero(np.abs(data.y - np.median(data.y[:_FEW])) > noise_of(data))
     return float(data.t_output[away[0]] - data.t_output[0]) if len(away) else 0.0
@@ -64,6 +64,6 @@ def _margin(record: Dataset) -> float:
 
 
 def _top_speed(data: Dataset) -> float:
-    from servobench.identification.models.motion import smoothed_speed
+    from servobench.identification.models.motion import smooth_speed
 
-    return float(np.percentile(np.abs(smoothed_speed(data)), 95))
+    return float(np.percentile(np.abs(smooth_speed(data)), 95))

@@ -36,7 +36,7 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
-from servobench.identification.models.reversals import Switching, unresolved
+from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -74,7 +74,7 @@ class FirstOrder:
         linear = (kernels.GAIN, kernels.OFFSET, kernels.COULOMB)
         return np.array(sorted(c for c in self.columns.tolist() if c in linear))
 
-    def having(self, parameters: tuple[Parameter, ...]) -> Self:
+    def with_parameters(self, parameters: tuple[Parameter, ...]) -> Self:
         """Return the motor with other parameters."""
         return replace(self, parameters=parameters)
 
@@ -112,14 +112,14 @@ class FirstOrder:
         if not self.friction:
             return tuple(found)
         if is_held(data):
-            found += self._held(data, guesses[0][0])
+            found += self._guess_dead_zone(data, guesses[0][0])
         return tuple(
             guess
             for moving in found
-            for guess in beside_rest(moving, self._still(moving, data), self._lost_speed(moving))
+            for guess in beside_rest(moving, self._still(moving, data), self._friction_speed(moving))
         )
 
-    def _held(self, data: Sequence[Dataset], lowest: float) -> list[Array]:
+    def _guess_dead_zone(self, data: Sequence[Dataset], lowest: float) -> list[Array]:
         """Guess as if of a shaft behind a dead zone; with an offset voltage only where that costs less than `lowest`."""
         from servobench.identification.models.search import guess_behind_dead_zone
 
@@ -140,7 +140,7 @@ class FirstOrder:
 
         if self.friction:
             moving = np.concatenate([theta, start_guess(self, theta, data)])
-            return tuple(beside_rest(moving, self._still(moving, [data]), self._lost_speed(moving)))
+            return tuple(beside_rest(moving, self._still(moving, [data]), self._friction_speed(moving)))
         check_moves(data, len(self.parameters))
         own = np.zeros(len(self.nuisance(data)))
         own[0] = data.y[0]
@@ -156,7 +156,7 @@ class FirstOrder:
             at += len(own)
         return np.array(places, dtype=np.int64)
 
-    def _lost_speed(self, theta: Array) -> float:
+    def _friction_speed(self, theta: Array) -> float:
         """The speed that friction takes, K u_c."""
         value = dict(zip((parameter.name for parameter in self.parameters), theta, strict=False))
         return abs(float(value["gain"] * value["coulomb_voltage"]))
@@ -239,7 +239,7 @@ class FirstOrder:
         """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
         if not self.friction:
             return np.empty((len(data.y), 0))
-        return unresolved(self._switching(theta, data), data)
+        return switching_errors(self._switching(theta, data), data)
 
     def _switching(self, theta: Array, data: Dataset) -> Switching:
         """What reversals need to know."""

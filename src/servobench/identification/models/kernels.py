@@ -41,7 +41,7 @@ _SAME = 1e-13  # of τ: lengths that are nearer have the same e^(-h/τ), as good
 
 
 @compiled
-def sliding(p: Array, v: float, w: float, friction: float) -> tuple[float, float]:
+def slip_state(p: Array, v: float, w: float, friction: float) -> tuple[float, float]:
     """Return the sense of sliding (±1, or 0 at rest) and the speed it tends to, for an input v and a speed w."""
     e = v - p[OFFSET]
     if friction == 0.0:
@@ -59,7 +59,7 @@ def sliding(p: Array, v: float, w: float, friction: float) -> tuple[float, float
 @compiled
 def slope(p: Array, v: float, w: float, friction: float) -> float:
     """Return dω/dt for an input v at a speed w."""
-    sense, end = sliding(p, v, w, friction)
+    sense, end = slip_state(p, v, w, friction)
     return (end - w) / p[TAU] if sense != 0.0 else 0.0
 
 
@@ -73,7 +73,7 @@ def at_start(p: Array) -> Array:
 
 
 @compiled
-def held_before(t_in: Array, u: Array, u_before: float, delay: float, t: float) -> tuple[int, float]:
+def first_input(t_in: Array, u: Array, u_before: float, delay: float, t: float) -> tuple[int, float]:
     """Return which input is the first to act at t [s] or later, and the value that holds until then."""
     k, v = 0, u_before
     while k < len(u) and t_in[k] + delay < t:
@@ -83,10 +83,12 @@ def held_before(t_in: Array, u: Array, u_before: float, delay: float, t: float) 
 
 
 @compiled
-def driven(x: Array, p: Array, v: float, friction: float, now: float, until: float) -> tuple[float, bool]:
+def drive_piece(
+    x: Array, p: Array, v: float, friction: float, now: float, until: float
+) -> tuple[float, bool]:
     """Fill the last two rows of a piece for an input v; return when it ends, `until` or at a stop, and whether it stops."""
     w = x[RATE, RESPONSE]
-    sense, end = sliding(p, v, w, friction)
+    sense, end = slip_state(p, v, w, friction)
     if sense == 0.0:
         # A shaft that sticks forgets how it came to rest.
         for c in range(COLUMNS + 1):
@@ -97,11 +99,11 @@ def driven(x: Array, p: Array, v: float, friction: float, now: float, until: flo
     x[END, COULOMB] = -abs(p[GAIN]) * sense * friction
     x[END, RESPONSE] = end
     x[EXTRA, TAU] = w - end
-    return stopping(w, end, p[TAU], friction, now, until)
+    return stop_time(w, end, p[TAU], friction, now, until)
 
 
 @compiled
-def stopping(
+def stop_time(
     w: float, end: float, tau: float, friction: float, now: float, until: float
 ) -> tuple[float, bool]:
     """Return when a piece ends, `until` or at a stop, and whether it stops; its speed is w at `now` and tends to `end`."""
@@ -123,7 +125,7 @@ def weights(a: float, h: float, tau: float, speed_out: float) -> tuple[float, fl
 
 
 @compiled
-def passed(
+def advance_piece(
     x: Array, p: Array, v: float, following: float, friction: float, h: float, b: float, stops: bool
 ) -> None:
     """Move a piece on by h to its end, and across the event there: a stop, or a change of the input from v to `following`.
@@ -169,7 +171,7 @@ def response(
     """
     tau, delay, now, last = p[TAU], p[DELAY], t_out[0], t_out[-1]
     x = at_start(p)
-    k, v = held_before(t_in, u, u_before, delay, now)
+    k, v = first_input(t_in, u, u_before, delay, now)
     row = RATE if speed_out != 0.0 else ANGLE
     y[0] = x[row, RESPONSE]
     for n in range(len(columns)):
@@ -180,7 +182,7 @@ def response(
         while k < len(u) and u[k] == v:
             k += 1
         until = min(t_in[k] + delay, last) if k < len(u) else last
-        until, stops = driven(x, p, v, friction, now, until)
+        until, stops = drive_piece(x, p, v, friction, now, until)
         a, before = 1.0, now
         while m < len(t_out) and t_out[m] <= until:
             d = t_out[m] - before
@@ -199,7 +201,7 @@ def response(
             h = until - now
             if abs(h - h_last) > _SAME * tau:
                 h_last, b = h, -math.expm1(-h / tau)
-            passed(x, p, v, following, friction, h, b, stops)
+            advance_piece(x, p, v, following, friction, h, b, stops)
             k += 0 if stops else 1
             now, v = until, following
 
@@ -218,7 +220,7 @@ def motion(
     """Fill y (M,) as `response` does, without any derivative: a fifth of the work where the input changes at each sample."""
     tau, delay, now, last = p[TAU], p[DELAY], t_out[0], t_out[-1]
     th, w = p[POSITION], p[SPEED]
-    k, v = held_before(t_in, u, u_before, delay, now)
+    k, v = first_input(t_in, u, u_before, delay, now)
     y[0] = w if speed_out != 0.0 else th
     m = 1
     d_last, factor, h_last, b = -1.0, 1.0, -1.0, 0.0
@@ -226,10 +228,10 @@ def motion(
         while k < len(u) and u[k] == v:
             k += 1
         until = min(t_in[k] + delay, last) if k < len(u) else last
-        sense, end = sliding(p, v, w, friction)
+        sense, end = slip_state(p, v, w, friction)
         if sense == 0.0:
             w = 0.0
-        until, stops = stopping(w, end, tau, friction, now, until)
+        until, stops = stop_time(w, end, tau, friction, now, until)
         a, before = 1.0, now
         while m < len(t_out) and t_out[m] <= until:
             d = t_out[m] - before
@@ -266,7 +268,7 @@ def normal(
     """Return [J r]'[J r] (C + 1, C + 1), r = y - response, without ever holding J; the arguments are those of `response`."""
     tau, delay, now, last = p[TAU], p[DELAY], t_out[0], t_out[-1]
     x = at_start(p)
-    k, v = held_before(t_in, u, u_before, delay, now)
+    k, v = first_input(t_in, u, u_before, delay, now)
     total = np.zeros((COLUMNS + 1, COLUMNS + 1))
     one = x[RATE if speed_out != 0.0 else ANGLE].copy()
     one[RESPONSE] = y[0] - one[RESPONSE]
@@ -277,7 +279,7 @@ def normal(
         while k < len(u) and u[k] == v:
             k += 1
         until = min(t_in[k] + delay, last) if k < len(u) else last
-        until, stops = driven(x, p, v, friction, now, until)
+        until, stops = drive_piece(x, p, v, friction, now, until)
         if m + _FEW < len(t_out) and t_out[m + _FEW] <= until:
             m = add_piece(total, x, t_out, y, m, now, until, tau, speed_out)
         while m < len(t_out) and t_out[m] <= until:
@@ -295,10 +297,10 @@ def normal(
             h = until - now
             if abs(h - h_last) > _SAME * tau:
                 h_last, b = h, -math.expm1(-h / tau)
-            passed(x, p, v, following, friction, h, b, stops)
+            advance_piece(x, p, v, following, friction, h, b, stops)
             k += 0 if stops else 1
             now, v = until, following
-    return chosen(total, columns)
+    return select_columns(total, columns)
 
 
 @compiled
@@ -357,7 +359,7 @@ def add_sample(total: Array, one: Array) -> None:
 
 
 @compiled
-def chosen(total: Array, columns: NDArray[np.int64]) -> Array:
+def select_columns(total: Array, columns: NDArray[np.int64]) -> Array:
     """Return the symmetric matrix (C + 1, C + 1) of those columns and of the response, from an upper triangle."""
     out = np.empty((len(columns) + 1, len(columns) + 1))
     for i in range(len(out)):
@@ -404,7 +406,7 @@ def separable_moments(
                 free[m] = free[m - 1] * decay[m]
             if len(sense):
                 respond(t_sense, sense, 0, sense[0], 0.0, t_out, tau, decay, braked)
-        k, v = held_before(t_in, u, u_before, delay, t_out[0])
+        k, v = first_input(t_in, u, u_before, delay, t_out[0])
         respond(t_in, u, k, v, delay, t_out, tau, decay, driven)
         row = RATE if speed_out != 0.0 else ANGLE
         for c in range(len(columns)):
@@ -463,13 +465,13 @@ def respond(
         if k < len(u) and t_in[k] + delay < until:
             th, w, v, k = over_changes(th, w, v, k, t_in, u, delay, now, until, tau)
         else:
-            th, w = held_on(th, w, v, until - now, tau, decay[m])
+            th, w = hold_step(th, w, v, until - now, tau, decay[m])
         now = until
         x[ANGLE, m], x[RATE, m] = th, w
 
 
 @compiled
-def held_on(th: float, w: float, v: float, h: float, tau: float, a: float) -> tuple[float, float]:
+def hold_step(th: float, w: float, v: float, h: float, tau: float, a: float) -> tuple[float, float]:
     """Return angle and speed after h with an input v, for K = 1 and no friction; a = e^(-h/τ)."""
     g = tau * (1.0 - a)
     return th + g * w + (h - g) * v, a * w + (1.0 - a) * v
@@ -488,18 +490,18 @@ def over_changes(
     until: float,
     tau: float,
 ) -> tuple[float, float, float, int]:
-    """Return angle, speed, input and the number of the next input at `until`, across the changes before, as `held_on` does."""
+    """Return angle, speed, input and the number of the next input at `until`, across the changes before, as `hold_step` does."""
     while k < len(u) and t_in[k] + delay < until:
         h = t_in[k] + delay - now
-        th, w = held_on(th, w, v, h, tau, math.exp(-h / tau))
+        th, w = hold_step(th, w, v, h, tau, math.exp(-h / tau))
         now, v = now + h, u[k]
         k += 1
-    th, w = held_on(th, w, v, until - now, tau, math.exp((now - until) / tau))
+    th, w = hold_step(th, w, v, until - now, tau, math.exp((now - until) / tau))
     return th, w, v, k
 
 
 @compiled
-def lagged(u: Array, before: float, decays: Array) -> Array:
+def lag_input(u: Array, before: float, decays: Array) -> Array:
     """Return inputs u (N,) behind a first-order lag, at their times, from a settled start; decays (N - 1,) are e^(-h/τ)."""
     out = np.empty(len(u))
     out[0] = before
@@ -509,7 +511,7 @@ def lagged(u: Array, before: float, decays: Array) -> Array:
 
 
 @compiled
-def separated(moments: Array, shared: int, costs: Array, linear: Array) -> None:
+def separate_costs(moments: Array, shared: int, costs: Array, linear: Array) -> None:
     """Fill costs (T,) and linear (T, S + R O) with the least-squares solutions that moments (R, T, S + O + 1, ...) stand for.
 
     Each of R records has [A y]'[A y] at each of T points; the first S columns of A are shared, the next O its own, zero where a

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.recordings.measurement.dataset import Dataset
 
 _MOVING = 0.05  # of the largest speed: below it the shaft may as well stand
@@ -30,7 +30,7 @@ def single_level(records: Sequence[Dataset]) -> float | None:
 
 def _while_moving(record: Dataset) -> Array:
     """The input at those samples of the output at which the shaft moves."""
-    speed = np.abs(smoothed_speed(record))
+    speed = np.abs(smooth_speed(record))
     return np.asarray(
         record.input_at_output[speed > _MOVING * float(speed.max(initial=0.0))], dtype=np.float64
     )

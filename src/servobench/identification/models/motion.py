@@ -20,7 +20,7 @@ _BACK = 0.1  # of the way: a position that comes back as far turned round
 
 def directions(data: Dataset) -> Array:
     """Return the direction of motion at each output sample, -1, 0 or 1, from the smoothed speed, shape (M,)."""
-    speed = smoothed_speed(data)
+    speed = smooth_speed(data)
     scale = float(np.percentile(np.abs(speed), 95))
     return np.where(np.abs(speed) > 0.02 * scale, np.sign(speed), 0.0)
 
@@ -44,7 +44,7 @@ def _senses(data: Dataset) -> Array:
     return np.where(found * forward > 0.0, found, 0.0)
 
 
-def smoothed_speed(data: Dataset) -> Array:
+def smooth_speed(data: Dataset) -> Array:
     """Return a speed for orientation only, in the unit of the position a second, shape (M,).
 
     A position is differenced over the shortest span in which a step of the encoder is below a twentieth of the motion.
@@ -80,6 +80,6 @@ def check_moves(data: Dataset, parameters: int) -> None:
         )
     if np.ptp(data.y) == 0:
         raise NotIdentifiable(
-            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the wheel was blocked, the encoder "
-            "isn't connected, or another column was meant; record the motor while it turns"
+            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
+            "the encoder isn't connected, or it's the wrong column; record the motor while it turns"
         )

@@ -43,7 +43,7 @@ class Switching:
     states: Callable[[Array], tuple[Array, Array]]
 
 
-def unresolved(motor: Switching, data: Dataset) -> Array:
+def switching_errors(motor: Switching, data: Dataset) -> Array:
     """Return the unresolved errors as columns (M, E) of unit variance, in the output unit of the data."""
     lag = min(motor.delay, 0.5 * data.sample_time)
     when, size = _events(motor, lag, data) if lag > 0 else (np.empty(0), np.empty(0))

@@ -82,7 +82,7 @@ class Separable(Structure, Protocol):
         """Where those parameters stand that the output is linear in, given the direction of motion: (S,), ascending."""
         ...
 
-    def having(self, parameters: tuple[Parameter, ...]) -> Self:
+    def with_parameters(self, parameters: tuple[Parameter, ...]) -> Self:
         """Return the same structure with other parameters."""
         ...
 
@@ -105,7 +105,7 @@ def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tup
     Where the cost has several minima along τ that come near each other, each of them gives a guess (3 at the most).
     Raises `NotIdentifiable` where the output doesn't move or there are too few samples.
     """
-    records, found = _searched(structure, data)
+    records, found = _search(structure, data)
     # A step of the input at the very first sample has no derivative by a delay of exactly zero.
     least = 0.1 * min(record.sample_time for record in data)
     return [
@@ -115,7 +115,7 @@ def separable_guesses(structure: Separable, data: Sequence[Dataset]) -> list[tup
     ]
 
 
-def _searched(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
+def _search(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Record], list[_Trial]]:
     """The records, and the best trial of each valley along τ, the lowest first."""
     for record in data:
         check_moves(record, len(structure.parameters))
@@ -123,12 +123,10 @@ def _searched(structure: Separable, data: Sequence[Dataset]) -> tuple[list[_Reco
     step, points = max(record.sample_time for record in data), _on_a_grid(data)
     ratio = points[1, 0] / points[0, 0]
     trials = _trials(structure, records, points)
-    found = [_refined(structure, records, trial, step, ratio) for trial in _valleys(trials)]
+    found = [_refine(structure, records, trial, step, ratio) for trial in _valleys(trials)]
     found.sort(key=lambda trial: trial.cost)
     if not found or not np.isfinite(found[0].cost):
-        raise NotIdentifiable(
-            "no first-order model comes near these data; look at them with `servobench inspect`"
-        )
+        raise NotIdentifiable("no first-order model fits these data; look at them with `servobench inspect`")
     return records, found
 
 
@@ -185,7 +183,7 @@ def _valleys(trials: _Trials) -> list[_Trial]:
     return [trials.one(int(n)) for n in low[np.argsort(trials.costs[low])][:3]]
 
 
-def _refined(
+def _refine(
     structure: Separable, records: Sequence[_Record], trial: _Trial, step: float, ratio: float
 ) -> _Trial:
     """The best of a trial and its neighbours in τ and d, `step` the sample time and `ratio` that of the grid of τ."""
@@ -235,7 +233,7 @@ def _record(structure: Separable, data: Dataset) -> _Record:
     from servobench.identification.models.records import is_plain
 
     sense = directions(data) if structure.friction else np.empty(0)
-    return _Plain.of(structure, data, sense) if is_plain(data) else _Chained(structure, data, sense)
+    return _Plain.of(structure, data, sense) if is_plain(data) else _ChainedRecord(structure, data, sense)
 
 
 @dataclass(frozen=True, eq=False)
@@ -297,7 +295,7 @@ class _Plain:
 
 
 @dataclass(frozen=True, eq=False)
-class _Chained:
+class _ChainedRecord:
     """A record behind a measurement chain, through which each column goes."""
 
     structure: Separable
@@ -315,7 +313,7 @@ class _Chained:
 
     def _columns(self, tau: float, delay: float) -> Array:
         """A and y beside each other."""
-        unit, data = self.structure.having((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
+        unit, data = self.structure.with_parameters((GAIN, TIME_CONSTANT, OFFSET, DELAY)), self.data
         theta = np.zeros(len(unit.parameters) + len(unit.nuisance(data)))
         theta[:4] = (1.0, tau, 0.0, delay)
         plain = unit.predict(theta, data)
@@ -351,7 +349,7 @@ def _trials(structure: Separable, records: Sequence[_Record], points: Array) -> 
         into[:, -1, :own], into[:, -1, -1] = m[:, -1, :-1], m[:, -1, -1]
     linear = np.empty((len(points), shared + len(records) * (width - shared - 1)))
     costs = np.empty(len(points))
-    kernels.separated(joint, shared, costs, linear)
+    kernels.separate_costs(joint, shared, costs, linear)
     costs[(linear[:, 0] == 0) | ~np.isfinite(costs)] = np.inf
     return _Trials(points, costs, linear)
 

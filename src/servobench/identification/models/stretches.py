@@ -51,7 +51,7 @@ def stretches_of_motion(records: Sequence[Dataset]) -> tuple[tuple[Dataset, ...]
         parts = _stretches(data)
         found += parts or (data,)
         if parts:
-            findings.append(_told(data, parts))
+            findings.append(_finding(data, parts))
     return tuple(found), findings
 
 
@@ -136,14 +136,13 @@ def _jumps(x: Array, at: int) -> bool:
     return bool(np.ptp(before) <= _STANDS * steps[0] and steps[0] >= _AT_ONCE * steps.max())
 
 
-def _told(data: Dataset, parts: Sequence[Dataset]) -> Finding:
+def _finding(data: Dataset, parts: Sequence[Dataset]) -> Finding:
     share = sum(len(part.y) for part in parts) / len(data.y)
     # In trials of eight loops with ten motors each, 77 of 80 intervals of the gain held the truth under a random torque, and 75
     # of 80 without one, but 7 of 10 in the worst loop, where the same steps bring the same counts: until more are run, it's said.
     return warning(
         "rests-left-out",
-        f"{data.name}: the shaft stands or creeps near its set point in {100 * (1 - share):.0f} % of the record. When friction "
-        "lets it slip there is chance, and the controller's voltage an answer to it, so only the "
-        f"{len(parts)} stretches in which the shaft moves were fitted. The intervals may be too narrow; a run in open loop "
-        "tells more.",
+        f"{data.name}: the shaft stands or creeps near its set point in {100 * (1 - share):.0f} % of the record. "
+        f"When it slips is random, and the controller responds to that, so only the {len(parts)} stretches in which "
+        "the shaft moves were fitted. The intervals may be too narrow; record a run in open loop.",
     )

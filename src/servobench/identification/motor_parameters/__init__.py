@@ -11,5 +11,5 @@ for which there are as many motors as there are resistances. What tells them apa
 from a measured current, from a stalled shaft (ω = 0), or a value that somebody states.
 """
 
-from servobench.identification.motor_parameters.combined import MotorEstimates as MotorEstimates
-from servobench.identification.motor_parameters.combined import motor_parameters as motor_parameters
+from servobench.identification.motor_parameters.combination import MotorEstimates as MotorEstimates
+from servobench.identification.motor_parameters.combination import motor_parameters as motor_parameters

@@ -19,7 +19,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.identification.estimators.base import Fit, FittedRecord
-from servobench.identification.estimators.covariance import conservative, inverse, sandwiched
+from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.grid import grid_step
@@ -71,7 +71,7 @@ def current_line(fit: Fit, theta: Array, lag: float) -> CurrentLine | None:
     spread = float(np.var(y))
     return CurrentLine(
         coefficients=beta,
-        covariance=conservative(variance * bread, sandwiched(bread, scores))
+        covariance=conservative(variance * bread, sandwich_from_bread(bread, scores))
         + _rounding(x, bread, step, variance),
         samples=len(y),
         explained=1.0 - float(np.var(residual)) / spread if spread > 0 else 0.0,
@@ -89,14 +89,14 @@ def doubts(line: CurrentLine | None) -> Finding | None:
     if line.explained < _EXPLAINED:
         return info(
             "current-not-the-armatures",
-            f"The measured current follows voltage and speed badly ({100 * line.explained:.0f} % of it is explained), so it "
-            "isn't used: it may be the supply's current rather than the armature's, or another motor's.",
+            f"The measured current isn't used: voltage and speed explain only {100 * line.explained:.0f} % of it. "
+            "It may be the supply's current instead of the armature's, or another motor's.",
         )
     if not (line.coefficients[0] > 0 and line.coefficients[1] > 0):
         return info(
             "current-not-the-armatures",
-            "The measured current falls with the voltage, or rises with the speed, so it isn't used: its sign is turned "
-            "round, or it isn't this motor's.",
+            "The measured current falls with the voltage, or rises with the speed, so it isn't used: its sign is "
+            "inverted, or it isn't this motor's.",
         )
     return None
 
@@ -130,13 +130,13 @@ def _rows(fit: Fit, record: FittedRecord, theta: Array, lag: float, settled: flo
     data = record.data
     if data.current is None:
         return np.empty((0, 3)), np.empty(0)
-    held, voltage = _held(data, settled + data.delay)
+    held, voltage = _hold_mask(data, settled + data.delay)
     use = np.flatnonzero(held & np.isfinite(data.current) & (data.t_output - lag > data.t_output[0]))
     speed = _speed(fit, record, theta, data.t_output[use] - lag)
     return np.column_stack([voltage[use], -speed, np.ones(len(use))]), data.current[use]
 
 
-def _held(data: Dataset, settled: float) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Array]:
+def _hold_mask(data: Dataset, settled: float) -> tuple[np.ndarray[tuple[int], np.dtype[np.bool_]], Array]:
     """Whether the input has held for that time [s] at each sample of the output (M,), and its value (M,) just before it."""
     step = _TOLERANCE * data.sample_time
     before = np.concatenate([[data.input_before], data.u[:-1]])

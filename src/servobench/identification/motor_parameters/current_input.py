@@ -26,9 +26,8 @@ def about_current_input(fit: Fit) -> list[Finding]:
     relative = float(np.sqrt(max(slope @ fit.covariance[np.ix_(places, places)] @ slope, 0.0)))
     ratio = gain / tau
     sentence = (
-        "The input is a current, so there is no back-emf in the model: the time constant is J/b and the gain k/b, much longer "
-        "and larger than those of the same motor driven by a voltage. Their ratio k/J = "
-        f"{ratio:.4g} ± {TWO_SIDED * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit}) is what "
-        "such data tell best."
+        "The input is a current, so the model has no back-emf: the time constant is J/b and the gain k/b, much "
+        "larger than for the same motor driven by a voltage. Such data determine their ratio best: k/J = "
+        f"{ratio:.4g} ± {TWO_SIDED * relative * abs(ratio):.2g} {data.position_unit}/(s²·{data.input_unit})."
     )
     return [info("input-is-a-current", sentence, parameters=("gain", "time_constant"))]

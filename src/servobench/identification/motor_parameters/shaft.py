@@ -10,12 +10,13 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
+from servobench.core.parameter_names import parameter_in_words
 from servobench.identification.estimators.base import Fit
 from servobench.identification.motor_parameters.current import current_line, doubts, has_current
-from servobench.identification.motor_parameters.observed import Law, Motor, Observed, nothing, stiffness
+from servobench.identification.motor_parameters.observation import Law, Motor, Observation, nothing, stiffness
 
 
-def shaft_and_current(fit: Fit) -> Observed:
+def shaft_and_current(fit: Fit) -> Observation:
     """Return what the fit and the current of its records tell; nothing, with a finding, where the structure isn't a motor's."""
     hindrance = _hindrance(fit)
     if hindrance:
@@ -31,7 +32,7 @@ def shaft_and_current(fit: Fit) -> Observed:
         spread[-2:, -2:] += line.covariance[:2, :2]
     if not (np.isfinite(values).all() and np.isfinite(spread).all() and (np.diag(spread) > 0).all()):
         return nothing(_not_told("the model isn't known well enough; the other findings say why"))
-    return Observed(
+    return Observation(
         laws=_laws(fit, used),
         values=values,
         covariance=spread,
@@ -47,9 +48,9 @@ def _hindrance(fit: Fit) -> Finding | None:
     elif data.input_unit != "V" or data.position_unit != "rad":
         why = f"they need data in V and rad, and these are in {data.input_unit} and {data.position_unit}"
     elif not fit.model["gain"] > 0:
-        why = "the gain isn't positive: turn the sign of the input or of the output round"
+        why = "the gain isn't positive: invert the sign of the input or of the output"
     elif _unknown(fit):
-        why = f"the {_unknown(fit)} isn't known to better than a half of itself"
+        why = f"the {_unknown(fit)} isn't known to within half its value"
     else:
         return None
     return _not_told(why)
@@ -58,7 +59,7 @@ def _hindrance(fit: Fit) -> Finding | None:
 def _unknown(fit: Fit) -> str:
     """The gain or the time constant, where it isn't known; empty otherwise."""
     vague = [name for name in ("gain", "time_constant") if not fit[name].sd < 0.5 * abs(fit[name].value)]
-    return vague[0].replace("_", " ") if vague else ""
+    return parameter_in_words(vague[0]) if vague else ""
 
 
 def _not_told(why: str) -> Finding:
@@ -120,7 +121,7 @@ def _laws(fit: Fit, with_current: bool) -> tuple[Law, ...]:
     if "coulomb_voltage" in names and fit.model["coulomb_voltage"] > 0:
         laws.append(lambda m: m["coulomb_torque"] * m["resistance"] / m["motor_constant"])
     if "electrical_time_constant" in names:
-        laws.append(_winding)
+        laws.append(_winding_lag)
     if with_current:
         laws += [lambda m: 1.0 / m["resistance"], lambda m: m["motor_constant"] / m["resistance"]]
     return tuple(laws)
@@ -132,7 +133,7 @@ def _both_lags(motor: Motor) -> float:
     return (motor["inertia"] * motor["resistance"] + drag) / stiffness(motor)
 
 
-def _winding(motor: Motor) -> float:
+def _winding_lag(motor: Motor) -> float:
     """τ τ₂/(τ + τ₂) = J L/(J R + L b), what a second-order fit calls electrical time constant."""
     j, l = motor["inertia"], motor["inductance"]
     return j * l / (j * motor["resistance"] + l * motor["viscous_friction"])

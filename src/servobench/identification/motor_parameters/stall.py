@@ -12,8 +12,8 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
-from servobench.identification.estimators.covariance import conservative, inverse, sandwiched
-from servobench.identification.motor_parameters.observed import Observed, nothing
+from servobench.identification.estimators.covariance import conservative, inverse, sandwich_from_bread
+from servobench.identification.motor_parameters.observation import Observation, nothing
 from servobench.recordings.measurement.dataset import Dataset
 
 _LEAST = 10  # samples
@@ -26,14 +26,14 @@ def is_stalled(data: Dataset) -> bool:
     return bool(np.ptp(data.y) <= allowed and np.any(data.u != 0) and data.current is not None)
 
 
-def stall(records: Sequence[Dataset]) -> Observed:
+def stall(records: Sequence[Dataset]) -> Observation:
     """Return what records of a stalled shaft, with their currents, tell of the resistance.
 
     A record of a shaft that moves, in other units than V, or without a current, is left out, and a finding says so.
     """
-    findings = [_left_out(data) for data in records if not (is_stalled(data) and data.input_unit == "V")]
+    findings = [_omission(data) for data in records if not (is_stalled(data) and data.input_unit == "V")]
     used = [data for data in records if is_stalled(data) and data.input_unit == "V"]
-    rows = [_settled(data) for data in used]
+    rows = [_steady_samples(data) for data in used]
     if sum(len(i) for _, i in rows) < _LEAST:
         return nothing(*findings)
     voltage, current = (np.concatenate(part) for part in zip(*rows, strict=True))
@@ -50,7 +50,7 @@ def stall(records: Sequence[Dataset]) -> Observed:
     if not slope > 2 * sd:
         return nothing(*findings, _no_current())
     # The line is i = V/R - ..., as the noise is the current's.
-    return Observed(
+    return Observation(
         laws=(lambda motor: 1.0 / motor["resistance"],),
         values=np.array([slope]),
         covariance=np.array([[sd**2]]),
@@ -59,7 +59,7 @@ def stall(records: Sequence[Dataset]) -> Observed:
     )
 
 
-def _settled(data: Dataset) -> tuple[Array, Array]:
+def _steady_samples(data: Dataset) -> tuple[Array, Array]:
     """Voltage and current of a record where the voltage has held for long enough and isn't zero."""
     changes = data.t_input[data.u != np.concatenate([[data.input_before], data.u[:-1]])]
     # A sample at the instant of a change is left out: microseconds decide which of the two voltages its current belongs to.
@@ -81,24 +81,24 @@ def _slope(x: Array, y: Array, lengths: Sequence[int]) -> tuple[float, float]:
     residual = y - x @ beta
     plain = float(residual @ residual) / max(len(y) - x.shape[1], 1) * bread
     scores = np.split(x * residual[:, None], np.cumsum(lengths)[:-1])
-    return float(beta[0]), float(np.sqrt(conservative(plain, sandwiched(bread, scores))[0, 0]))
+    return float(beta[0]), float(np.sqrt(conservative(plain, sandwich_from_bread(bread, scores))[0, 0]))
 
 
-def _left_out(data: Dataset) -> Finding:
+def _omission(data: Dataset) -> Finding:
     if data.current is None:
         why = "it has no measured current"
     elif data.input_unit != "V":
         why = f"its input is in {data.input_unit}, not in V"
     else:
-        why = "its shaft moves, or there is no voltage"
+        why = "its shaft moves, or its voltage is zero"
     return info("stall-unused", f"{data.name}: not used as a record of a stalled shaft, as {why}.")
 
 
 def _one_level(voltage: float) -> Finding:
     return info(
         "stall-of-one-voltage",
-        f"The shaft was stalled at {voltage:g} V only, so the resistance holds what the brushes take; a second voltage would "
-        "tell the two apart.",
+        f"The shaft was stalled at {voltage:g} V only, so the resistance includes the brushes' voltage drop; a "
+        "second voltage would separate the two.",
         parameters=("resistance",),
     )
 

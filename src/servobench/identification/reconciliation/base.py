@@ -33,9 +33,10 @@ class Question:
     its author do, or have, that the data haven't? Of a `data sheet` its figures stand before and those of the data after: what
     does the motor have that the sheet doesn't know? `covariance` (D, D) is that of the `difference`, in the order of `names`.
     `fit` is the fit of the data, `motor` the data sheet where there is one, `friction` R b/k² where it can be known. `method`
-    is how the claim was found, where that is said, and `readings` are what such methods read off these very data. `known_lag`
-    is what a measurement's lag adds to the time constant [s] where the measurement is known, `lags` what it would add behind
-    filters of several cut-offs where it isn't; neither where there can't be any.
+    is how the claim was found, where that is said, and `readings` are what such methods
+    read off these data. `known_lag` is what a measurement's lag adds to the time
+    constant [s] where the measurement is known, `lags` what it would add behind filters
+    of several cut-offs where it isn't; neither where there can't be any.
     """
 
     origin: Origin
@@ -156,7 +157,7 @@ class Cause(Protocol):
         """Return the shift (D,) that a size makes."""
         ...
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """Return a size in words."""
         ...
 
@@ -164,7 +165,7 @@ class Cause(Protocol):
         """Return a size as briefly as the end of an interval is written."""
         ...
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Return the experiment that would show whether it has this size."""
         ...
 

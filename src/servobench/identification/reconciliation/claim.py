@@ -8,6 +8,7 @@ from decimal import Decimal
 from typing import Literal, TypeAlias
 
 from servobench.core.errors import UnitError, UnknownName, UsageError
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.units import quantity
 
 Claimed: TypeAlias = Literal["gain", "time_constant"]
@@ -50,9 +51,8 @@ class Claim:
             raise UsageError(f"claim {text!r}: expected NAME=VALUE, such as tau=0.13, tau=130ms or gain=23.8")
         if name.strip() in _NOT_EXPLAINED:
             raise UsageError(
-                f"claim {text!r}: causes are known for a gain and a time constant only; hold a claimed "
-                f"{name.strip().replace('_', ' ')} against its interval, and against what the findings say of it, with "
-                "`servobench identify`"
+                f"claim {text!r}: only a gain or a time constant can be explained; compare a claimed "
+                f"{parameter_in_words(name.strip())} with its interval and the findings from `servobench identify`"
             )
         if name.strip() not in _SPELLINGS:
             raise UnknownName("parameter to claim", name.strip(), _SPELLINGS)
@@ -66,14 +66,15 @@ class Claim:
             raise UsageError(f"claim {text!r}: {error}") from None
         if not (value > 0 or (known == "gain" and value != 0)):
             raise UsageError(
-                f"claim {text!r}: a {known.replace('_', ' ')} of {value:g} is none; expected {_EXPECTED[known]}"
+                f"claim {text!r}: a {parameter_in_words(known)} of {value:g} isn't possible; expected "
+                f"{_EXPECTED[known]}"
             )
         if len(bounds) > 1 or not half > 0:
             raise UsageError(f"claim {text!r}: expected one ± and a number above 0 behind it")
         return cls(name=known, value=value, half_width=half, text=text.strip())
 
 
-def written_half_width(value: float) -> float:
+def last_digit_half_width(value: float) -> float:
     """Return half a unit of the last digit that a number of a data sheet was written with; two digits are the fewest."""
     if value == 0:
         return 0.0

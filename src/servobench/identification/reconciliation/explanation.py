@@ -8,9 +8,9 @@ from typing import Any
 from servobench.core.finding import Finding, Verdict
 from servobench.core.json_numbers import finite
 from servobench.identification.reconciliation.base import Decision, Name, Origin
-from servobench.identification.reconciliation.judging import Judged, Share, Size
+from servobench.identification.reconciliation.judgement import JudgedCause, Share, Size
+from servobench.identification.reconciliation.probabilities import Hypothesis
 from servobench.identification.reconciliation.readings import Reading
-from servobench.identification.reconciliation.weighing import Hypothesis
 
 SCHEMA = "servobench.why/1"
 
@@ -57,14 +57,14 @@ class Explanation:
     """What methods read off the same data."""
     nearest: Reading | None = None
     """The reading that comes nearest to the claim."""
-    causes: tuple[Judged, ...] = ()
+    causes: tuple[JudgedCause, ...] = ()
     hypotheses: tuple[Hypothesis, ...] = ()
     alike: tuple[str, ...] = ()
     decision: Decision | None = None
     """The experiment that decides about the first cause; None where none is possible."""
     sentences: tuple[str, ...] = ()
 
-    def __getitem__(self, name: str) -> Judged:
+    def __getitem__(self, name: str) -> JudgedCause:
         """Return what there is to say about the cause of that name."""
         return next(each for each in self.causes if each.name == name)
 
@@ -127,7 +127,7 @@ def _reading(each: Reading) -> dict[str, Any]:
     }
 
 
-def _cause(each: Judged) -> dict[str, Any]:
+def _cause(each: JudgedCause) -> dict[str, Any]:
     return {
         "name": each.name,
         "label": each.label,

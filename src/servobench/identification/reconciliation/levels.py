@@ -15,19 +15,19 @@ _LOST = (
 )  # and what friction takes in one direction, coulomb_voltage_forward
 
 
-def lost_input(question: Question) -> float:
+def input_loss(question: Question) -> float:
     """Return the input that friction, offset and dead band take according to the fit; 0 where it knows none for certain."""
     found = [question.fit[name] for name in question.fit.model.names if name.startswith(_LOST)]
     sure = [estimate.value for estimate in found if abs(estimate.value) > 2 * estimate.sd]
     return float(max(sure, default=0.0))
 
 
-def lost_share(question: Question) -> Array | None:
+def loss_shares(question: Question) -> Array | None:
     """Return the part of the input that is lost, at levels from the lowest to the highest at which the motor turned (n,).
 
     None where nothing is lost.
     """
-    lost = lost_input(question)
+    lost = input_loss(question)
     if lost <= 0:
         return None
     inputs = np.concatenate([np.abs(record.data.u) for record in question.fit.records])

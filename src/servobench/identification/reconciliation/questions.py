@@ -11,11 +11,12 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.estimate import Estimate
+from servobench.core.parameter_names import parameter_in_words
 from servobench.identification.estimators.base import ESTIMATORS, Fit
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.reconciliation.base import Name, Question
-from servobench.identification.reconciliation.claim import Claim, written_half_width
-from servobench.identification.reconciliation.reenactment import fitted_lags, read_lags, reenacted
+from servobench.identification.reconciliation.claim import Claim, last_digit_half_width
+from servobench.identification.reconciliation.reenactment import lags_of_fit, read_lags, reenact
 from servobench.rig.motor.parameters import MotorParameters
 
 _UNIFORM = 1 / math.sqrt(3)  # the standard deviation of what is spread evenly over ± 1
@@ -41,7 +42,7 @@ def about_claims(
     before = _figures(fit)
     after: dict[str, float] = {claim.name: abs(claim.value) for claim in claims}
     rounding = [_UNIFORM * claim.half_width / abs(claim.value) for claim in claims]
-    readings = reenacted(
+    readings = reenact(
         fit, (method,) if method else ("step_63", "log_linear", "rise_time", "arx", "output_error")
     )
     first = method or "step_63"
@@ -79,7 +80,7 @@ def about_sheet(fit: Fit, motor: MotorParameters) -> Question:
     nominal = nominal_values(motor)
     lags = None
     if unknown and fit.estimator not in _READINGS:
-        lags = fitted_lags(fit, nominal["gain"], nominal["time_constant"])
+        lags = lags_of_fit(fit, nominal["gain"], nominal["time_constant"])
     return Question(
         origin="data sheet",
         names=names,
@@ -89,7 +90,7 @@ def about_sheet(fit: Fit, motor: MotorParameters) -> Question:
         fit=fit,
         motor=motor,
         friction=motor.resistance * motor.viscous_friction / motor.motor_constant**2,
-        known_lag=_left_in(fit) if fit.estimator in _READINGS else None,
+        known_lag=_remaining_lag(fit) if fit.estimator in _READINGS else None,
         lags=lags,
     )
 
@@ -108,7 +109,7 @@ def sheet_covariance(motor: MotorParameters, names: Sequence[Name]) -> Array:
     columns = []
     for name in written:
         value = float(getattr(motor, name))
-        half = written_half_width(value)
+        half = last_digit_half_width(value)
         if value <= 0 or half < 0.5 * 10 ** (math.floor(math.log10(value)) - _FEW_DIGITS + 1):
             continue
         above, below = (
@@ -144,13 +145,13 @@ def _check(fit: Fit, names: Sequence[Name]) -> None:
     for name in {"gain", "time_constant", *names}:
         if name not in fit.model.names:
             raise UsageError(
-                f"the structure {fit.structure} has no {name.replace('_', ' ')}; take first_order, or auto"
+                f"the structure {fit.structure} has no {parameter_in_words(name)}; take first_order, or auto"
             )
     for name in names:
         if name != "delay" and not is_known(fit[name]):
             raise NotIdentifiable(
-                f"the data don't tell how well the {name.replace('_', ' ')} is known, so no difference can be weighed: take "
-                "the estimator output_error, or record more steps"
+                f"the uncertainty of the {parameter_in_words(name)} isn't known, so differences can't be judged: say what "
+                "lies between the shaft and the output with `chain=...`, or record more steps"
             )
 
 
@@ -162,7 +163,7 @@ def _check_units(fit: Fit) -> None:
         )
 
 
-def _left_in(fit: Fit) -> float | None:
+def _remaining_lag(fit: Fit) -> float | None:
     """What a reading of steps has of the measurement's lag: the reading less what its corrected sister makes of the same data.
 
     None where that finds no motor that reads so: then nothing is known of the lag.

@@ -74,7 +74,7 @@ def arx(data: Sequence[Dataset]) -> Regression:
     found = np.linalg.lstsq(x, y, rcond=None)[0]
     a, b, _ = (float(value) for value in found)
     if not 0 < a < 1:
-        raise NotIdentifiable(f"the regression gives a pole at {a:.3g}, which is no lag of first order")
+        raise NotIdentifiable(f"the regression gives a pole at {a:.3g}, which isn't a first-order lag")
     step, left = data[0].sample_time, y - x @ found
     variance = float(left @ left) / max(len(y) - 3, 1)
     slopes = np.array([[b / (1 - a) ** 2, 1 / (1 - a), 0.0], [step / (a * math.log(a) ** 2), 0.0, 0.0]])
@@ -127,9 +127,7 @@ def check_method(name: str | None) -> None:
         raise UnknownName("method to re-enact", name, METHODS)
 
 
-def reenacted(
-    fit: Fit, methods: Sequence[str] = tuple(METHODS), chain: str = TEXTBOOK
-) -> tuple[Reading, ...]:
+def reenact(fit: Fit, methods: Sequence[str] = tuple(METHODS), chain: str = TEXTBOOK) -> tuple[Reading, ...]:
     """Return what each method reads off the data behind a fit.
 
     `chain` makes a speed of data that hold a position; data that are a speed already are read as they stand.
@@ -209,13 +207,13 @@ def read_lags(fit: Fit, method: str) -> Lags | None:
     tau = fit["time_constant"].value
     found = []
     for cutoff in _CUTOFFS:
-        reading = reenacted(fit, (method,), f"derivative | lowpass {cutoff:g} rad/s")[0]
+        reading = reenact(fit, (method,), f"derivative | lowpass {cutoff:g} rad/s")[0]
         if not reading.why_not:
             found.append((cutoff, reading.time_constant - tau, 0.0))
     return _lags(found)
 
 
-def fitted_lags(fit: Fit, gain: float, time_constant: float) -> Lags | None:
+def lags_of_fit(fit: Fit, gain: float, time_constant: float) -> Lags | None:
     """Return what filters that nobody mentioned add to the time constant and the delay of a fit like this one.
 
     A motor of that gain and time constant is simulated under the same inputs, its speed filtered, and fitted as if it weren't.

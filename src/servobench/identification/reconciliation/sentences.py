@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from servobench.core.rounding import SPACE, TWO_SIDED, plain, rounded, with_unit
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import SPACE, TWO_SIDED, plain, round_value, with_unit
 from servobench.identification.reconciliation.base import CAUSES, Question, Sizes
-from servobench.identification.reconciliation.judging import Judged, Share, Size
+from servobench.identification.reconciliation.judgement import JudgedCause, Share, Size
+from servobench.identification.reconciliation.probabilities import SOMETHING_ELSE, Hypothesis
 from servobench.identification.reconciliation.reenactment import AS_RECORDED, SPOKEN
-from servobench.identification.reconciliation.weighing import SOMETHING_ELSE, Hypothesis
 
 if TYPE_CHECKING:
     from servobench.identification.reconciliation.explanation import Difference
@@ -27,22 +28,22 @@ def differences_told(differences: Sequence[Difference], question: Question) -> l
     other = "the claim is" if question.origin == "claim" else "the data sheet says"
     told = []
     for n, each in enumerate(differences):
-        name = each.name.replace("_", " ")
-        data = rounded(each.data, each.data_half, each.unit)
+        name = parameter_in_words(each.name)
+        data = round_value(each.data, each.data_half, each.unit)
         apart = abs(float(question.difference[n])) > TWO_SIDED * float(question.sd[n])
         against = with_unit(each.other, each.unit)
-        more = "which is the same within the two intervals"
+        more = "equal within the intervals"
         if apart and each.name != "delay":
             over = "more" if each.ratio > 1 else "less"
             more = f"{with_unit(abs(each.other - each.data), each.unit, 3)} or {plain(100 * abs(each.ratio - 1), 2)} % {over}"
         elif apart:
             more = f"{with_unit(abs(each.other - each.data), each.unit, 3)} {'more' if each.other > each.data else 'less'}"
-        told.append(f"The data say that the {name} is {data}; {other} {against}, {more}.")
+        told.append(f"The {name} from the data is {data}; {other} {against}, {more}.")
     return told
 
 
 def sentences(
-    question: Question, causes: Sequence[Judged], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
+    question: Question, causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
 ) -> list[str]:
     """Return what explains the difference: the first cause, what it leaves, what can't be told from it, and what is ruled out."""
     first = causes[0]
@@ -52,7 +53,8 @@ def sentences(
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
         told.append(
-            f"None of the causes that are weighed here explains it well: with {probability_told(other)} it is something else."
+            "None of the causes considered here explains it well: something else is likely "
+            f"({probability_told(other)})."
         )
     ruled_out = [each for each in causes if not each.possible]
     if ruled_out:
@@ -60,17 +62,22 @@ def sentences(
     return told  # fmt: skip
 
 
-def needed_told(size: Size) -> str:
+_OPEN = ("above ", "below ")  # an end that is beyond what was looked at
+
+
+def size_range_text(size: Size) -> str:
     """Return a size with the ends of its interval, the unit that both have written once."""
-    if not size.low:
+    if not size.low or size.low == size.high:
         return size.text
+    if size.low.startswith(_OPEN) or size.high.startswith(_OPEN):
+        return f"{size.text} ({size.low} to {size.high})"
     low, high = (end.replace(SPACE, " ").split(" ", 1) for end in (size.low, size.high))
     first = low[0] if low[1:] == high[1:] else " ".join(low)
     return f"{size.text} ({first} to {' '.join(high)})"
 
 
 def likeliest(
-    question: Question, causes: Sequence[Judged], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
+    question: Question, causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis], alike: Sequence[str]
 ) -> list[str]:
     """Return what the first cause explains, what it leaves, and what can't be told from it; nothing where none is possible."""
     first = causes[0]
@@ -79,30 +86,33 @@ def likeliest(
     return [_first(question, first), *_rest(question, first, hypotheses), *_alike(first, alike)]
 
 
-def _first(question: Question, first: Judged) -> str:
+def _first(question: Question, first: JudgedCause) -> str:
     """The most probable cause, and how much it explains."""
     lag = first.name == "measurement_lag" and question.origin == "claim"
     if lag and question.known_lag is not None:
         method = question.method or "step_63"
         reading = next(each for each in question.readings if each.method == method)
-        how = "off simulated steps of such a motor" if reading.simulated else "off these very data"
+        how = "off simulated steps of such a motor" if reading.simulated else "off these data"
         behind = reading.chain if reading.chain == AS_RECORDED else f"behind `{reading.chain}`"
         read = f"{SPOKEN[method]}, read {how} {behind}, gives {with_unit(reading.time_constant, 's')}"
         probable = probability_told(first.probability)
         return (
-            f"The likeliest cause is the lag of the measurement ({probable}): {read}, so the lag explains "
+            f"The most likely cause is the lag of the measurement ({probable}): {read}, so the lag explains "
             f"{_shares(first.explains)}."
         )
     needed = ""
     if first.needed is not None:
-        needed = f" All of it would take {needed_told(first.needed)}."
+        needed = f" The whole difference would need {size_range_text(first.needed)}."
     likely = ""
     if first.likely is not None and any(math.isfinite(each.value) for each in first.explains):
-        likely = f" Of a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
-    return f"The likeliest cause is {first.label} ({probability_told(first.probability)}). {first.law}{needed}{likely}"
+        likely = f" At a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
+    return (
+        f"The most likely cause is {first.label} ({probability_told(first.probability)}). "
+        f"{first.law}{needed}{likely}"
+    )
 
 
-def _rest(question: Question, first: Judged, hypotheses: Sequence[Hypothesis]) -> list[str]:
+def _rest(question: Question, first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> list[str]:
     """What a cause of known size leaves, and whether chance is enough for that."""
     sizes = CAUSES[first.name].sizes(question)
     if not isinstance(sizes, Sizes) or len(sizes.values) != 1 or first.likely is None:
@@ -119,23 +129,23 @@ def _rest(question: Question, first: Judged, hypotheses: Sequence[Hypothesis]) -
         sd = math.hypot(float(question.sd[n]), scatter)
         if abs(left) <= TWO_SIDED * sd:
             eye = " and a reading by eye" if scatter else ""
-            told.append(f"The {amount} that are left are no more than the claim's rounding{eye} can make.")
+            told.append(f"The remaining {amount} are within the claim's rounding{eye}.")
         else:
             besides = _besides(first, hypotheses)
             told.append(
-                f"The {amount} that are left of the {name.replace('_', ' ')} take another cause besides{besides}."
+                f"The remaining {amount} of the {parameter_in_words(name)} need another cause{besides}."
             )
     return told
 
 
-def _besides(first: Judged, hypotheses: Sequence[Hypothesis]) -> str:
+def _besides(first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> str:
     """The cause that most probably goes with the first one."""
     pairs = [each.causes for each in hypotheses if first.name in each.causes and len(each.causes) == 2]
     others = [name for name in pairs[0] if name != first.name] if pairs else []
     return f", most probably {CAUSES[others[0]].label}" if others else ""
 
 
-def _alike(first: Judged, alike: Sequence[str]) -> list[str]:
+def _alike(first: JudgedCause, alike: Sequence[str]) -> list[str]:
     if not alike:
         return []
     others = _or([CAUSES[name].label for name in alike])
@@ -144,14 +154,14 @@ def _alike(first: Judged, alike: Sequence[str]) -> list[str]:
     ]
 
 
-def _if_the_motor(causes: Sequence[Judged]) -> list[str]:
+def _if_the_motor(causes: Sequence[JudgedCause]) -> list[str]:
     """What the motor itself would have to be like."""
     sizes = [
         each.needed.text
         for each in causes
         if each.name in _OF_THE_MOTOR and each.needed is not None and not each.against
     ]
-    return [f"To be the motor's own, the claimed figure would take {_or(sizes)}."] if sizes else []
+    return [f"To be the motor's own, the claimed figure would need {_or(sizes)}."] if sizes else []
 
 
 def _shares(shares: Sequence[Share]) -> str:
@@ -163,7 +173,7 @@ def _shares(shares: Sequence[Share]) -> str:
         low, high = (100 * end for end in share.interval)
         ends = f" ({low:.0f} to {high:.0f} %)" if math.isfinite(low) and math.isfinite(high) else ""
         told.append(
-            f"{100 * share.value:.0f} %{ends} of the difference in the {share.name.replace('_', ' ')}"
+            f"{100 * share.value:.0f} %{ends} of the difference in the {parameter_in_words(share.name)}"
         )
     return " and ".join(told) or "no part that can be told"
 

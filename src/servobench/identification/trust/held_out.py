@@ -6,16 +6,18 @@ passes that.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info, warning
+from servobench.core.rounding import count_text, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
-from servobench.identification.estimators.output_error import simulated, with_start_fitted
+from servobench.identification.estimators.output_error import simulate_record, with_start_fitted
 from servobench.identification.models.motion import turns_both_ways
 from servobench.identification.result import RecordFit, Validation
 from servobench.recordings.measurement.dataset import Dataset
@@ -39,12 +41,14 @@ _BEYOND = 8.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Part:
+class Part:
     """What is left out, its name, and what is left."""
 
     name: str
     held: tuple[Dataset, ...]
+    """What is left out."""
     rest: tuple[Dataset, ...]
+    """What the model is fitted to."""
 
 
 def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> Validation | None:
@@ -55,27 +59,32 @@ def cross_validate(estimator: Estimator, data: Sequence[Dataset], fit: Fit) -> V
     without a transient isn't used, nor one of which the rest of the data says nothing. Of what is left out only
     the start states are fitted.
     """
-    how, parts = _several(data) if len(data) > 1 else _one(data[0])
+    how, parts = cuts_for_validation(data)
     held = []
     for part in parts:
-        tried = _tried(estimator, fit, part)
+        tried = _try_part(estimator, fit, part)
         if tried is not None:
             held.append(tried)
     if not held:
         return None
     records = [record for each, _ in held for record in each]
     return Validation(
-        how=how.format(n=len(held)),
+        how=how(len(held)),
         fit_percent=fit_percent(records),
         records=tuple(fitted for _, fitted in held),
     )
 
 
+def cuts_for_validation(data: Sequence[Dataset]) -> tuple[Callable[[int], str], Iterator[Part]]:
+    """Return how parts are left out, in words for a number of them, and the parts, as `cross_validate` tries them."""
+    return _several(data) if len(data) > 1 else _one(data[0])
+
+
 def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
     """Return how well the model simulates other records; only their start states are fitted."""
-    held = [simulated(fit.model.structure, fit.model.theta, record) for record in data]
+    held = [simulate_record(fit.model.structure, fit.model.theta, record) for record in data]
     return Validation(
-        how=f"simulated {len(held)} other record(s) that it wasn't fitted to",
+        how=f"simulated {count_text(len(held), 'other record')} that it wasn't fitted to",
         fit_percent=fit_percent(held),
         records=tuple(
             _record_fit(record.data.name, [record], fit, _foretold([record], fit)) for record in held
@@ -94,11 +103,12 @@ def about_validation(
         return [
             info(
                 "not-validated",
-                "Nothing could be left out to try the model on: the input would have to change in what is left out and in what "
-                "is left. Record a second run, or an input that changes more than once.",
+                "The model couldn't be tested on held-out data: the input must change both in "
+                "the part left out and in the rest. Record a second run, or an input that "
+                "changes more than once.",
             )
         ]
-    reversing = [record.name for record in others if turns_both_ways([*_fitted_to(fit), record])]
+    reversing = [record.name for record in others if turns_both_ways([*_training_data(fit), record])]
     if "one_way" in fit.structure and reversing and validation.fit_percent < 100 - _WORST:
         return [_reverses(reversing[0], validation.fit_percent)]
     worst = max(validation.records, key=lambda record: record.beyond)
@@ -106,23 +116,22 @@ def about_validation(
     if validation.fit_percent < 50:
         least = min(validation.records, key=lambda record: record.fit_percent)
         name = (
-            f" Least of all {least.name} ({least.fit_percent:.0f} %)." if len(validation.records) > 1 else ""
+            f" Worst is {least.name} ({share_explained(least.fit_percent)})."
+            if len(validation.records) > 1
+            else ""
         )
-        return [
-            warning(
-                "validation-poor",
-                "On data that it wasn't fitted to, the model explains only "
-                f"{validation.fit_percent:.0f} % of the output.{name}",
-            )
-        ]
+        explained = share_explained(validation.fit_percent)
+        sentence = f"On data it wasn't fitted to, the model explains {explained} of the output.{name}"
+        return [warning("validation-poor", sentence)]
     say = warning if validation.fit_percent < _PREDICTS or others else info
     if stands_out:
         return [
             say(
                 "validation-worse",
-                f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it misses "
-                f"{100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} times what the rest foretell. The "
-                "motor, the supply or the amplifier isn't the same there; identify with and without it, and compare.",
+                f"Fitted to the rest of the data, the model doesn't predict {worst.name}: it "
+                f"misses {100 - worst.fit_percent:.1f} % of the output there, {worst.beyond:.0f} "
+                "times what the rest predicts. The motor, the supply or the amplifier was "
+                "different there; identify with and without it, and compare.",
             )
         ]
     missing, unseen = 100 - fit.fit_percent, 100 - validation.fit_percent
@@ -130,29 +139,31 @@ def about_validation(
         return [
             say(
                 "validation-worse",
-                f"The model explains {fit.fit_percent:.1f} % of what it was fitted to, and only {validation.fit_percent:.1f} % "
-                "of what it wasn't: another motor, another operating point, or a model that fits chance.",
+                f"The model explains {fit.fit_percent:.1f} % of the data it was fitted to, but "
+                f"only {validation.fit_percent:.1f} % of the rest: another motor, another "
+                "operating point, or overfitting.",
             )
         ]
     return []
 
 
-def _fitted_to(fit: Fit) -> list[Dataset]:
+def _training_data(fit: Fit) -> list[Dataset]:
     return [record.data for record in fit.records]
 
 
 def _reverses(name: str, percent: float) -> Finding:
     """That a model of a motor that turned one way was tried on one that turns round."""
     sentence = (
-        f"The model was fitted to a motor that turned one way only, and tried on {name}, where it turns the other way as well: "
-        f"friction turns round there, and the model takes it for a constant voltage. That it explains {percent:.0f} % of the "
-        "output there says nothing of gain and time constant. Fit both recordings together, or try the model on one that turns "
-        "the same way."
+        f"The model was fitted to a motor that turned one way only, and tested on {name}, where it "
+        "also turns the other way: friction changes sign there, but the model has it as a "
+        f"constant voltage. The {percent:.0f} % of the output explained there says nothing about "
+        "gain and time constant. Fit both recordings together, or test the model on one that "
+        "turns the same way."
     )
     return warning("validation-reverses", sentence, parameters=("coulomb_voltage",))
 
 
-def _tried(estimator: Estimator, fit: Fit, part: _Part) -> tuple[list[FittedRecord], RecordFit] | None:
+def _try_part(estimator: Estimator, fit: Fit, part: Part) -> tuple[list[FittedRecord], RecordFit] | None:
     """A part simulated by a model fitted to the rest; None where the rest can't support one or doesn't tell."""
     structure, theta = fit.model.structure, fit.model.theta
     if estimator.supports(structure, part.rest) is not None:
@@ -160,7 +171,7 @@ def _tried(estimator: Estimator, fit: Fit, part: _Part) -> tuple[list[FittedReco
     try:
         starts = [_start(fit, record) for record in part.rest]
         other = estimator.fit(structure, part.rest, (np.concatenate([theta, *starts]),))
-        held = [simulated(structure, other.model.theta, record) for record in part.held]
+        held = [simulate_record(structure, other.model.theta, record) for record in part.held]
     except NotIdentifiable:
         return None
     foretold = _foretold(held, other)
@@ -214,31 +225,38 @@ def _variation(held: Sequence[FittedRecord]) -> float:
     return float(np.sqrt(np.mean(np.concatenate(spread) ** 2)))
 
 
-def _several(data: Sequence[Dataset]) -> tuple[str, Iterator[_Part]]:
+def _several(data: Sequence[Dataset]) -> tuple[Callable[[int], str], Iterator[Part]]:
     usable = [n for n, record in enumerate(data) if _has_transient(record, _range(data))]
     chosen = sorted({usable[int(k)] for k in np.linspace(0, len(usable) - 1, min(_FOLDS, len(usable)))})
     of = "" if len(chosen) == len(data) else f" (of {len(data)})"
     parts = (
-        _Part(
-            name=record.name, held=(record,), rest=tuple(each for k, each in enumerate(data) if k != number)
-        )
+        Part(name=record.name, held=(record,), rest=tuple(each for k, each in enumerate(data) if k != number))
         for number, record in ((n, data[n]) for n in chosen)
     )
-    return f"each of {{n}} records{of} simulated by a model fitted to the others", parts
+    return partial(_how, f"record{of}", f"records{of}", "the others"), parts
 
 
-def _one(data: Dataset) -> tuple[str, Iterator[_Part]]:
+def _one(data: Dataset) -> tuple[Callable[[int], str], Iterator[Part]]:
     edges = _edges(data)
     levels = _levels(data, edges)
     if levels:
-        return (
-            "each of {n} input levels simulated by a model fitted to the other levels",
-            _by_level(data, edges, levels),
+        return partial(_how, "input level", "input levels", "the other levels"), _by_level(
+            data, edges, levels
         )
-    how = "each of {n} stretches of the record simulated by a model fitted to the others"
     if len(data.y) > _LARGE:
-        how = "the last third of the record simulated by a model fitted to the rest"
-    return how, _by_time(data, edges)
+        return (lambda _: "the last third of the record simulated by a model fitted to the rest"), _by_time(
+            data, edges
+        )
+    return partial(_how, "stretch of the record", "stretches of the record", "the others"), _by_time(
+        data, edges
+    )
+
+
+def _how(part: str, several: str, others: str, number: int) -> str:
+    """How so many parts were left out, in words."""
+    if number == 1:
+        return f"one {part} simulated by a model fitted to the rest"
+    return f"each of {number} {several} simulated by a model fitted to {others}"
 
 
 def _range(data: Sequence[Dataset]) -> float:
@@ -286,7 +304,7 @@ def _level_at(data: Dataset, time: float) -> float:
     return float(data.u[index]) if index >= 0 else data.input_before
 
 
-def _by_level(data: Dataset, edges: Array, levels: Sequence[float]) -> Iterator[_Part]:
+def _by_level(data: Dataset, edges: Array, levels: Sequence[float]) -> Iterator[Part]:
     """Each level left out with the transients that lead to it; 8 of them at the most, spread evenly."""
     bounds, whole = _bounds(data, edges), _range([data])
     nearest = np.array([int(np.argmin(np.abs(np.array(levels) - _level_at(data, t)))) for t in bounds[:-1]])
@@ -295,10 +313,10 @@ def _by_level(data: Dataset, edges: Array, levels: Sequence[float]) -> Iterator[
         rest = _runs(data, bounds, nearest != n)
         if held and rest:
             name = f"the level of {levels[n]:.4g} {data.input_unit}"
-            yield _Part(name=name, held=tuple(held), rest=tuple(rest))
+            yield Part(name=name, held=tuple(held), rest=tuple(rest))
 
 
-def _by_time(data: Dataset, edges: Array) -> Iterator[_Part]:
+def _by_time(data: Dataset, edges: Array) -> Iterator[Part]:
     """Each stretch left out; they begin with changes of the input, those nearest to the thirds of the record."""
     thirds = data.t_output[0] + data.duration * np.arange(1, _STRETCHES) / _STRETCHES
     cuts = np.unique([edges[np.argmin(np.abs(edges - third))] for third in thirds]) if len(edges) else edges
@@ -309,7 +327,7 @@ def _by_time(data: Dataset, edges: Array) -> Iterator[_Part]:
         held, rest = _runs(data, bounds, own), _runs(data, bounds, ~own)
         if rest and held and all(_has_transient(record, whole) for record in held):
             end = min(float(bounds[n + 1]), float(data.t_output[-1]))
-            yield _Part(
+            yield Part(
                 name=f"the stretch from {bounds[n]:.4g} s to {end:.4g} s", held=tuple(held), rest=tuple(rest)
             )
 

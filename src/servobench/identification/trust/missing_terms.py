@@ -17,55 +17,60 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.covariance import andrews_lag, long_run
 from servobench.identification.models.rational import Rational
-from servobench.identification.uncertainty.score_test import ScoreTest, Shown, Term
+from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore
 
 _RIPPLES = range(1, 17)  # times a revolution
 
 
-def _of_input(shown: Shown, what: str, times: float = 1.0) -> str:
+def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
     """So much of the input."""
     size, half = shown.whole
     unit = shown.fit.records[0].data.input_unit
     return f"About {times * size:.2g} ± {times * half:.1g} {unit} {what}."
 
 
-def _stribeck_sized(shown: Shown) -> str:
+def _stribeck_sized(shown: TermScore) -> str:
     return _of_input(shown, f"{'more' if shown.amount[0] > 0 else 'less'} at rest than at speed")
 
 
-def _drag_sized(shown: Shown) -> str:
+def _drag_sized(shown: TermScore) -> str:
     return _of_input(
-        shown, f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than a line would say"
+        shown, (f"{'more' if shown.amount[0] > 0 else 'less'} at the largest speed than in proportion")
     )
 
 
-def _directions_sized(shown: Shown) -> str:
+def _directions_sized(shown: TermScore) -> str:
     """The two directions are the amount apart from their mean, each way."""
     size, half = shown.whole
     percent = 100 * 2 / shown.largest
     way = "positive" if shown.amount[0] > 0 else "negative"
-    return f"Turning the {way} way it answers about {plain(percent * size, 2)} ± {plain(percent * half, 1)} % more."
+    return (
+        f"In the {way} direction the response is about {plain(percent * size, 2)} ± "
+        f"{plain(percent * half, 1)} % larger."
+    )
 
 
-def _directions_within(shown: Shown) -> bool:
+def _directions_within(shown: TermScore) -> bool:
     """Whether the interval of the gain K holds those of both directions, K (1 ± a/u) for an amount a of a largest input u."""
     size, half = shown.whole
     gain = shown.fit["gain"]
     return (size + half) / shown.largest * abs(gain.value) <= TWO_SIDED * gain.sd
 
 
-def _ripple_sized(shown: Shown) -> str:
+def _ripple_sized(shown: TermScore) -> str:
     return _of_input(shown, "to and fro")
 
 
-def _backlash_sized(shown: Shown) -> str:
+def _backlash_sized(shown: TermScore) -> str:
     """The output is off by half the play either way."""
     size, half = shown.whole
     unit, times = shown.fit.records[0].data.position_unit, 2.0
     if unit == "rad":
         unit, times = "deg", float(np.rad2deg(2.0))
     if shown.amount[0] > 0:
-        return f"It runs ahead by about {times * size:.2g} ± {times * half:.1g} {unit}, which no play does."
+        return (
+            f"It runs ahead by about {times * size:.2g} ± {times * half:.1g} {unit}, which backlash can't do."
+        )
     return f"About {times * size:.2g} ± {times * half:.1g} {unit} of backlash."
 
 
@@ -73,8 +78,9 @@ def _ripple(cycles: int) -> Term:
     return Term(
         code="ripple",
         name="ripple",
-        sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an eccentric encoder), which the "
-        "model doesn't know; where the motor lingers at one angle it moves gain and time constant.",
+        sentence=f"Something repeats {cycles} times a revolution (cogging, a commutator, an "
+        "eccentric encoder), which the model leaves out; where the motor lingers at one "
+        "angle it shifts gain and time constant.",
         to_input=lambda m: m.wave(cycles),
         rung="gravity" if cycles == 1 else None,
         sized=_ripple_sized,
@@ -85,8 +91,8 @@ def _ripple(cycles: int) -> Term:
 _FAST_POLE = Term(
     code="fast-pole",
     name="a second pole",
-    sentence="What looks like a delay is partly the lag of a second, faster pole (the winding's, or a shaft that gives), "
-    "which a first-order model takes into its time constant.",
+    sentence="Part of the apparent delay is the lag of a second, faster pole (the winding's, or "
+    "a compliant shaft), which a first-order model puts into its time constant.",
     curved="delay",
     limit=3.5,
     rung="winding",
@@ -96,8 +102,8 @@ TERMS = (
     Term(
         code="friction-depends-on-speed",
         name="friction that depends on the speed",
-        sentence="Friction is not the same at all speeds: near standstill it differs from what the model takes everywhere "
-        "(Stribeck), which moves gain and time constant.",
+        sentence="Friction depends on the speed: near standstill it differs from the model's "
+        "constant friction (Stribeck), which shifts gain and time constant.",
         to_input=lambda m: (-np.sign(m.speed) * np.exp(-np.abs(m.speed) / 0.1),),
         rung="stribeck",
         sized=_stribeck_sized,
@@ -105,15 +111,17 @@ TERMS = (
     Term(
         code="drag-not-linear",
         name="drag that isn't linear",
-        sentence="The speed doesn't follow the input in proportion: drag grows faster or slower than the speed, so that the gain "
-        "belongs to this range of speeds only.",
+        sentence="The speed isn't proportional to the input: drag grows faster or slower than "
+        "the speed, so the gain holds for this range of speeds only.",
         to_input=lambda m: (-m.speed * np.abs(m.speed),),
         sized=_drag_sized,
     ),
     Term(
         code="directions-differ",
         name="directions that differ",
-        sentence="The motor answers differently in its two directions; one gain for both is a mean of the two.",
+        sentence=(
+            "The motor responds differently in its two directions; a single gain is a mean of the two."
+        ),
         to_input=lambda m: (m.input * np.sign(m.speed),),
         rung="asymmetric",
         sized=_directions_sized,
@@ -122,7 +130,9 @@ TERMS = (
     Term(
         code="drag-differs",
         name="drag that differs by direction",
-        sentence="Drag isn't the same in the two directions; one gain and one time constant for both are a mean of the two.",
+        sentence=(
+            "Drag differs between the two directions; a single gain and time constant are a mean of the two."
+        ),
         to_input=lambda m: (-np.abs(m.speed),),
         rung="asymmetric",
         sized=lambda shown: _of_input(shown, "between the two directions at the largest speed", 2.0),
@@ -130,7 +140,10 @@ TERMS = (
     Term(
         code="friction-grows-with-load",
         name="friction that grows with the load",
-        sentence="Friction is larger where gravity pulls harder, as in a gear that carries a load, which the model doesn't know.",
+        sentence=(
+            "Friction is larger where gravity pulls harder, as in a gear under load, "
+            "which the model leaves out."
+        ),
         to_input=lambda m: (-m.load * np.sign(m.speed),),
         rung="load",
         sized=lambda shown: _of_input(shown, "under the largest load"),
@@ -138,21 +151,21 @@ TERMS = (
     Term(
         code="motor-changes",
         name="a motor that changes",
-        sentence="The motor wasn't the same at the end of the record as at its beginning: it warmed up, or its friction or its "
-        "supply changed. What was found is a mean over the record.",
+        sentence="The motor changed during the record: it warmed up, or its friction or its "
+        "supply changed. The parameters are a mean over the record.",
         to_input=lambda m: (m.input * m.gone, m.speed * m.gone),
     ),
     Term(
         code="friction-changes",
         name="friction that changes",
-        sentence="Friction, or the input's offset, wasn't the same at the end of the record as at its beginning.",
+        sentence="Friction, or the input's offset, changed during the record.",
         to_input=lambda m: (np.sign(m.speed) * m.gone, m.gone),
     ),
     Term(
         code="backlash",
         name="backlash",
-        sentence="The output lags behind whenever the motion turns round, as behind a gear with backlash: near a reversal the "
-        "model is wrong, and gain and time constant suffer from it.",
+        sentence="The output lags at every reversal, as with backlash in a gear: the model is "
+        "wrong there, which shifts gain and time constant.",
         to_output=lambda m: (np.sign(m.speed),),
         sized=_backlash_sized,
     ),
@@ -161,20 +174,20 @@ TERMS = (
 )
 
 
-def shown_terms(fit: Fit) -> tuple[Shown, ...]:
+def score_terms(fit: Fit) -> tuple[TermScore, ...]:
     """Return how strongly the data ask for each of the `TERMS`, and for how much; none where nothing is left to explain."""
     largest = max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
     if largest == 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return ()
-    return tuple(ScoreTest(fit, largest).shown(TERMS))
+    return tuple(ScoreTest(fit, largest).scores(TERMS))
 
 
-def missing_terms(shown: Sequence[Shown]) -> list[Finding]:
+def missing_terms(shown: Sequence[TermScore]) -> list[Finding]:
     """Return a finding for each term that the data ask for and the structure lacks; of several ripples, the strongest."""
     return [_finding(code, one) for code, one in _strongest(shown).items()]
 
 
-def with_missing_terms(fit: Fit, shown: Sequence[Shown]) -> Fit:
+def with_missing_terms(fit: Fit, shown: Sequence[TermScore]) -> Fit:
     """Return the fit with lines of its budget for what the parameters are off by without terms that the data ask for.
 
     Only what the intervals don't hold already is added, that of the strongest term first: terms that show in the same residual
@@ -188,8 +201,8 @@ def with_missing_terms(fit: Fit, shown: Sequence[Shown]) -> Fit:
         already = np.where(np.outer(known, known), fit.covariance, 0.0)
         added = beyond(np.outer(off, off), already)
         if added.any():
-            reason = f"the data ask for {one.term.name}, which the model lacks"
-            fit = fit.widened(Contribution(source=one.term.name, covariance=added, reason=reason))
+            reason = f"the data show {one.term.name}, which the model lacks"
+            fit = fit.widen(Contribution(source=one.term.name, covariance=added, reason=reason))
     return fit
 
 
@@ -207,9 +220,9 @@ def _within_reach(fit: Fit, off: Array) -> Array:
     return off / max(farthest, 1.0)
 
 
-def _strongest(shown: Sequence[Shown]) -> dict[str, Shown]:
+def _strongest(shown: Sequence[TermScore]) -> dict[str, TermScore]:
     """Of the terms that the data ask for, the strongest of each code."""
-    strongest: dict[str, Shown] = {}
+    strongest: dict[str, TermScore] = {}
     for one in shown:
         before = strongest.get(one.term.code)
         if one.size > max(one.term.limit, before.size if before else 0.0):
@@ -217,16 +230,16 @@ def _strongest(shown: Sequence[Shown]) -> dict[str, Shown]:
     return strongest
 
 
-def _finding(code: str, shown: Shown) -> Finding:
+def _finding(code: str, shown: TermScore) -> Finding:
     """What a missing term is to the user: a doubt, unless the intervals hold it, or an unknown filter may be what makes it up."""
     concerned = ("gain", "time_constant")
     data = [record.data for record in shown.fit.records]
     if any(each.kind == "speed" and not each.chain and not each.chain_known for each in data):
-        told = f"{_sentence(shown)} That may all come from a filter of which nobody told: say first how the speed was measured."
+        told = f"{_sentence(shown)} All of that may come from a filter: say first how the speed was measured."
         return info(code, told, parameters=concerned)
     if not {"gain", "time_constant"} <= set(shown.fit.model.names):
         return warning(code, _sentence(shown), parameters=concerned)
-    return info(code, f"{_sentence(shown)} The intervals hold that as well.", parameters=concerned)
+    return info(code, f"{_sentence(shown)} The intervals allow for that.", parameters=concerned)
 
 
 def superfluous_terms(fit: Fit) -> list[Finding]:
@@ -243,16 +256,18 @@ def superfluous_terms(fit: Fit) -> list[Finding]:
     if unsure:
         told = ", ".join(f"{n} ({fit[n].value:.3g} ± {TWO_SIDED * fit[n].sd:.2g})" for n in unsure)
         sentence = (
-            f"These coefficients can't be told from zero: {told}. The order is higher than the data can support, and the others "
-            f"are less well known for it: try {_lower(structure)}."
+            f"These coefficients aren't significantly different from zero: {told}. The order is "
+            "higher than the data support, which makes the others less certain: try "
+            f"{_lower(structure)}."
         )
         found.append(warning("term-not-told-from-zero", sentence, parameters=tuple(unsure)))
     last = f"a{structure.order}"
     data = fit.records[0].data
     if data.kind == "position" and not structure.integrator and last in unsure:
         sentence = (
-            f"The output is a position, and the structure's lowest coefficient {last} comes out near zero, as for a motor "
-            f"that turns for as long as it is driven: better told than estimated, as _integrator ({_lower(structure)})."
+            f"The output is a position, and the structure's lowest coefficient {last} comes out "
+            "near zero, as for a motor that keeps turning while it is driven: better to fix it "
+            f"than to estimate it, with _integrator ({_lower(structure)})."
         )
         found.append(info("integrator-likely", sentence, parameters=(last,)))
     return found
@@ -266,12 +281,12 @@ def _lower(structure: Rational) -> str:
     return f"rational_{order}_{zeros}{integrator}{'_delay' if structure.delayed else ''}"
 
 
-def _sentence(shown: Shown) -> str:
+def _sentence(shown: TermScore) -> str:
     sized = f" {shown.term.sized(shown)}" if shown.term.sized and _possible(shown) else ""
     return f"{shown.term.sentence}{sized} ({shown.size:.0f} standard deviations.)"
 
 
-def _possible(shown: Shown) -> bool:
+def _possible(shown: TermScore) -> bool:
     """Whether a term has a size that can be: no larger than the input, or than the output's range, of which it is a part."""
     if not shown.amount.size:
         return False
@@ -284,8 +299,8 @@ def with_fast_pole(fit: Fit) -> Fit:
     added = fast_pole_doubt(fit)
     if not added.any():
         return fit
-    reason = "a part of the delay may be the lag of the winding, or of a shaft that gives"
-    return fit.widened(Contribution(source="second pole not modelled", covariance=added, reason=reason))
+    reason = "part of the delay may be the lag of the winding or of a compliant shaft"
+    return fit.widen(Contribution(source="second pole not modelled", covariance=added, reason=reason))
 
 
 def fast_pole_doubt(fit: Fit) -> Array:
@@ -310,7 +325,7 @@ def fast_pole_doubt(fit: Fit) -> Array:
     score = (rest * test.innovations)[:, None]
     spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
     share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
-    off = test.moved(column)
+    off = test.joint_shift(column)
     return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.disturbance import innovations_of_blocks
 from servobench.identification.estimators.prediction_error import rounding_explains
-from servobench.identification.estimators.response_left_over import TIED, tied_to_input
+from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 
 _LAGS = 20
 # The residual of a perfect model behind an ideal encoder has the standard deviation Q/√12; more than a fifth above it
@@ -22,6 +23,7 @@ _SLOW = 200.0
 
 def validate(fit: Fit) -> tuple[Finding, ...]:
     """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
+    check_type("fit", fit, Fit, "the fit of a Result, result.fit")
     rounding = is_rounding(fit)
     found = [_size(fit, rounding)] if rounding is not None else []
     # Of a first-order model the intervals hold what the residual says, and experience with such models.
@@ -29,26 +31,27 @@ def validate(fit: Fit) -> tuple[Finding, ...]:
     say = info if first_order else warning
     if not explains_the_colour(fit):
         allowance = (
-            "The intervals allow for it, by the residual and by experience with other motors."
+            "The intervals allow for it, from the residual and from experience with other motors."
             if first_order
             else "The intervals allow for the colour, but not for a bias."
         )
         found.append(
             say(
                 "residual-coloured",
-                "What the model leaves over isn't white noise: something acts on the motor, or lies in the measurement, that the "
-                f"model doesn't know. {allowance}",
+                "The residual isn't white noise: something that the model leaves out acts on the "
+                f"motor or on the measurement. {allowance}",
             )
         )
-    tied = max(tied_to_input(record) for record in fit.records)
+    tied = max(input_correlation(record) for record in fit.records)
     # Rounding that repeats with the input follows it, too; but where each count is where it belongs, no response is missing.
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
     if tied > TIED and not counted:
         found.append(
             say(
                 "residual-follows-input",
-                f"What the model leaves over follows the input ({tied:.0f} standard deviations at the worst lag): part of the "
-                "motor's response to the input is missing in this model.",
+                f"The residual is correlated with the input ({tied:.0f} standard deviations at "
+                "the worst lag): part of the motor's response to the input is missing in this "
+                "model.",
             )
         )
     return tuple(found)
@@ -91,18 +94,18 @@ def _size(fit: Fit, rounding: bool) -> Finding:
     if rounding and fit.estimator == "prediction_error":
         return info(
             "measurement-is-rounding",
-            f"Beside the disturbance, the measurement has the encoder's rounding and no other noise ({ratio:.2f} times a "
-            "count/√12).",
+            "Apart from the disturbance, the measurement noise is encoder rounding only "
+            f"({ratio:.2f} times a count/√12).",
         )
     if rounding:
         return info(
             "residual-is-rounding",
-            f"What the model leaves over is the encoder's rounding and nothing else ({ratio:.2f} times a count/√12).",
+            f"The residual is encoder rounding only ({ratio:.2f} times a count/√12).",
         )
     return info(
         "residual-above-rounding",
-        f"What the model leaves over is {ratio:.3g} times the encoder's rounding: the limit is the motor or the model, "
-        "not the encoder.",
+        f"The residual is {ratio:.3g} times the encoder's rounding: the motor or the model is the "
+        "limit, not the encoder.",
     )
 
 

@@ -27,17 +27,19 @@ def about_winding(fit: Fit) -> list[Finding]:
         step = max(record.data.sample_time for record in fit.records)
         whole = lag + (fit.model["delay"] if "delay" in fit.model.names else 0.0)
         sentence = (
-            f"These data don't tell the winding's lag from a delay: together they are {whole:.3g} s, at a sample time of "
-            f"{step:.3g} s and this resolution. Use the first-order structure, whose delay holds both, or sample faster, with a "
-            "finer encoder or for longer, an input that changes often."
+            "These data can't separate the winding's lag from a delay: together they are "
+            f"{whole:.3g} s, at a sample time of {step:.3g} s and this resolution. Use the "
+            "first-order structure, whose delay covers both, or record a frequently changing "
+            "input faster, longer or with a finer encoder."
         )
         return [
             refusal("electrical-pole-not-told", sentence, parameters=("electrical_time_constant", "delay"))
         ]
     if lag > _NEARLY_HALF * tau:
         sentence = (
-            f"The electrical time constant, {lag:.3g} s, is nearly half of the time constant, {tau:.3g} s, where a motor "
-            "begins to swing and these two no longer describe it: compare `structure=rational_2_0_integrator_delay`."
+            f"The electrical time constant, {lag:.3g} s, is nearly half of the time constant, "
+            f"{tau:.3g} s: beyond that the poles are complex and these two no longer describe the "
+            "motor. Compare `structure=rational_2_0_integrator_delay`."
         )
         return [
             warning("poles-not-apart", sentence, parameters=("electrical_time_constant", "time_constant"))

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
-from servobench.identification.uncertainty.answers import Answer, State
+from servobench.identification.uncertainty.identifiability import ParameterStatus, State
 
 MEASUREMENT = "measurement and disturbance"
 _COUNTS = 1e-4  # of a variance: what is less isn't told
@@ -45,7 +45,7 @@ def composition(fit: Fit) -> tuple[BudgetLine, ...]:
     return tuple(line for line in lines if line.shares)
 
 
-def parts_of(budget: Sequence[BudgetLine], answer: Answer | None) -> list[tuple[float, BudgetLine]]:
+def parts_of(budget: Sequence[BudgetLine], answer: ParameterStatus | None) -> list[tuple[float, BudgetLine]]:
     """Return the lines that widen the interval of one parameter, each with its half-width in percent of the value, widest first.
 
     None for a parameter that isn't known by itself, or is zero.

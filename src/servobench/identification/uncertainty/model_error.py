@@ -24,7 +24,7 @@ from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.covariance import fixed_b, long_run
 from servobench.identification.estimators.prediction_error import rounding_explains
-from servobench.identification.estimators.response_left_over import TIED, tied_to_input
+from servobench.identification.estimators.residual_correlation import TIED, input_correlation
 from servobench.identification.estimators.sizes import sizes
 from servobench.identification.uncertainty.experience import (
     FEW_EVENTS,
@@ -144,13 +144,13 @@ def with_model_error(fit: Fit, one_level: bool = False) -> Fit:
     added[~finite, :] = 0.0
     added[:, ~finite] = 0.0
     few = min(found.events.values())
-    return fit.widened(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
+    return fit.widen(Contribution(source=SOURCE, covariance=added, reason=_reason(found, few), freedom=few))
 
 
 def _evident(fit: Fit, ratio: float) -> float:
     """How plainly a residual shows that the model is wrong (0 to 1): its long-run variance is large, or it follows the input."""
     counted = fit.estimator == "interval_likelihood" and rounding_explains(fit)
-    if not counted and max(tied_to_input(record) for record in fit.records) > TIED:
+    if not counted and max(input_correlation(record) for record in fit.records) > TIED:
         return 1.0
     return float(np.clip((ratio - _NOTICED) / (_PLAIN - _NOTICED), 0.0, 1.0))
 

@@ -44,7 +44,7 @@ _OF_THE_LOOP = {
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Propagated:
+class Propagation:
     """Values (N,) of a function of the parameters, their 95 % intervals, and which of these were `sampled`.
 
     `low` and `high` (N,) are the ends, NaN where a parameter matters that the data don't determine.
@@ -71,7 +71,7 @@ class Derived:
     """From the derivatives to first order, or from a sample of parameters."""
 
 
-def derived(
+def derive(
     fit: Fit, controller: TransferFunction | Any = None, around: Output = "position"
 ) -> dict[str, Derived]:
     """Return what is usually asked of a motor, by name, each with its interval.
@@ -90,12 +90,12 @@ def open_loop(fit: Fit) -> dict[str, Derived]:
 
     def quantities(model: Model) -> Array:
         system = model.transfer_function("speed")
-        now = matched(system.poles, poles)
+        now = match_order(system.poles, poles)
         parts = [now[n].imag if imaginary else now[n].real for n, imaginary in places.values()]
         return np.array([*parts, bandwidth(system), rise_time(system)])
 
     units = dict.fromkeys(places, "1/s") | {"bandwidth": "rad/s", "rise_time": "s"}
-    return _named(propagate(fit, quantities), units)
+    return _by_name(propagate(fit, quantities), units)
 
 
 def loop_margins(
@@ -155,7 +155,7 @@ def _margins_with_intervals(
     off = np.zeros_like(lagging)
     off[known] = lagging[known] - found.value[known]
     found = replace(found, low=found.low + np.minimum(off, 0.0), high=found.high + np.maximum(off, 0.0))
-    return _named(found, _OF_THE_LOOP)
+    return _by_name(found, _OF_THE_LOOP)
 
 
 def _numbers(found: Margins) -> Array:
@@ -176,7 +176,7 @@ def _with_lag(fit: Fit, around: Output) -> TransferFunction:
     return replace(system, denominator=slower, delay=system.delay - lag)
 
 
-def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagated:
+def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagation:
     """Return function(model), real values (N,), at the fit's parameters, with their 95 % intervals.
 
     First order where that does, and the quantiles of a sample of parameters where the sample says otherwise. The sample is the
@@ -195,7 +195,7 @@ def propagate(fit: Fit, function: Callable[[Model], Array]) -> Propagated:
     if bent.any():
         ends = _sampled_ends(fit, function, value, slopes, _FULL)
         low, high = np.where(bent, ends[0], low), np.where(bent, ends[1], high)
-    return Propagated(value=value, low=low, high=high, sampled=bent)
+    return Propagation(value=value, low=low, high=high, sampled=bent)
 
 
 def gradient(fit: Fit, function: Callable[[Model], NDArray[Any]]) -> NDArray[Any]:
@@ -228,7 +228,7 @@ def deviation(slopes: Array, covariance: Array) -> Array:
     )
 
 
-def matched(poles: Complex, order: Complex) -> Complex:
+def match_order(poles: Complex, order: Complex) -> Complex:
     """Return poles in the order of those that they are nearest to: which of a conjugate pair comes first is arbitrary."""
     return np.array([poles[np.argmin(np.abs(poles - pole))] for pole in order], dtype=np.complex128)
 
@@ -306,7 +306,7 @@ def _hangs_on_unknown(slopes: Array, covariance: Array) -> NDArray[np.bool_]:
     return np.asarray((slopes[:, unknown] != 0.0).any(axis=1), dtype=np.bool_)
 
 
-def _named(found: Propagated, units: Mapping[str, str]) -> dict[str, Derived]:
+def _by_name(found: Propagation, units: Mapping[str, str]) -> dict[str, Derived]:
     return {
         name: Derived(
             value=float(found.value[n]),

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping, Sequence
 
 from servobench.core.rounding import plain
-from servobench.identification.uncertainty.answers import Answer, Combination, State
+from servobench.identification.uncertainty.identifiability import Combination, ParameterStatus, State
 
 _TURNED = math.radians(5)  # by which the phase margin may change over the interval of the lag
 _OF_NYQUIST = 0.2  # of half the sample rate: beyond, the loop's own ticks matter more than the motor's lag
@@ -14,7 +14,7 @@ _SIMULATES = 50.0  # percent: a model that predicts less is good for no simulati
 
 
 def good_for(
-    answers: Mapping[str, Answer],
+    answers: Mapping[str, ParameterStatus],
     combinations: Sequence[Combination],
     predicts: float,
     sample_time: float,
@@ -38,7 +38,9 @@ def _simulation(predicts: float) -> list[str]:
     return [f"to simulate (it predicts {math.floor(predicts)} % of what it wasn't fitted to)"]
 
 
-def _loop(answers: Mapping[str, Answer], combinations: Sequence[Combination], limit: float) -> list[str]:
+def _loop(
+    answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination], limit: float
+) -> list[str]:
     """Up to which frequency [rad/s] the interval of the lag turns the phase by little, at most a `limit`."""
     lag = next((each.estimate for each in combinations if each.name == "lag"), None)
     gain = answers.get("gain")
@@ -54,7 +56,7 @@ def _loop(answers: Mapping[str, Answer], combinations: Sequence[Combination], li
     ]
 
 
-def _comparison(answers: Mapping[str, Answer], combinations: Sequence[Combination]) -> list[str]:
+def _comparison(answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination]) -> list[str]:
     """By how much two motors have to differ to be told apart: √2 times the half-width of either."""
     if _is_known(answers, "gain"):
         what, estimate = "gains", answers["gain"].estimate
@@ -67,5 +69,5 @@ def _comparison(answers: Mapping[str, Answer], combinations: Sequence[Combinatio
     return [f"to tell two motors apart whose {what} differ by more than {plain(percent, 2)} %"]
 
 
-def _is_known(answers: Mapping[str, Answer], name: str) -> bool:
+def _is_known(answers: Mapping[str, ParameterStatus], name: str) -> bool:
     return name in answers and answers[name].state is State.KNOWN

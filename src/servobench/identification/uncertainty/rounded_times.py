@@ -51,7 +51,7 @@ def with_rounded_times(fit: Fit) -> Fit:
     found[~told, :] = 0.0
     found[:, ~told] = 0.0
     reason = f"the times at which the input changed are rounded to {max(steps) * 1e6:.4g} µs"
-    return fit.widened(Contribution(source="rounded times", covariance=found, reason=reason, freedom=_DRAWS))
+    return fit.widen(Contribution(source="rounded times", covariance=found, reason=reason, freedom=_DRAWS))
 
 
 def time_step(data: Dataset) -> float:

@@ -24,9 +24,9 @@ from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.covariance import andrews_lag, long_run
-from servobench.identification.estimators.disturbance import whitened
+from servobench.identification.estimators.disturbance import whiten
 from servobench.identification.estimators.encoder_rounding import is_rounded, rounding_sines
-from servobench.identification.models.base import simulated
+from servobench.identification.models.base import simulate_output
 from servobench.recordings.measurement.dataset import Dataset
 
 LIMIT = 5.0  # standard deviations of a normal number that is as improbable
@@ -77,12 +77,12 @@ class Term:
     curved: str | None = None
     limit: float = LIMIT
     rung: str | None = None
-    sized: Callable[[Shown], str] | None = None
-    within: Callable[[Shown], bool] | None = None
+    sized: Callable[[TermScore], str] | None = None
+    within: Callable[[TermScore], bool] | None = None
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shown:
+class TermScore:
     """How strongly the data ask for a term (`size`, in standard deviations), and how much of it they ask for.
 
     `amount` (K,) of what the term adds, in the unit of the input or of the output, with its `covariance` (K, K); `moved` is by
@@ -118,22 +118,22 @@ class ScoreTest:
         self.scale = _lengths(jacobian)
         self.matters = self.scale > 0
         self.basis, self.triangle = np.linalg.qr(jacobian[:, self.matters] / self.scale[self.matters])
-        self.hidden = _hidden(fit)
+        self.hidden = _unresolvable_ripple(fit)
 
-    def shown(self, terms: Sequence[Term]) -> Iterator[Shown]:
+    def scores(self, terms: Sequence[Term]) -> Iterator[TermScore]:
         """How much of each term that could show in these data the innovations have; its amount only from 2 deviations on."""
         in_radians = all(run.record.data.position_unit == "rad" for run in self.runs)
         for term in terms:
             if term.code == "ripple" and not in_radians:
                 continue
-            yield self._shown(term, np.concatenate([run.columns(term) for run in self.runs]))
+            yield self._score(term, np.concatenate([run.columns(term) for run in self.runs]))
 
-    def _shown(self, term: Term, columns: Array) -> Shown:
+    def _score(self, term: Term, columns: Array) -> TermScore:
         """The test for one term, for white innovations or for their own colour.
 
         The colour is looked at only where white innovations would call for the term.
         """
-        plain = Shown(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
+        plain = TermScore(term=term, size=0.0, fit=self.fit, largest=self.runs[0].largest)
         norms = _lengths(columns)
         rest = columns - self.basis @ (self.basis.T @ columns)
         # What is left of a column that the Jacobian explains is rounding error.
@@ -161,8 +161,8 @@ class ScoreTest:
             size=size,
             amount=unit * amount,
             covariance=unit**2 * bread.T @ coloured @ bread,
-            moved=self._moved(columns[:, told] @ amount),
-            off=self.moved(columns[:, told] @ amount)[: len(self.fit.model.theta)],
+            moved=self._shift_in_sd(columns[:, told] @ amount),
+            off=self.joint_shift(columns[:, told] @ amount)[: len(self.fit.model.theta)],
         )
 
     def shift(self, lacking: Sequence[Array]) -> Array:
@@ -171,25 +171,25 @@ class ScoreTest:
             in_innovations(self.fit, record, extra[:, None])
             for record, extra in zip(self.fit.records, lacking, strict=True)
         ]
-        return self.moved(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
+        return self.joint_shift(np.concatenate(columns)[:, 0])[: len(self.fit.model.theta)]
 
-    def moved(self, lacking: Array) -> Array:
+    def joint_shift(self, lacking: Array) -> Array:
         """By how much the joint vector (P + ΣQ,) is off where the innovations of all records lack that: (J'J)⁻¹ J' lacking."""
         off = np.zeros(len(self.scale))
         matters, seen = self.matters, self.basis.T @ lacking
         off[matters] = np.linalg.lstsq(self.triangle, seen, rcond=1e-12)[0] / self.scale[matters]
         return off
 
-    def _moved(self, lacking: Array) -> float:
+    def _shift_in_sd(self, lacking: Array) -> float:
         """By how many standard deviations what is lacking in the innovations has moved gain or time constant."""
-        off = self.moved(lacking)
+        off = self.joint_shift(lacking)
         sd = np.sqrt(np.diag(self.fit.covariance))
         names = self.fit.model.names
         at = [names.index(name) for name in ("gain", "time_constant") if name in names]
         return max((float(abs(off[n]) / sd[n]) for n in at if sd[n] > 0), default=0.0)
 
 
-def _hidden(fit: Fit) -> float:
+def _unresolvable_ripple(fit: Fit) -> float:
     """How large a ripple nobody can tell from the encoder's rounding, in the innovations: half a count where it repeats, else 0.
 
     Both depend on the angle alone. Rounding that comes again with each period of the motion isn't noise, and no average over the
@@ -234,7 +234,7 @@ class _Run:
     @cached_property
     def without(self) -> Array:
         """The output without any term, (M,)."""
-        return simulated(self.fit.model.structure, self.theta, self.plain)
+        return simulate_output(self.fit.model.structure, self.theta, self.plain)
 
     def columns(self, term: Term) -> Array:
         """What the term adds to the innovations, as columns (valid, K)."""
@@ -242,7 +242,7 @@ class _Run:
         if term.to_input is not None:
             for extra in term.to_input(self.motion):
                 driving = self.plain.u + _SMALL * self.largest * extra
-                output = simulated(self.fit.model.structure, self.theta, self.plain, driving)
+                output = simulate_output(self.fit.model.structure, self.theta, self.plain, driving)
                 added.append(output - self.without)
         if term.to_output is not None and self.record.data.kind == "position":
             data = self.record.data
@@ -265,7 +265,7 @@ class _Run:
         if data.closed_loop:
             middle[at] = max(middle[at], step[at] - data.delay)
         after, now, before = (
-            simulated(self.fit.model.structure, middle + times * step, data) for times in (1, 0, -1)
+            simulate_output(self.fit.model.structure, middle + times * step, data) for times in (1, 0, -1)
         )
         return np.asarray((after - 2 * now + before) / step[at] ** 2)
 
@@ -335,7 +335,7 @@ def in_innovations(fit: Fit, record: FittedRecord, x: Array) -> Array:
         return np.asarray(counted / fit.residual_sd, dtype=np.float64)
     theta = np.concatenate([fit.model.theta, record.nuisance])
     sliding = fit.model.structure.sliding(theta, record.data)
-    return whitened(x, record.data, sliding, fit.disturbance)[record.valid]
+    return whiten(x, record.data, sliding, fit.disturbance)[record.valid]
 
 
 def _joint(jacobians: list[Array], shared: int) -> Array:

@@ -9,13 +9,14 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import percent
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.base import Model, Output
@@ -53,7 +54,7 @@ class OverIntervals:
 
 def stability_over_intervals(fit: Fit, around: Output = "speed") -> OverIntervals:
     """Return whether the motor itself, from the input to position or speed, has one verdict over the intervals."""
-    return _judged(fit, lambda model: stability(model.transfer_function(around)).verdict, "the motor")
+    return _judge(fit, lambda model: stability(model.transfer_function(around)).verdict, "the motor")
 
 
 def loop_over_intervals(
@@ -76,7 +77,7 @@ def loop_over_intervals(
     def verdict(model: Model) -> StabilityVerdict:
         return closed_sampled_loop(sampled_series(feedback, model.transfer_function(around), h)).verdict
 
-    return _judged(fit, verdict, "the closed loop")
+    return _judge(fit, verdict, "the closed loop")
 
 
 def continuous_loop_over_intervals(
@@ -89,10 +90,10 @@ def continuous_loop_over_intervals(
         loop = series(feedback, model.transfer_function(around))
         return closed_loop(replace(loop, delay=max(loop.delay, 0.0))).verdict
 
-    return _judged(fit, verdict, "the closed loop")
+    return _judge(fit, verdict, "the closed loop")
 
 
-def _judged(fit: Fit, verdict: Callable[[Model], StabilityVerdict], what: str) -> OverIntervals:
+def _judge(fit: Fit, verdict: Callable[[Model], StabilityVerdict], what: str) -> OverIntervals:
     own = verdict(fit.model)
     drawn, _ = draws(fit, _DRAWS)
     corners = list(_corners(fit))
@@ -110,7 +111,9 @@ def _judged(fit: Fit, verdict: Callable[[Model], StabilityVerdict], what: str) -
         corners_alike=alike,
         draws=len(drawn),
         undetermined=unknown,
-        sentence=_sentence(what, own, everywhere, alike, len(corners), share, len(drawn), unknown),
+        sentence=_sentence(
+            what, own, everywhere, alike, len(corners), share, len(drawn), _list(fit, unknown)
+        ),
     )
 
 
@@ -137,7 +140,7 @@ def _sentence(
     corners: int,
     share: float,
     drawn: int,
-    unknown: tuple[str, ...],
+    unknown: str,
 ) -> str:
     if everywhere:
         said = (
@@ -151,6 +154,9 @@ def _sentence(
             "95 % intervals."
         )
     if unknown:
-        names = ", ".join(name.replace("_", " ") for name in unknown)
-        said += f" Left where they are, as the data don't determine them: {names}."
+        said += f" Left where they are, as the data don't determine them: {unknown}."
     return said
+
+
+def _list(fit: Fit, names: Sequence[str]) -> str:
+    return ", ".join(parameter_in_words(name, fit[name].unit) for name in names)

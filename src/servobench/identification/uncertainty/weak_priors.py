@@ -24,7 +24,7 @@ def priors(fit: Fit, scale: Array) -> Array:
     out = np.full(len(scale), WEAK)
     if any(finding.code == delay_prior.CODE for finding in fit.findings):
         data = [record.data for record in fit.records]
-        prior = delay_prior.expected_delay(fit.model.structure, data)
+        prior = delay_prior.prior_of_delay(fit.model.structure, data)
         if prior is not None:
             out[prior.at] = prior.scale / scale[prior.at]
     return out

@@ -13,7 +13,7 @@ from servobench.recordings.recording import Source
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import DeviceChoice
 from servobench.rig.motor.individual import same_name
-from servobench.rig.motor.secret import keyed
+from servobench.rig.motor.secret import hash_words
 
 if TYPE_CHECKING:
     from servobench.recordings.recording import Recording
@@ -42,19 +42,19 @@ class Assessment:
         name = self.exercise.experiment.device.name
         if name != TWIN:
             raise UsageError(
-                f"{self.exercise.source}: it is done on the device {name!r}; only one on the simulated motor (twin) can be "
-                "assessed, as others can't be made for each student"
+                f"{self.exercise.source}: it uses the device {name!r}; only exercises on the simulated motor (twin) "
+                "can be assessed, as each student needs a different motor"
             )
 
     def code(self, student: str) -> str:
         """Return the code on a student's form, which says whose it is and by which secret; it tells nothing else."""
-        drawn = keyed(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
+        drawn = hash_words(self.secret, _FORM, self.exercise.name, same_name(student)).hex()[:12]
         return f"{_NO_NUMBER}{drawn}"
 
     def stand(self, student: str) -> MotorStand:
         """Return the stand of a student: the recording that they get and, where they have the motor, further runs of it."""
-        own = assigned_to(student, self.exercise, self.secret_file)
-        recording = self._carried_out(own, self.exercise.experiment, student)
+        own = device_of_student(student, self.exercise, self.secret_file)
+        recording = self._carry_out(own, self.exercise.experiment, student)
         if not self.with_motor:
             return stand_of(self.exercise, recording)
         if recording.info is None:  # a run always says which device it is of
@@ -64,24 +64,27 @@ class Assessment:
             experiment=self.exercise.experiment,
             info=recording.info,
             made=recording,
-            carry_out=lambda asked: self._carried_out(own, asked, student),
+            carry_out=lambda asked: self._carry_out(own, asked, student),
         )
 
-    def _carried_out(self, own: DeviceChoice, experiment: Experiment, student: str) -> Recording:
+    def _carry_out(self, own: DeviceChoice, experiment: Experiment, student: str) -> Recording:
         from servobench.rig.devices.base import connect
         from servobench.rig.devices.faulty import with_faults
         from servobench.rig.loop.run import run
 
         # What a study asks of the twin beside, such as another dead band, anybody may know.
-        settings = {**own.settings, "shared": {**own.settings["shared"], **_shared(experiment.device)}}
+        settings = {
+            **own.settings,
+            "shared": {**own.settings["shared"], **_common_settings(experiment.device)},
+        }
         with with_faults(connect(own.name, **settings), experiment.device.faults) as motor:
             recording = run(experiment.model_copy(update={"device": own}), motor)
         if recording.stopped.reason == "interrupted":
             raise KeyboardInterrupt(recording.stopped.sentence)
-        return measured_alone(recording, experiment, f"{self.exercise.name} of {student}")
+        return strip_settings(recording, experiment, f"{self.exercise.name} of {student}")
 
 
-def assigned_to(student: str, exercise: Exercise, secret_file: Path) -> DeviceChoice:
+def device_of_student(student: str, exercise: Exercise, secret_file: Path) -> DeviceChoice:
     """Return the device that is a student's motor in an exercise, in virtual time."""
     from servobench.rig.devices.assigned import NAME
 
@@ -91,12 +94,12 @@ def assigned_to(student: str, exercise: Exercise, secret_file: Path) -> DeviceCh
             "secret": str(secret_file),
             "exercise": exercise.name,
             "student": student,
-            "shared": _shared(exercise.experiment.device),
+            "shared": _common_settings(exercise.experiment.device),
         },
     )
 
 
-def measured_alone(recording: Recording, experiment: Experiment, name: str) -> Recording:
+def strip_settings(recording: Recording, experiment: Experiment, name: str) -> Recording:
     """Return a recording with what was measured and asked for, and nothing of how it was made: no settings, events or seed."""
     public = experiment.model_copy(update={"device": DeviceChoice(), "seed": 0})
     info = None if recording.info is None else replace(recording.info, settings=())
@@ -112,5 +115,5 @@ def measured_alone(recording: Recording, experiment: Experiment, name: str) -> R
     )
 
 
-def _shared(device: DeviceChoice) -> dict[str, Any]:
+def _common_settings(device: DeviceChoice) -> dict[str, Any]:
     return {name: value for name, value in device.settings.items() if name != _OWN_TIME}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from servobench.core.errors import FormatError
-from servobench.lab.assessment.tables import read_table, written_table
+from servobench.lab.assessment.tables import csv_table, read_table
 from servobench.lab.exercise import Blank
 from servobench.lab.formula import line_text
 
@@ -38,7 +38,7 @@ def blank_form(blanks: Sequence[Blank], code: str) -> str:
     rows = [(_BLANK, _ANSWER, "unit", "what is asked for")]
     rows += [(blank.id, "", blank.unit, line_text(blank.label)) for blank in blanks]
     rows.append((_CODE, code, "", "says whose form this is: leave it as it is"))
-    return written_table(rows)
+    return csv_table(rows)
 
 
 def read_form(path: Path) -> Form | None:
@@ -55,8 +55,8 @@ def read_form(path: Path) -> Form | None:
             continue
         if row.spare and answer:
             notes.append(
-                f"{path.name}:{row.line}: this row has {row.spare} cell{'s' if row.spare > 1 else ''} too many, so that its "
-                f"answer may be {answer[:40]!r} alone: was there a decimal comma? Write a point, and mark again."
+                f"{path.name}:{row.line}: this row has {row.spare} cell{'s' if row.spare > 1 else ''} too many, so "
+                f"its answer may be only {answer[:40]!r}: was there a decimal comma? Write a point, and mark again."
             )
         if table.has_decimal_commas and "." not in answer:
             answer = _DECIMAL_COMMA.sub(r"\1.\2", answer, count=1)

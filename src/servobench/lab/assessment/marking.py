@@ -9,10 +9,10 @@ from typing import Literal, TypeAlias
 from servobench.core.errors import FormatError, NotIdentifiable, UsageError
 from servobench.lab.assessment.assigned_stand import Assessment
 from servobench.lab.assessment.forms import Form
-from servobench.lab.assessment.questions import Question, asked_of_anybody, questions
+from servobench.lab.assessment.questions import Question, all_blanks, questions
 from servobench.lab.assessment.roster import Student
-from servobench.lab.assessment.tables import written_table
-from servobench.lab.check import Checked, check_blank
+from servobench.lab.assessment.tables import csv_table
+from servobench.lab.check import CheckedAnswer, check_blank
 from servobench.lab.stand import MotorStand
 from servobench.rig.motor.individual import same_name
 
@@ -33,7 +33,7 @@ class Mark:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Marked:
+class StudentMarks:
     """A student's marks: a point for each right answer, out of the blanks that they were asked; `notes` are of their form."""
 
     student: str
@@ -55,7 +55,7 @@ class Marked:
 class Marks:
     """The marks of a class, its students in the roster's order; `stray` has a sentence for each form that is nobody's."""
 
-    students: tuple[Marked, ...]
+    students: tuple[StudentMarks, ...]
     stray: tuple[str, ...]
 
 
@@ -70,15 +70,15 @@ def mark(
     A form belongs to whom its code says, or without one to the student whose folder it lies in or is called after. Raises
     `UsageError` where forms have codes and none is anybody's: then the secret or the exercise is another one.
     """
-    belonging, stray = _sorted_out(assessment, students, forms)
+    belonging, stray = _sort_forms(assessment, students, forms)
     asked = []
     for number, student in enumerate(students):
         stand = assessment.stand(student.id)
         asked.append((stand, questions(assessment.exercise, stand)))
         reached((number + 1) / len(students))
-    blanks = {blank.id for blank in asked_of_anybody([each for _, each in asked])}
+    blanks = {blank.id for blank in all_blanks([each for _, each in asked])}
     marked = tuple(
-        _marked(student, belonging[student.id], stand, [q for q in each if q.blank.id in blanks])
+        _mark_student(student, belonging[student.id], stand, [q for q in each if q.blank.id in blanks])
         for student, (stand, each) in zip(students, asked, strict=True)
     )
     return Marks(students=marked, stray=stray)
@@ -99,10 +99,10 @@ def marks_table(marks: Marks) -> str:
         ]
         for each in marks.students
     ]
-    return written_table([head, *rows])
+    return csv_table([head, *rows])
 
 
-def _sorted_out(
+def _sort_forms(
     assessment: Assessment, students: Sequence[Student], forms: Sequence[Form]
 ) -> tuple[dict[str, list[Form]], tuple[str, ...]]:
     """The forms of each student, and a sentence for each that is nobody's."""
@@ -121,8 +121,8 @@ def _sorted_out(
     coded = [form for form in forms if form.code]
     if coded and not any(form.code in by_code for form in coded):
         raise UsageError(
-            f"none of the {len(coded)} forms has a code of this class in the exercise {assessment.exercise.name!r} (the first is "
-            f"{coded[0].path}); they were handed out with another secret, for another exercise, or to others"
+            f"none of the {len(coded)} forms has a code of this class in the exercise {assessment.exercise.name!r} "
+            f"(the first is {coded[0].path}); they belong to another secret, exercise or class"
         )
     return belonging, tuple(stray)
 
@@ -131,22 +131,24 @@ def _first(by_place: dict[str, str], places: Sequence[str]) -> str | None:
     return next((by_place[same_name(place)] for place in places if same_name(place) in by_place), None)
 
 
-def _marked(student: Student, forms: list[Form], stand: MotorStand, asked: list[Question]) -> Marked:
-    form, notes = _chosen(forms)
+def _mark_student(
+    student: Student, forms: list[Form], stand: MotorStand, asked: list[Question]
+) -> StudentMarks:
+    form, notes = _choose_form(forms)
     known = {question.blank.id for question in asked}
     if form is not None:
         notes += form.notes
         others = sorted(name[:40] for name, text in form.answers.items() if name not in known and text)
         if others:
-            notes += (f"Answers to what isn't asked: {', '.join(map(repr, others))}.",)
-    return Marked(
+            notes += (f"Answers to questions that weren't asked: {', '.join(map(repr, others))}.",)
+    return StudentMarks(
         student=student.id,
         marks=tuple(_mark(question, form, stand) for question in asked),
         notes=notes,
     )
 
 
-def _chosen(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
+def _choose_form(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
     """The form that counts; of several that differ none does, as nobody but the student knows which was meant."""
     if not forms:
         return None, ("There is no form.",)
@@ -165,13 +167,13 @@ def _mark(question: Question, form: Form | None, stand: MotorStand) -> Mark:
         gone = form is not None and blank.id not in form.answers
         sentence = "The form has no such line." if gone else "There is no answer."
         return Mark(blank=blank.id, verdict="missing", given="", sentence=sentence)
-    said = _checked(question, given, stand)
+    said = _check(question, given, stand)
     return Mark(
         blank=blank.id, verdict="right" if said.right else "wrong", given=given, sentence=said.sentence
     )
 
 
-def _checked(question: Question, given: str, stand: MotorStand) -> Checked:
+def _check(question: Question, given: str, stand: MotorStand) -> CheckedAnswer:
     blank = question.blank
     try:
         return check_blank(blank, given, stand.facts)

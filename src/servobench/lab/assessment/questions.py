@@ -40,12 +40,12 @@ def questions(exercise: Exercise, stand: MotorStand) -> tuple[Question, ...]:
     return tuple(_question(exercise, blank, stand) for blank in exercise.blanks)
 
 
-def asked_of_anybody(asked: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
+def all_blanks(asked: Sequence[tuple[Question, ...]]) -> tuple[Blank, ...]:
     """Return the blanks that at least one of the students is asked, in the exercise's order."""
     return tuple(column[0].blank for column in zip(*asked, strict=True) if any(q.is_asked for q in column))
 
 
-def passed_by_others(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
+def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
     """Return, by blanks, which part of the right answers of others would pass for a student's own; NaN with one student alone."""
     found = {}
     for column in zip(*asked, strict=True):

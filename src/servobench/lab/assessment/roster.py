@@ -35,8 +35,8 @@ def read_roster(path: Path) -> tuple[Student, ...]:
     table = read_table(path)
     if COLUMN not in table.headings:
         raise FormatError(
-            f"{path}: there is no column `{COLUMN}`; its first row has {', '.join(map(repr, table.headings))}. Put a row before "
-            f"the first student that says what the columns are, `{COLUMN}` among them"
+            f"{path}: there is no column `{COLUMN}`; its first row has {', '.join(map(repr, table.headings))}. Put a "
+            f"header row before the first student, with a column `{COLUMN}`"
         )
     seen: dict[str, tuple[str, int]] = {}
     mistakes = []
@@ -45,12 +45,14 @@ def read_roster(path: Path) -> tuple[Student, ...]:
         name = row.cells.get(COLUMN, "")
         key = same_name(name)
         if not key or len(name) > _LONGEST or not name.isprintable():
-            mistakes.append(f"{path}:{row.line}: {name[:40]!r} is no id; expected 1 to {_LONGEST} characters")
+            mistakes.append(
+                f"{path}:{row.line}: {name[:40]!r} isn't an id; expected 1 to {_LONGEST} characters"
+            )
         elif key in seen:
             other, line = seen[key]
             mistakes.append(
-                f"{path}:{row.line}: {name!r} is the same as {other!r} in line {line}: both would get one motor; capitals and "
-                "blanks tell nobody apart"
+                f"{path}:{row.line}: {name!r} is the same as {other!r} in line {line}: both would get the same "
+                "motor, as capitals and blanks don't count"
             )
         else:
             seen[key] = (name, row.line)
@@ -58,7 +60,7 @@ def read_roster(path: Path) -> tuple[Student, ...]:
     if mistakes:
         raise FormatError("\n".join(mistakes))
     if not students:
-        raise FormatError(f"{path}: there is nobody in it; expected a row for each student")
+        raise FormatError(f"{path}: it has no students; expected a row for each student")
     return _with_folders(students)
 
 

@@ -53,7 +53,7 @@ def read_table(path: Path) -> Table:
     Its first row has the headings. The encoding is what the file's first bytes say, or UTF-8, or else Windows' Latin; the
     separator is the one that stands most often in the first row. Raises `FormatError` for a file that can't be read so.
     """
-    text = _decoded(path)
+    text = _decode(path)
     first = next((line for line in text.splitlines() if line.strip()), "")
     separator = max(_SEPARATORS, key=first.count)
     reader = csv.reader(io.StringIO(text, newline=""), delimiter=separator)
@@ -65,10 +65,10 @@ def read_table(path: Path) -> Table:
         raise FormatError(f"{path}:{reader.line_num}: this is no table: {error}") from None
     if not lines:
         raise FormatError(f"{path}: it is empty")
-    headings = tuple(unquoted(cell).lower() for cell in lines[0][1])
+    headings = tuple(strip_apostrophe(cell).lower() for cell in lines[0][1])
     rows = tuple(
         Row(
-            cells={name: unquoted(cell) for name, cell in zip(headings, cells, strict=False)},
+            cells={name: strip_apostrophe(cell) for name, cell in zip(headings, cells, strict=False)},
             line=line,
             spare=sum(any(cells[n:]) for n in range(len(headings), len(cells))),
         )
@@ -77,7 +77,7 @@ def read_table(path: Path) -> Table:
     return Table(headings=headings, rows=rows, separator=separator)
 
 
-def written_table(rows: Sequence[Sequence[str]]) -> str:
+def csv_table(rows: Sequence[Sequence[str]]) -> str:
     """Return rows as CSV, each cell such that no spreadsheet computes it."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\r\n").writerows([[harmless(cell) for cell in row] for row in rows])
@@ -93,7 +93,7 @@ def harmless(cell: str) -> str:
     return f"'{shown}" if first and first in _FORMULA and not _is_number(shown) else shown
 
 
-def unquoted(cell: str) -> str:
+def strip_apostrophe(cell: str) -> str:
     """Return a cell without the apostrophe that `harmless` put before it."""
     kept = cell.strip()
     inner = kept[1:]
@@ -109,7 +109,7 @@ def _is_number(text: str) -> bool:
     return text.isascii() and "_" not in text and not text.startswith("+")
 
 
-def _decoded(path: Path) -> str:
+def _decode(path: Path) -> str:
     try:
         with path.open("rb") as file:
             data = file.read(_LARGEST + 1)

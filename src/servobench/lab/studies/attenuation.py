@@ -12,7 +12,7 @@ from servobench.core.channels import Array
 from servobench.core.rounding import plain
 from servobench.core.settings import Speed
 from servobench.lab.graphs import Graph, Line, figure_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.lowpass import Discretisation, Lowpass
 from servobench.report.illustrations import Illustration
@@ -37,7 +37,7 @@ class AttenuationTable(StudySettings):
     )
     """Frequencies of the sines [rad/s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, and the amplitudes over frequency."""
         omega = np.array(self.frequencies)
         left = [attenuation(self.cutoff, w) for w in self.frequencies]
@@ -61,7 +61,7 @@ class AttenuationTable(StudySettings):
         )
         table = Table(title=f"What a filter of {plain(self.cutoff)} rad/s leaves of a sine", columns=columns)
         computed = Table(
-            title=f"The amplitude behind the filter as a program computes it, every {plain(1e3 * sample_time)} ms",
+            title=f"The amplitude behind the filter when computed every {plain(1e3 * sample_time)} ms",
             columns=(
                 Column(name="sine", heading="frequency", unit="rad/s", values=self.frequencies),
                 *(
@@ -69,15 +69,15 @@ class AttenuationTable(StudySettings):
                         name=how,
                         heading=how,
                         unit="%",
-                        values=tuple(100 * float(part) for part in self._computed(how, omega, sample_time)),
+                        values=tuple(100 * float(part) for part in self._compute(how, omega, sample_time)),
                     )
                     for how in get_args(Discretisation)
                 ),
             ),
         )
-        return Shown(tables=(table, computed), figures=(self._figure(sample_time),))
+        return StudyResult(tables=(table, computed), figures=(self._figure(sample_time),))
 
-    def _computed(self, how: Discretisation, omega: Array, sample_time: float) -> Array:
+    def _compute(self, how: Discretisation, omega: Array, sample_time: float) -> Array:
         filtered = Chain((Lowpass(cutoff=self.cutoff, discretisation=how),))
         return np.asarray(np.abs(frequency_response(filtered, omega, sample_time)))
 
@@ -86,14 +86,14 @@ class AttenuationTable(StudySettings):
         exact = np.array([attenuation(self.cutoff, w).amplitude for w in omega])
         drawn = (
             Line(x=omega, y=exact, label="the filter", mark="wide"),
-            Line(x=omega, y=self._computed("euler", omega, sample_time), label="Euler", mark="dashed"),
-            Line(x=omega, y=self._computed("tustin", omega, sample_time), label="Tustin", mark="thin"),
+            Line(x=omega, y=self._compute("euler", omega, sample_time), label="Euler", mark="dashed"),
+            Line(x=omega, y=self._compute("tustin", omega, sample_time), label="Tustin", mark="thin"),
         )
         return figure_of(
             name="attenuation",
             title="What is left of a sine",
             caption=(
-                "The axis ends at half of the sample rate. There Tustin's filter lets nothing through, Euler's too much."
+                "The axis ends at half of the sample rate. There Tustin's filter passes nothing, Euler's too much."
             ),
             description=(
                 f"Amplitude over frequency behind a filter of {plain(self.cutoff)} rad/s: 70.7 % at the cut-off, then falling "

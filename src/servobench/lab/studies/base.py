@@ -62,7 +62,7 @@ class Table:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Shown:
+class StudyResult:
     """What a study found: tables, figures, sentences of what it means, and facts that stand in no table."""
 
     tables: tuple[Table, ...] = ()
@@ -103,7 +103,7 @@ class Study(Protocol):
         """The paper's numbers by the names of columns."""
         ...
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return what is found; raises `UsageError` where the exercise's experiment or motor doesn't fit the study."""
         ...
 
@@ -121,7 +121,7 @@ AnyStudy: TypeAlias = Annotated[Study, MemberOf(STUDIES)]
 """A field that holds a study: any member of the kind, or a table with its name as `type`."""
 
 
-def carried_out(study: Study, stand: Stand) -> Shown:
+def carry_out(study: Study, stand: Stand) -> StudyResult:
     """Return what a study finds, with the paper's numbers in the columns that they belong to.
 
     Raises `UnknownName` for numbers of the paper whose column isn't there, and `UsageError` where they are too many or too few.
@@ -138,7 +138,7 @@ def carried_out(study: Study, stand: Stand) -> Shown:
     return replace(shown, tables=tables)
 
 
-def facts_in(name: str, shown: Shown) -> dict[str, Fact]:
+def facts_in(name: str, shown: StudyResult) -> dict[str, Fact]:
     """Return the facts of a study: its own as `name_fact`, the numbers of its tables as `name_column_row`, counted from 1."""
     found = {f"{name}_{key}": fact for key, fact in shown.facts.items()}
     for table in shown.tables:

@@ -11,10 +11,10 @@ from pydantic import Field
 from servobench.core.rounding import plain, with_unit
 from servobench.core.settings import PositiveTime, PositiveVoltage, Settings, Torque, Voltage
 from servobench.lab.graphs import curve, over_time, panel
-from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.runs import simulated
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.runs import simulate_run
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.figures import Course, Curve, Look
 from servobench.report.illustrations import Illustration
@@ -65,13 +65,13 @@ class Breakaway(StudySettings):
     )
     """The simulated motors."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the exercise's own motor first, then the simulated ones."""
         ramp, hold = self._ramp(stand.experiment), self._hold(stand.experiment)
         own = motion_of(stand.run(ramp))
         ramps = [own, *(motion_of(_of(case, ramp)) for case in self.cases)]
         holds = [motion_of(r) for r in (stand.run(hold), *(_of(case, hold) for case in self.cases))]
-        resistance, k = (known(stand, f"sheet_{name}") for name in ("resistance", "motor_constant"))
+        resistance, k = (required_fact(stand, f"sheet_{name}") for name in ("resistance", "motor_constant"))
         friction = [math.nan, *(resistance * case.coulomb_torque / k for case in self.cases)]
         dead = [math.nan, *(case.dead_band for case in self.cases)]
         starts = [_start(each) for each in ramps]
@@ -101,16 +101,16 @@ class Breakaway(StudySettings):
                     digits=3,
                 ),
             ),
-            note=f"Seen {with_unit(self._lateness(stand), 'V', 2)} late: the ramp goes on while the shaft turns its first "
-            f"{_MOVED + 1} counts. How much of what is lost is friction, the voltage alone can't tell.",
+            note=f"Seen {with_unit(self._lateness(stand), 'V', 2)} late: the ramp continues while the shaft turns "
+            f"its first {_MOVED + 1} counts. The voltage alone doesn't show how much of the loss is friction.",
         )
-        return Shown(tables=(table,), figures=(_figure(own, ramps[-1], self.cases[-1]),))
+        return StudyResult(tables=(table,), figures=(_figure(own, ramps[-1], self.cases[-1]),))
 
     def _lateness(self, stand: Stand) -> float:
         """How much the ramp rises from where the data sheet's motor begins to slide until that is seen [V]."""
-        rate, tau = self.to / self.duration, known(stand, "sheet_time_constant")
-        seen = (_MOVED + 1) * 2 * math.pi / known(stand, "counts_per_rev")
-        turned = seen / (known(stand, "sheet_gain") * rate * tau**2)
+        rate, tau = self.to / self.duration, required_fact(stand, "sheet_time_constant")
+        seen = (_MOVED + 1) * 2 * math.pi / required_fact(stand, "counts_per_rev")
+        turned = seen / (required_fact(stand, "sheet_gain") * rate * tau**2)
         low, high = (
             0.0,
             2.0 + math.sqrt(2 * turned),
@@ -137,7 +137,7 @@ class Breakaway(StudySettings):
 
 
 def _of(case: Case, experiment: Experiment) -> Recording:
-    return simulated(experiment, coulomb_torque=case.coulomb_torque, dead_band=case.dead_band)
+    return simulate_run(experiment, coulomb_torque=case.coulomb_torque, dead_band=case.dead_band)
 
 
 def _start(motion: Motion) -> float:
@@ -152,7 +152,7 @@ def _speed(motion: Motion) -> float:
     return speed if abs(speed) > _FASTEST else 0.0
 
 
-def _beginning(motion: Motion, look: Look, label: str) -> Curve:
+def _start_curve(motion: Motion, look: Look, label: str) -> Curve:
     """The angle until the shaft has turned so far that the beginning can't be seen any more."""
     far = np.abs(motion.angle) > _SHOWN
     end = int(np.argmax(far)) if far.any() else len(far)
@@ -174,8 +174,8 @@ def _figure(own: Motion, other: Motion, case: Case) -> Illustration:
                     panel(
                         "Angle",
                         "rad",
-                        _beginning(own, "measured", "this motor"),
-                        _beginning(other, "model", f"dead band {plain(case.dead_band)} V"),
+                        _start_curve(own, "measured", "this motor"),
+                        _start_curve(other, "model", f"dead band {plain(case.dead_band)} V"),
                     ),
                 )
             ),

@@ -18,7 +18,7 @@ from servobench.lab.expression import Fact
 from servobench.lab.filter_reading import BestCutoff, Rise, best_cutoff, filtered_derivative
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.runs import quantum_of, steady_run, top_level
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.lowpass import Discretisation
@@ -49,7 +49,7 @@ class CutoffSweep(StudySettings):
     voltage: Voltage | None = None
     """Constant voltage at which the noise is looked at; without it the highest of the exercise's signal [V]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of the sweep, the filtered speeds, and the cut-off with the smallest error of a reading."""
         position = measure(stand.recording)
         chains = [filtered_derivative(cutoff, self.discretisation) for cutoff in self.cutoffs]
@@ -63,10 +63,10 @@ class CutoffSweep(StudySettings):
             quantum_of(position),
             discretisation=self.discretisation,
         )
-        return Shown(
+        return StudyResult(
             tables=(self._filters(), table),
             figures=(_rises(self.cutoffs, speeds, readings[0]),),
-            sentences=(_told(best, true),),
+            sentences=(_conclusion(best, true),),
             facts={
                 "best": Fact(value=best.cutoff),
                 "best_low": Fact(value=best.low),
@@ -98,7 +98,7 @@ class CutoffSweep(StudySettings):
         steady = steady_run(stand, level, T)
         read = np.array([each.mean[1] for each in readings])
         exact = tuple(noise(chain, steady.speed, T, steady.quantum) for chain in chains)
-        settled = tuple(_settling(s, r) for s, r in zip(speeds, readings, strict=True))
+        settled = tuple(_settling_time(s, r) for s, r in zip(speeds, readings, strict=True))
         columns = (
             Column(name="filter", heading="cut-off", unit="rad/s", values=self.cutoffs),
             Column(
@@ -144,7 +144,7 @@ def _swing(readings: Readings) -> float:
     )
 
 
-def _settling(speed: Dataset, readings: Readings) -> float:
+def _settling_time(speed: Dataset, readings: Readings) -> float:
     """When the speed is for the last time more than 2 % of a step away from its steady value, as a mean over steps [s]."""
     times = []
     for step in readings.steps:
@@ -181,7 +181,7 @@ def _rises(cutoffs: tuple[float, ...], speeds: list[Dataset], readings: Readings
     )
 
 
-def _told(best: BestCutoff, true: float) -> str:
+def _conclusion(best: BestCutoff, true: float) -> str:
     off = best.error
     return (
         f"Read at 63.2 % with nothing taken off, the time constant is least wrong behind a cut-off of {plain(best.cutoff, 2)} "

@@ -11,7 +11,7 @@ from pydantic import Field
 from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Speed
 from servobench.lab.filter_reading import filtered_derivative
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.lowpass import Discretisation, Lowpass
 from servobench.systems.filters.quantisation import noise
@@ -42,7 +42,7 @@ class DiscretisationTable(StudySettings):
     speed: Annotated[Speed, Field(gt=0)] = 47.6
     """Speed at which the noise is computed [rad/s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, a row for each sample time and method."""
         quantum = 2 * math.pi / stand.facts["counts_per_rev"].value
         cases = [(T, how) for T in self.sample_times for how in get_args(Discretisation)]
@@ -58,14 +58,14 @@ class DiscretisationTable(StudySettings):
             Column(name="behaves", heading="a step", values=tuple(row.behaves for row in rows)),
         )  # fmt: skip
         table = Table(
-            title=f"The filter {plain(self.cutoff)}/(s + {plain(self.cutoff)}) as a program computes it",
+            title=f"The filter {plain(self.cutoff)}/(s + {plain(self.cutoff)}) in discrete time",
             columns=columns,
             note=(
                 "Lag and noise are those of difference and filter together, the noise of an encoder's counts at "
                 f"{plain(self.speed)} rad/s."
             ),
         )
-        return Shown(tables=(table,))
+        return StudyResult(tables=(table,))
 
     def _row(self, how: Discretisation, sample_time: float, quantum: float) -> _Row:
         product = self.cutoff * sample_time

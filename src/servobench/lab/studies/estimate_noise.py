@@ -15,7 +15,7 @@ from servobench.core.errors import UsageError
 from servobench.core.rounding import plain
 from servobench.core.settings import CountsPerRev, PositiveTime, PositiveVoltage
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.lab.truth import Truth, truth_of
 from servobench.rig.experiment.experiment import DeviceChoice, Experiment
 from servobench.systems.signals.square import Square
@@ -70,7 +70,7 @@ class EstimateNoise(StudySettings):
     seed: Annotated[int, Field(ge=0)] = 7
     """Seed of how the encoders stand."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `UsageError` where the exercise's signal is no square wave that turns the motor one way."""
         square = _square(stand.experiment)
         truth = truth_of(stand.recording)
@@ -84,7 +84,7 @@ class EstimateNoise(StudySettings):
                 motions[key] = _motion(stand, square, case)
             random = np.random.default_rng([self.seed, number])
             found.append(_scatter(motions[key], case, truth, random.uniform(size=self.runs)))
-        return Shown(tables=(_table(cases, found, self.runs),), facts={"runs": Fact(value=self.runs)})
+        return StudyResult(tables=(_table(cases, found, self.runs),), facts={"runs": Fact(value=self.runs)})
 
     def _cases(self, square: Square, sample_time: float, counts: float) -> Iterator[_Case]:
         amplitude = 0.5 * (square.high - square.low)
@@ -133,7 +133,7 @@ def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scat
     prediction = structure.predict(best.vector, motion)
     jacobian = prediction.jacobian[prediction.valid]
     bound = np.sqrt(np.diag(inverse(jacobian.T @ jacobian)) * quantum**2 / 12)
-    found = [method.fit(structure, [_counted(motion, quantum, float(p))], [best.vector]) for p in places]
+    found = [method.fit(structure, [_count_motion(motion, quantum, float(p))], [best.vector]) for p in places]
     values = np.array([each.model.theta[:2] for each in found])
     stated = np.sqrt(np.mean([np.diag(each.covariance)[:2] for each in found], axis=0))
     size = np.array([truth.gain, truth.time_constant])
@@ -144,7 +144,7 @@ def _scatter(motion: Dataset, case: _Case, truth: Truth, places: Array) -> _Scat
     )
 
 
-def _counted(motion: Dataset, quantum: float, place: float) -> Dataset:
+def _count_motion(motion: Dataset, quantum: float, place: float) -> Dataset:
     """What an encoder with that quantum [rad] shows, the middle of each count, if it stands so far from the edge of one."""
     y = (np.floor(motion.y / quantum + place) + 0.5) * quantum
     return replace(motion, y=y, quantum=quantum)
@@ -170,5 +170,5 @@ def _table(cases: Sequence[_Case], found: Sequence[_Scatter], runs: int) -> Tabl
             column("tau_stated", "τ: stated", [each.stated[1] for each in found]),
             column("tau_scatter", f"τ: over {runs} encoders", [each.scatter[1] for each in found]),
         ),
-        note="In millionths of the value (ppm). All else is as in the exercise's own experiment.",
+        note="In millionths of the value (ppm). Everything else is as in the exercise's own experiment.",
     )

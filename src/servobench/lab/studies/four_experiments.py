@@ -9,7 +9,7 @@ import numpy as np
 from servobench.core.rounding import plain, with_unit
 from servobench.core.settings import PositiveFrequency, PositiveTime, PositiveVoltage
 from servobench.lab.graphs import over_time
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.boundedness import bibo
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
@@ -48,7 +48,7 @@ class FourExperiments(StudySettings):
     frequency: PositiveFrequency = 0.4
     """Frequency of the sinusoids [Hz]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of the four runs, their courses, and what each record says."""
         runs = [self._run(stand, name, signal) for name, signal in zip(_NAMES, self._signals(), strict=True)]
         columns = (
@@ -59,13 +59,14 @@ class FourExperiments(StudySettings):
             Column(
                 name="drift", heading="position goes off by", unit="rad/s", values=tuple(r.drift for r in runs), digits=3
             ),
-            Column(name="position", heading="position in this run", values=tuple(map(self._said, runs))),
+            Column(name="position", heading="position in this run", values=tuple(map(self._summary, runs))),
         )  # fmt: skip
         note = (
-            "The drift is the slope over the last quarter of step and pulse, and from period to period of a sinusoid. A bounded "
-            "position for one input proves nothing; one input that drives it off is enough for instability."
+            "The drift is the slope over the last quarter of step and pulse, and from period to period of a "
+            "sinusoid. A bounded position for one input proves nothing; a single input that makes it unbounded "
+            "proves instability."
         )
-        return Shown(
+        return StudyResult(
             tables=(Table(title="Four bounded inputs", columns=columns, note=note),),
             figures=(self._figure(runs),),
             sentences=tuple(
@@ -106,7 +107,7 @@ class FourExperiments(StudySettings):
             drift=_drift(position, period if isinstance(signal, Sine) else None, duration),
         )
 
-    def _said(self, run: _Run) -> str:
+    def _summary(self, run: _Run) -> str:
         # Two counts over the time that the slope is read over are no drift.
         if abs(run.drift) * 0.25 * run.position.duration <= 2 * (run.position.quantum or 0.0):
             return "stays bounded"

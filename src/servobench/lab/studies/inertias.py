@@ -9,8 +9,8 @@ from pydantic import Field, model_validator
 
 from servobench.core.errors import UnknownName
 from servobench.core.settings import In, Inertia, Settings
-from servobench.lab.known import known
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.rig.motor.parameters import disc_inertia
 
 Mass: TypeAlias = Annotated[float, In("kg"), Field(gt=0)]
@@ -64,7 +64,7 @@ class Inertias(StudySettings):
     totals: tuple[Total, ...] = ()
     """Sums of bodies, a row each below them."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `UnknownName` for a sum over a body that isn't there."""
         values = {body.name: body.value for body in self.bodies}
         whole = math.fsum(values.values())
@@ -72,7 +72,7 @@ class Inertias(StudySettings):
             *((body.name, body.mass, body.radius, body.value) for body in self.bodies),
             *((total.name, None, None, _sum(total, values)) for total in self.totals),
         ]
-        scale = known(stand, "sheet_resistance") / known(stand, "sheet_motor_constant") ** 2
+        scale = required_fact(stand, "sheet_resistance") / required_fact(stand, "sheet_motor_constant") ** 2
         inertias = tuple(row[3] for row in rows)
         table = Table(
             title="All that turns",
@@ -104,7 +104,7 @@ class Inertias(StudySettings):
             ),
             note="Time constants add up as the inertias do: R and k are the same for all of them.",
         )
-        return Shown(tables=(table,))
+        return StudyResult(tables=(table,))
 
 
 def _sum(total: Total, values: dict[str, float]) -> float:

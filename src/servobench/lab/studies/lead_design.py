@@ -11,7 +11,7 @@ from servobench.core.errors import UsageError
 from servobench.core.settings import Speed
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, Table
 
 
 @STUDIES.member("lead_design")
@@ -30,7 +30,7 @@ class LeadDesign(OfAMotor):
     hold: bool = True
     """Whether what the hold costs, half a sample time, is to be made up for."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the steps of the design; raises `UsageError` where no lead of one stage can make up for what is missing."""
         gain, tau = self.motor(stand)
         omega = self.crossover
@@ -39,8 +39,8 @@ class LeadDesign(OfAMotor):
         lead = self.phase_margin - left + lost
         if not 0 < lead < 85:
             raise UsageError(
-                f"lead_design: a phase margin of {self.phase_margin:g}° at {omega:g} rad/s takes a lead of {lead:.1f}°; one "
-                "stage gives more than 0° and less than 85°: wish another crossover or margin"
+                f"lead_design: a phase margin of {self.phase_margin:g}° at {omega:g} rad/s takes a lead of "
+                f"{lead:.1f}°; one stage gives more than 0° and less than 85°: choose another crossover or margin"
             )
         a = (1 + math.sin(math.radians(lead))) / (1 - math.sin(math.radians(lead)))
         steps = {
@@ -58,7 +58,7 @@ class LeadDesign(OfAMotor):
             Column(name="unit", heading="unit", values=tuple(unit for _, _, unit in steps.values())),
         )
         title = f"A lead for {self.phase_margin:g}° at {omega:g} rad/s"
-        return Shown(
+        return StudyResult(
             tables=(Table(title=title, columns=columns),),
             facts={name: Fact(value=value) for name, (_, value, _) in steps.items()},
         )

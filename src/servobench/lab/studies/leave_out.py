@@ -12,7 +12,7 @@ from pydantic import Field
 from servobench.core.errors import NotIdentifiable
 from servobench.core.rounding import TWO_SIDED, plain
 from servobench.core.settings import PositiveTime
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.systems.signals.base import AnySignal
 from servobench.systems.signals.square import Square
 
@@ -28,7 +28,7 @@ _HARDLY_MORE = 1.05
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Tried:
+class _Trial:
     """A structure fitted to the recording, and what came of it on parts left out and on another run."""
 
     structure: str
@@ -54,7 +54,7 @@ class LeaveOut(StudySettings):
     duration: PositiveTime = 5.0
     """Duration of the second run [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the tables, and the residuals of the first structure and of the one to take.
 
         Raises `UnknownName` for a structure that isn't known, `NotIdentifiable` where nothing can be left out of the recording.
@@ -63,16 +63,18 @@ class LeaveOut(StudySettings):
 
         made = stand.experiment.model_copy(update={"signal": self.second, "duration": self.duration})
         own, second = measure(stand.recording), measure(stand.run(made))
-        tried = [_tried(name, own, second) for name in self.structures]
-        shown = dict.fromkeys((tried[0].structure, _chosen(tried).structure))
-        return Shown(
+        tried = [_try_structure(name, own, second) for name in self.structures]
+        shown = dict.fromkeys((tried[0].structure, _choose(tried).structure))
+        return StudyResult(
             tables=(_summary(tried), _parts(tried)),
-            figures=tuple(figure for each in tried if each.structure in shown for figure in _leftovers(each)),
+            figures=tuple(
+                figure for each in tried if each.structure in shown for figure in _residual_figures(each)
+            ),
             sentences=_sentences(tried),
         )
 
 
-def _tried(name: str, own: Dataset, second: Dataset) -> _Tried:
+def _try_structure(name: str, own: Dataset, second: Dataset) -> _Trial:
     from servobench.identification.estimators.base import ESTIMATORS
     from servobench.identification.models.base import STRUCTURES
     from servobench.identification.trust.held_out import cross_validate, validate_with
@@ -82,9 +84,9 @@ def _tried(name: str, own: Dataset, second: Dataset) -> _Tried:
     left_out = cross_validate(method, [own], fit)
     if left_out is None:
         raise NotIdentifiable(
-            f"nothing can be left out of {own.name}: its input would have to change in what is left out and in what is left"
+            f"nothing can be left out of {own.name}: its input must change both in the part left out and in the rest"
         )
-    return _Tried(structure=name, fit=fit, left_out=left_out, other=validate_with(fit, [second]))
+    return _Trial(structure=name, fit=fit, left_out=left_out, other=validate_with(fit, [second]))
 
 
 def _counts(fit: Fit) -> float:
@@ -104,7 +106,7 @@ def _outside(fit: Fit) -> int:
     return int(np.count_nonzero(np.abs(_autocorrelation(fit)) > band))
 
 
-def _summary(tried: Sequence[_Tried]) -> Table:
+def _summary(tried: Sequence[_Trial]) -> Table:
     def column(name: str, heading: str, unit: str, values: Sequence[Cell], digits: int = 3) -> Column:
         return Column(name=name, heading=heading, unit=unit, values=tuple(values), digits=digits)
 
@@ -123,7 +125,7 @@ def _summary(tried: Sequence[_Tried]) -> Table:
     )  # fmt: skip
 
 
-def _parts(tried: Sequence[_Tried]) -> Table:
+def _parts(tried: Sequence[_Trial]) -> Table:
     rows = [(each.structure, part) for each in tried for part in each.left_out.records]
     return Table(
         title="Part by part",
@@ -147,7 +149,7 @@ def _parts(tried: Sequence[_Tried]) -> Table:
     )
 
 
-def _leftovers(each: _Tried) -> list[Illustration]:
+def _residual_figures(each: _Trial) -> list[Illustration]:
     """The residual over time and its autocorrelation, as a report shows them."""
     from servobench.report.illustrations import residuals
 
@@ -158,16 +160,16 @@ def _leftovers(each: _Tried) -> list[Illustration]:
     ]
 
 
-def _chosen(tried: Sequence[_Tried]) -> _Tried:
+def _choose(tried: Sequence[_Trial]) -> _Trial:
     """The structure with the fewest parameters of those that miss hardly more of the parts left out than the best does."""
     least = min(100 - each.left_out.fit_percent for each in tried)
     good = [each for each in tried if 100 - each.left_out.fit_percent <= _HARDLY_MORE * least]
     return min(good, key=lambda each: len(each.fit.model.names))
 
 
-def _sentences(tried: Sequence[_Tried]) -> tuple[str, ...]:
-    best = _chosen(tried)
+def _sentences(tried: Sequence[_Trial]) -> tuple[str, ...]:
+    best = _choose(tried)
     return (
-        f"{best.structure} misses {plain(100 - best.left_out.fit_percent, 2)} % of the parts left out ({best.left_out.how}). "
-        "No other misses less by more than a twentieth, nor as little with fewer parameters.",
+        f"{best.structure} misses {plain(100 - best.left_out.fit_percent, 2)} % of the parts left out "
+        f"({best.left_out.how}). No other model misses over a twentieth less, or as little with fewer parameters.",
     )

@@ -6,7 +6,7 @@ from servobench.core.errors import UsageError
 from servobench.core.rounding import plain
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
 
@@ -20,11 +20,11 @@ class Levels(StudySettings):
     A positive voltage has to count up, or amplifier and encoder are wired against each other, and any feedback runs away.
     """
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of levels; raises `UsageError` where the voltage is no sequence of levels."""
         motion = motion_of(stand.recording)
         levels = _levels(motion)
-        return Shown(tables=(_table(levels),), figures=(_figure(motion, levels),))
+        return StudyResult(tables=(_table(levels),), figures=(_figure(motion, levels),))
 
 
 def _table(levels: list[Motion]) -> Table:
@@ -52,7 +52,7 @@ def _table(levels: list[Motion]) -> Table:
                 values=tuple(p.between(0.5 * (p.t[0] + p.t[-1]), p.t[-1]).mean_speed for p in levels),
             ),
         ),
-        note="What a level adds at rest is the run-out of the one before.",
+        note="The motion at a level at rest is the run-out of the previous one.",
     )
 
 
@@ -60,7 +60,7 @@ def _figure(motion: Motion, levels: list[Motion]) -> Illustration:
     return over_time(
         "levels",
         "Voltage and angle",
-        "The angle follows the sign of the voltage: this is what every controller takes for granted.",
+        "The angle follows the sign of the voltage: every controller relies on that.",
         " ".join(f"At {plain(float(p.voltage[0]))} V the counter {_way(p)}." for p in levels),
         (
             Course(

@@ -11,8 +11,8 @@ from servobench.core.channels import Array
 from servobench.core.rounding import plain, with_unit
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import curve, over_time, panel
-from servobench.lab.known import known
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
 from servobench.systems.transfer_function import TransferFunction
@@ -33,7 +33,7 @@ class _Sheet:
     @classmethod
     def of(cls, stand: Stand) -> _Sheet:
         names = ("resistance", "inductance", "motor_constant", "inertia")
-        return cls(**{name: known(stand, f"sheet_{name}") for name in names})
+        return cls(**{name: required_fact(stand, f"sheet_{name}") for name in names})
 
     def speed(self, inductance: float) -> TransferFunction:
         """k/(L J s² + R J s + k²), all divided by k² so that the denominator ends in 1."""
@@ -53,7 +53,7 @@ class LinearModel(StudySettings):
     with K = 1/k and τ = R J/k². The position is an integral of the speed: one pole more, at zero.
     """
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the four transfer functions; raises `UsageError` where the experiment names no data sheet (`nominal`)."""
         sheet = _Sheet.of(stand)
         plain_speed, full_speed = sheet.speed(0.0), sheet.speed(sheet.inductance)
@@ -66,14 +66,15 @@ class LinearModel(StudySettings):
             "neglected": Fact(value=-1 / float(plain_speed.poles[0].real)),
             "electrical": Fact(value=sheet.inductance / sheet.resistance),
         }
-        return Shown(
+        return StudyResult(
             tables=(_table(systems),),
             figures=(_figure(plain_speed, full_speed),),
             sentences=(
                 f"With the inductance the slow time constant is {with_unit(float(slow), 's', 5)} in place of "
-                f"{with_unit(facts['neglected'].value, 's', 5)}, and a second one of {with_unit(float(fast), 's', 3)} appears, "
-                f"close to L/R = {with_unit(facts['electrical'].value, 's', 3)}: it "
-                "delays the speed by so much, and an encoder sees no more of it.",
+                f"{with_unit(facts['neglected'].value, 's', 5)}, and a second one of "
+                f"{with_unit(float(fast), 's', 3)} appears, close to L/R = "
+                f"{with_unit(facts['electrical'].value, 's', 3)}: the speed is delayed by that much, which is all "
+                "an encoder shows of it.",
             ),
             facts=facts,
         )
@@ -99,14 +100,14 @@ def _table(systems: tuple[TransferFunction, ...]) -> Table:
                 heading="from voltage to",
                 values=("speed, L = 0", "position, L = 0", "speed", "position"),
             ),
-            Column(name="form", heading="G(s)", values=tuple(map(_written, systems))),
+            Column(name="form", heading="G(s)", values=tuple(map(_fraction_text, systems))),
             *columns,
         ),
         note="The first pole is the slow one, or that of the integrator at 0.",
     )
 
 
-def _written(system: TransferFunction) -> str:
+def _fraction_text(system: TransferFunction) -> str:
     """G(s) in one line, as a person would write it."""
     highest = len(system.denominator) - 1
     terms = [
@@ -154,7 +155,7 @@ def _figure(without: TransferFunction, with_it: TransferFunction) -> Illustratio
     return over_time(
         "step",
         "A step of 1 V with and without inductance",
-        "The two lie on each other; only the first moments tell them apart.",
+        "The two coincide; only the first moments differ.",
         "The speed rises to its end without overshoot; with inductance it begins with a horizontal tangent, "
         f"{with_unit(fast, 's', 2)} late.",
         courses,

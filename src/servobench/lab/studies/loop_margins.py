@@ -11,8 +11,8 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.rounding import plain
 from servobench.lab.expression import Fact
-from servobench.lab.loops import OfAMotor, named, on_paper, tunable
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
+from servobench.lab.loops import OfAMotor, gains_text, on_paper, tunable
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, Table
 from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.rig.experiment.experiment import AnyController
@@ -36,7 +36,7 @@ class LoopMargins(OfAMotor):
     controller: AnyController | None = None
     """The controller; without it that of the exercise's experiment."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the margins both ways, Bode diagram and Nyquist curve; raises `UsageError` for a law without feedback."""
         law = tunable(self.controller or stand.experiment.controller)
         gain, tau = self.motor(stand)
@@ -60,11 +60,11 @@ class LoopMargins(OfAMotor):
             Column(name="verdict", heading="closed loop", values=tuple(c.verdict for c in closed)),
         )
         note = (
-            f"‘As it runs’ is the loop as it is computed every {plain(1000 * h, 3)} ms: the voltage holds in between, and "
+            f"‘As it runs’ is the loop computed every {plain(1000 * h, 3)} ms: the voltage holds in between, and "
             "filters, derivatives and integrals are sums and differences of samples."
         ) + _of_the_reference(law, paper, gain)
-        return Shown(
-            tables=(Table(title=f"Margins with {named(law)}", columns=columns, note=note),),
+        return StudyResult(
+            tables=(Table(title=f"Margins with {gains_text(law)}", columns=columns, note=note),),
             figures=(
                 _bode(paper, sampled, found[1].gain_crossover),
                 _nyquist(sampled, found[1].gain_crossover),
@@ -76,10 +76,10 @@ class LoopMargins(OfAMotor):
 
 def _bandwidth(loop: TransferFunction) -> float:
     """Where L/(1 + L) has 1/√2 of its gain at zero [rad/s]."""
-    return bandwidth(_closed(loop, loop.numerator))
+    return bandwidth(_close_loop(loop, loop.numerator))
 
 
-def _closed(loop: TransferFunction, numerator: Sequence[float]) -> TransferFunction:
+def _close_loop(loop: TransferFunction, numerator: Sequence[float]) -> TransferFunction:
     """The closed loop with another numerator over that of 1 + L."""
     below = np.polyadd(loop.denominator, loop.numerator)
     return TransferFunction(numerator=tuple(map(float, numerator)), denominator=tuple(map(float, below)))
@@ -90,9 +90,9 @@ def _of_the_reference(law: Tunable, loop: TransferFunction, gain: float) -> str:
     if not isinstance(law, Pid) or (law.b == 1 and (law.c == 1 or not law.kd)):
         return ""
     powers = (law.c * law.kd, law.b * law.kp, law.ki) if law.ki else (law.c * law.kd, law.b * law.kp)
-    followed = bandwidth(_closed(loop, [gain * power for power in powers]))
+    followed = bandwidth(_close_loop(loop, [gain * power for power in powers]))
     return (
-        " The derivative doesn't see all of the reference, so that L/(1 + L) isn't how the output follows it: from reference to "
+        " The derivative doesn't use the whole reference, so L/(1 + L) isn't the response to it: from reference to "
         f"output the bandwidth is {plain(followed)} rad/s on paper."
     )
 
@@ -106,7 +106,7 @@ def _bode(paper: TransferFunction, sampled: SampledLoop, crossover: float) -> Il
     return Illustration(
         name="loop",
         title="Bode diagram of the open loop",
-        caption="The dotted line is the gain crossover; the phase margin is what the phase has there above −180°.",
+        caption="The dotted line is the gain crossover; the phase margin is the phase there above −180°.",
         description=f"Magnitude falls through 0 dB at {plain(crossover)} rad/s.",
         draw=partial(stability_figures.loop_bode, omega, responses, crossover),
     )

@@ -17,7 +17,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Speed
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, Table
 from servobench.recordings.measurement.measure import measure
 from servobench.report import figures
 from servobench.report.figures import Course, Curve, Panel
@@ -75,7 +75,7 @@ class MarginalGain(OfAMotor):
     duration: PositiveTime = 6.0
     """Length of each run [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return gains and growth in a table, the swings, and the limits of the gain found in three ways."""
         gain, tau = self.motor(stand)
         a, h = self.pole, stand.experiment.sample_time
@@ -97,7 +97,7 @@ class MarginalGain(OfAMotor):
             ),
             Column(name="limit", heading="k", values=(paper, sampled, tried)),
         )
-        return Shown(
+        return StudyResult(
             tables=(
                 self._table(rightmost, swings),
                 Table(title="Where it begins to swing", columns=limits),
@@ -198,8 +198,11 @@ class MarginalGain(OfAMotor):
         return Illustration(
             name="swings",
             title="Swings about the speed that was asked for",
-            caption="Each run from half a second after the ramp, as far as the swings stay within half of the speed.",
-            description="Swings that die out with a small gain and grow with a large one.",
+            caption=(
+                "Each run from half a second after the ramp, as long as the oscillation stays within half "
+                "of the speed."
+            ),
+            description="Oscillations that decay with a small gain and grow with a large one.",
             draw=partial(figures.time_courses, drawn),
         )
 
@@ -210,14 +213,14 @@ def _growth(t: Array, y: Array, near: float) -> tuple[float, float]:
 
     x = t - t[0]
 
-    def left(theta: Array) -> Array:
+    def remainder(theta: Array) -> Array:
         growth, omega = theta
         swing = np.exp(growth * x)
         base = np.column_stack([np.ones_like(x), swing * np.cos(omega * x), swing * np.sin(omega * x)])
         weights, *_ = np.linalg.lstsq(base, y, rcond=None)
         return np.asarray(y - base @ weights, dtype=np.float64)
 
-    found = least_squares(left, (0.0, near), x_scale=(0.1, 1.0))
+    found = least_squares(remainder, (0.0, near), x_scale=(0.1, 1.0))
     return float(found.x[0]), float(found.x[1])
 
 

@@ -15,7 +15,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
 from servobench.core.rounding import plain
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.lab.truth import Truth, truth_of
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class Methods(StudySettings):
     chain: str = "derivative | lowpass 50 rad/s"
     """The measurement chain that makes a speed of the counts."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of methods; one that can't has no figures, and a sentence says why.
 
         Raises `NotIdentifiable` where the motor isn't simulated, as then nobody knows its true parameters, and where no
@@ -84,7 +84,7 @@ class Methods(StudySettings):
             derivative=measure(stand.recording, "derivative"),
             chained=measure(stand.recording, self.chain),
         )
-        timed = [_timed(method, views) for method in _METHODS]
+        timed = [_time_method(method, views) for method in _METHODS]
         found, costs = [each.estimate for each in timed], [each.cost for each in timed]
         if not any(math.isfinite(each.time_constant) for each in found):
             raise NotIdentifiable(
@@ -94,7 +94,7 @@ class Methods(StudySettings):
             "true_gain": Fact(value=truth.gain),
             "true_time_constant": Fact(value=truth.time_constant),
         }
-        return Shown(
+        return StudyResult(
             tables=(_table(found, costs, truth),),
             figures=(_figure(found, truth),),
             sentences=(*_sentences(found, truth), *(each.why_not for each in timed if each.why_not)),
@@ -103,7 +103,7 @@ class Methods(StudySettings):
 
 
 @dataclass(frozen=True, kw_only=True)
-class _Timed:
+class _TimedMethod:
     """What a method found and how long it took [ms], or why it found nothing, as a sentence."""
 
     estimate: _Estimate
@@ -114,21 +114,21 @@ class _Timed:
 _NOTHING = _Estimate(gain=math.nan, gain_sd=math.nan, time_constant=math.nan, time_constant_sd=math.nan)
 
 
-def _timed(method: _Method, views: _Views) -> _Timed:
+def _time_method(method: _Method, views: _Views) -> _TimedMethod:
     """What a method finds; its first call is thrown away, as it may compile or load what it needs."""
     try:
         method.estimate(views)
         before = time.perf_counter()
         found = method.estimate(views)
     except NotIdentifiable as error:
-        return _Timed(
+        return _TimedMethod(
             estimate=_NOTHING,
             why_not=f"{method.label} on the {method.sees} gives nothing: {f'{error}'.rstrip('.')}.",
         )
-    return _Timed(estimate=found, cost=1e3 * (time.perf_counter() - before))
+    return _TimedMethod(estimate=found, cost=1e3 * (time.perf_counter() - before))
 
 
-def _fitted(estimator: str, structure: str, data: Dataset) -> Fit:
+def _fit(estimator: str, structure: str, data: Dataset) -> Fit:
     from servobench.identification.estimators.base import ESTIMATORS
     from servobench.identification.models.base import STRUCTURES
 
@@ -141,7 +141,7 @@ def _by(
     """One of servobench's estimators, by name."""
 
     def estimate(views: _Views) -> _Estimate:
-        fit = _fitted(estimator, structure, view(views))
+        fit = _fit(estimator, structure, view(views))
         gain, tau = fit["gain"], fit["time_constant"]
         return _Estimate(gain=gain.value, gain_sd=gain.sd, time_constant=tau.value, time_constant_sd=tau.sd)
 
@@ -170,7 +170,7 @@ def _without_chain(views: _Views) -> _Estimate:
     from servobench.recordings.measurement.base import Chain
 
     bare = replace(views.chained, declared=Chain(), applied=Chain())
-    fit = _fitted("output_error", "rational_1_0", bare)
+    fit = _fit("output_error", "rational_1_0", bare)
     prediction = fit.model.structure.predict(fit.vector, bare)
     jacobian = prediction.jacobian[prediction.valid]
     return _of_pole(fit, fit.residual_sd**2 * inverse(jacobian.T @ jacobian)[:2, :2])
@@ -178,7 +178,7 @@ def _without_chain(views: _Views) -> _Estimate:
 
 def _srivc(structure: str) -> Callable[[_Views], _Estimate]:
     def estimate(views: _Views) -> _Estimate:
-        fit = _fitted("srivc", structure, views.position)
+        fit = _fit("srivc", structure, views.position)
         return _of_pole(fit, fit.covariance[:2, :2])
 
     return estimate
@@ -200,19 +200,19 @@ def _derivative(views: _Views) -> Dataset:
     return views.derivative
 
 
-def _chained(views: _Views) -> Dataset:
+def _chain_views(views: _Views) -> Dataset:
     return views.chained
 
 
 _METHODS = (
-    _Method(label="63.2 %", sees="filtered speed", estimate=_by("step_63", _chained)),
+    _Method(label="63.2 %", sees="filtered speed", estimate=_by("step_63", _chain_views)),
     _Method(label="63.2 %", sees="plain derivative", estimate=_by("step_63", _derivative)),
-    _Method(label="63.2 %, lag allowed for", sees="filtered speed", estimate=_by("step_63_corrected", _chained)),
-    _Method(label="slope of the logarithm", sees="filtered speed", estimate=_by("log_linear", _chained)),
+    _Method(label="63.2 %, lag allowed for", sees="filtered speed", estimate=_by("step_63_corrected", _chain_views)),
+    _Method(label="slope of the logarithm", sees="filtered speed", estimate=_by("log_linear", _chain_views)),
     _Method(label="ARX least squares", sees="plain derivative", estimate=_arx(_derivative)),
-    _Method(label="ARX least squares", sees="filtered speed", estimate=_arx(_chained)),
+    _Method(label="ARX least squares", sees="filtered speed", estimate=_arx(_chain_views)),
     _Method(label="output error, no chain", sees="filtered speed", estimate=_without_chain),
-    _Method(label="output error, with chain", sees="filtered speed", estimate=_by("output_error", _chained)),
+    _Method(label="output error, with chain", sees="filtered speed", estimate=_by("output_error", _chain_views)),
     _Method(label="srivc without a delay", sees="position", estimate=_srivc("rational_1_0_integrator")),
     _Method(label="srivc", sees="position", estimate=_srivc("rational_1_0_integrator_delay")),
     _Method(label="frequency response", sees="position", estimate=_by("frequency_response", _position)),
@@ -256,8 +256,8 @@ def _sentences(found: Sequence[_Estimate], truth: Truth) -> list[str]:
     wrong = sum(z > _FAIR for z, _ in told)
     worst, method = max(told, key=lambda each: each[0])
     return [
-        f"{wrong} of {len(told)} methods are more than {plain(_FAIR)} of their own standard deviations from the truth: they "
-        "say how much their figure scatters, and nothing of what it is always off by.",
+        f"{wrong} of {len(told)} methods are more than {plain(_FAIR)} of their own standard deviations from the "
+        "truth: they state the scatter of their result, but not its bias.",
         f"The furthest off by its own measure is {method.label} on the {method.sees}, by {plain(worst, 2)} of its "
         "standard deviations.",
     ]
@@ -281,8 +281,8 @@ def _figure(found: Sequence[_Estimate], truth: Truth) -> Illustration:
     return Illustration(
         name="methods",
         title="The error of τ by method",
-        caption="A dot is the estimate, the bar the 95 % interval that the method states; where there is none, it's narrower "
-        "than the dot. An honest method's bar holds zero.",
+        caption="A dot is the estimate, the bar the 95 % interval that the method states; a missing bar is "
+        "narrower than the dot. An honest method's bar covers zero.",
         description=f"Errors of the time constant: {told}.",
         draw=partial(
             figures.differences,

@@ -16,7 +16,7 @@ from servobench.core.settings import PositiveTime, Settings
 from servobench.lab.expression import Expression
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
 
@@ -33,7 +33,7 @@ class Candidate(Settings):
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Held:
+class _Comparison:
     """A model held against a motion: its values, its mean speeds (N,) [rad/s], their error [rad/s], and friction's part [V]."""
 
     name: str
@@ -58,17 +58,17 @@ class ModelsBeside(StudySettings):
     models: Annotated[tuple[Candidate, ...], Field(min_length=1)]
     """The models."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return how far each model is off; raises `UsageError` where the shaft doesn't turn one way all the time."""
         motion = motion_of(stand.recording)
         if (np.diff(motion.angle) < 0).any():
             raise UsageError(
-                "the shaft turns back, and friction with it; expected a voltage that turns it one way all the time, such as 1 to "
-                "3 V"
+                "the shaft turns back, and friction with it; expected a voltage that always turns it the same way, "
+                "such as 1 to 3 V"
             )
         step = max(1, round(self.window / float(motion.t[1] - motion.t[0])))
         t, measured = _mean_speed(motion.t, motion.angle, step)
-        held = [self._held(stand, model, motion, step, measured) for model in self.models]
+        held = [self._compare(stand, model, motion, step, measured) for model in self.models]
         spread, quantum = float(np.std(measured)), motion.count / (step * float(t[1] - t[0]))
         table = Table(
             title="Each model under the same voltage, against the speed that was measured",
@@ -98,11 +98,13 @@ class ModelsBeside(StudySettings):
                     values=tuple(100 * (1 - h.error / spread) for h in held),
                 ),
             ),
-            note=f"Whole counts alone make an error of {plain(quantum / math.sqrt(6), 2)} rad/s.",
+            note=f"Rounding to whole counts alone gives an error of {plain(quantum / math.sqrt(6), 2)} rad/s.",
         )
-        return Shown(tables=(table,), figures=(_figure(motion, t, measured, held),))
+        return StudyResult(tables=(table,), figures=(_figure(motion, t, measured, held),))
 
-    def _held(self, stand: Stand, model: Candidate, motion: Motion, step: int, measured: Array) -> _Held:
+    def _compare(
+        self, stand: Stand, model: Candidate, motion: Motion, step: int, measured: Array
+    ) -> _Comparison:
         gain = Expression(model.gain).evaluate(stand.facts).value
         tau = Expression(model.time_constant).evaluate(stand.facts).value
         _, driven = _mean_speed(motion.t, _angle(motion.t, motion.voltage, gain, tau), step)
@@ -110,7 +112,7 @@ class ModelsBeside(StudySettings):
         lost = float(held_back @ (driven - measured) / (held_back @ held_back))
         speed = driven - lost * held_back
         error = float(np.sqrt(np.mean((measured - speed) ** 2)))
-        return _Held(name=model.name, gain=gain, tau=tau, speed=speed, error=error, lost=lost)
+        return _Comparison(name=model.name, gain=gain, tau=tau, speed=speed, error=error, lost=lost)
 
 
 def _angle(t: Array, voltage: Array, gain: float, tau: float) -> Array:
@@ -129,7 +131,7 @@ def _mean_speed(t: Array, angle: Array, step: int) -> tuple[Array, Array]:
     return 0.5 * (t[step:] + t[:-step]), (angle[step:] - angle[:-step]) / (t[step:] - t[:-step])
 
 
-def _figure(motion: Motion, t: Array, measured: Array, held: list[_Held]) -> Illustration:
+def _figure(motion: Motion, t: Array, measured: Array, held: list[_Comparison]) -> Illustration:
     """The last rise of the voltage, a picture for each model."""
     rises = np.flatnonzero(np.diff(motion.voltage) > 0)
     at = float(motion.t[rises[-1] + 1]) if len(rises) else float(motion.t[0])
@@ -154,6 +156,6 @@ def _figure(motion: Motion, t: Array, measured: Array, held: list[_Held]) -> Ill
         "models",
         "One rise of the speed, and each model's",
         "Wide and grey: measured. Thin and blue: the model, under the same voltage. Time counts from the rise of the voltage.",
-        f"Nearest to the measured speed is ‘{best.name}’, with an error of {plain(best.error, 2)} rad/s.",
+        f"Closest to the measured speed is ‘{best.name}’, with an error of {plain(best.error, 2)} rad/s.",
         courses,
     )

@@ -11,8 +11,8 @@ from pydantic import Field
 from servobench.core.errors import NotIdentifiable
 from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
-from servobench.lab.studies.stall_table import TEN, blocked
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
+from servobench.lab.studies.stall_table import TEN, block_shaft
 from servobench.lab.truth import Truth, truth_of
 
 if TYPE_CHECKING:
@@ -40,7 +40,7 @@ class MotorTable(StudySettings):
     dwell: PositiveTime = 1.0
     """Time at each of them [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `NotIdentifiable` for a recording that supports no model or a motor that is not simulated."""
         from servobench.identification.identify import identify
         from servobench.identification.motor_parameters import motor_parameters
@@ -52,11 +52,11 @@ class MotorTable(StudySettings):
             raise NotIdentifiable(
                 "the recording supports no model: " + " ".join(f.sentence for f in result.findings)
             )
-        stalled = measure(stand.run(blocked(stand.experiment, self.voltages, self.dwell)))
+        stalled = measure(stand.run(block_shaft(stand.experiment, self.voltages, self.dwell)))
         both = motor_parameters(result.fit, stalled=(stalled,)).estimates
         alone = motor_parameters(result.fit).estimates
         facts = {name: _fact(estimate) for name, estimate in both.items()}
-        return Shown(tables=(_table(alone, both, truth),), facts=facts)
+        return StudyResult(tables=(_table(alone, both, truth),), facts=facts)
 
 
 def _fact(estimate: Estimate) -> Fact:

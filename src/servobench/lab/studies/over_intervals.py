@@ -6,12 +6,13 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.estimate import Estimate
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED, rounded_interval
 from servobench.identification.estimators.base import Fit
 from servobench.identification.uncertainty.propagation import LEVEL, propagate
 from servobench.identification.uncertainty.stability import loop_over_intervals, stability_over_intervals
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.rig.experiment import Experiment
 from servobench.rig.experiment.experiment import PAPER
 from servobench.systems.transfer_function import TransferFunction
@@ -24,7 +25,7 @@ class OverIntervals(StudySettings):
     kp: float = 1.0
     """Gain of the position loop that is asked about [V/rad]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the parameters with their intervals, and the verdicts; raises `NotIdentifiable` where nothing is identified."""
         from servobench.identification.identify import identify
         from servobench.recordings.measurement.measure import measure
@@ -41,20 +42,22 @@ class OverIntervals(StudySettings):
             "loop": loop_over_intervals(result.fit, feedback),
         }
         columns = (
-            Column(name="parameter", heading="", values=tuple(name.replace("_", " ") for name in known)),
+            Column(
+                name="parameter",
+                heading="",
+                values=tuple(parameter_in_words(name, e.unit) for name, e in known.items()),
+            ),
             Column(
                 name="interval",
                 heading="identified",
                 values=tuple(str(rounded_interval(e.value, e.interval, e.unit)) for e in known.values()),
             ),
         )
-        table = Table(
-            title="What a square wave of 1 to 3 V tells of the motor, 95 % intervals", columns=columns
-        )
+        table = Table(title="The motor from a square wave of 1 to 3 V, 95 % intervals", columns=columns)
         facts = {
             name: Fact(value=e.value, half=0.5 * (e.interval[1] - e.interval[0])) for name, e in known.items()
         }
-        return Shown(
+        return StudyResult(
             tables=(table,),
             sentences=tuple(
                 f"{what} {each.sentence}"

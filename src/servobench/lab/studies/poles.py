@@ -5,10 +5,10 @@ from __future__ import annotations
 from functools import partial
 
 from servobench.core.rounding import plain
+from servobench.identification.uncertainty.bands import PoleBand
 from servobench.lab.expression import Fact
 from servobench.lab.loops import OfAMotor, motor_system
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
-from servobench.report.bands import PoleBand
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, Table
 from servobench.report.illustrations import Illustration
 from servobench.report.model_figures import pole_map
 from servobench.systems.stability.verdict import StabilityReport, stability
@@ -18,7 +18,7 @@ from servobench.systems.stability.verdict import StabilityReport, stability
 class Poles(OfAMotor):
     """Poles, multiplicity and verdict from voltage to speed and from voltage to position, and a bounded input that drives off."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, a map of the poles, and the reasons in words."""
         gain, tau = self.motor(stand)
         judged = [stability(motor_system(gain, tau, output)) for output in ("speed", "position")]
@@ -35,7 +35,7 @@ class Poles(OfAMotor):
         )
         drive = judged[1].drive
         facts = {"growth": Fact(value=drive.coefficient)} if drive else {}
-        return Shown(
+        return StudyResult(
             tables=(Table(title="Poles and what they mean", columns=columns),),
             figures=(_map(-1 / tau),),
             sentences=(*judged[1].reasons, *((drive.sentence,) if drive else ())),
@@ -56,7 +56,10 @@ def _map(pole: float) -> Illustration:
     return Illustration(
         name="poles",
         title="Poles of the motor",
-        caption="Crosses are poles: the motor's, and at 0 the integrator's from speed to position. What is shaded is unstable.",
+        caption=(
+            "Crosses are poles: the motor's, and at 0 the integrator's from speed to position. The shaded "
+            "half is unstable."
+        ),
         description=f"Pole map: a pole at {plain(pole)} 1/s, and the integrator's at 0.",
         draw=partial(pole_map, (band,), 0j),
     )

@@ -12,9 +12,9 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Settings, Voltage
 from servobench.lab.course import from_rest
 from servobench.lab.graphs import over_time
-from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.illustrations import Illustration
 from servobench.rig.experiment import Experiment
@@ -52,17 +52,17 @@ class PulseResponse(StudySettings):
     )
     """The pulses."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of pulses; raises `NotIdentifiable` where the shaft doesn't move or doesn't come to rest."""
         runs = [stand.run(self._experiment(stand.experiment, pulse)) for pulse in self.pulses]
         motions = [motion_of(run) for run in runs]
-        table = self._table(motions, known(stand, "sheet_gain"))
-        return Shown(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
+        table = self._table(motions, required_fact(stand, "sheet_gain"))
+        return StudyResult(tables=(table,), figures=(_figure(runs[0], runs[-1], self.pulses),))
 
     def _table(self, motions: list[Motion], gain: float) -> Table:
         areas = [motion.area for motion in motions]
         angles = [float(motion.angle[-1]) for motion in motions]
-        moving = [_moving(m, p, self.start) for m, p in zip(motions, self.pulses, strict=True)]
+        moving = [_motion_times(m, p, self.start) for m, p in zip(motions, self.pulses, strict=True)]
         friction = [
             (abs(area) - abs(angle) / gain) / (until - since)
             for area, angle, (since, until) in zip(areas, angles, moving, strict=True)
@@ -95,9 +95,9 @@ class PulseResponse(StudySettings):
                     name="friction", heading="Coulomb voltage", unit="V", digits=2, values=tuple(friction)
                 ),
             ),
-            note="K × area is what would be left without friction. The Coulomb voltage is (area − angle/K) over the time that "
-            "the shaft moved; it comes out a little high, as the data sheet's K is, and as the shaft creeps on after its last "
-            "count.",
+            note="K × area is what would be left without friction. The Coulomb voltage is (area − angle/K) over "
+            "the time that the shaft moved; it comes out a little high, because the data sheet's K is too "
+            "high and the shaft creeps on after its last count.",
         )
 
     def _experiment(self, asked: Experiment, pulse: Push) -> Experiment:
@@ -109,7 +109,7 @@ class PulseResponse(StudySettings):
         )
 
 
-def _moving(motion: Motion, pulse: Push, start: float) -> tuple[float, float]:
+def _motion_times(motion: Motion, pulse: Push, start: float) -> tuple[float, float]:
     """From when to when the shaft moved [s]; raises `NotIdentifiable` where it never did or is moving still.
 
     The first count comes late, as the shaft has to turn by one before: it is taken to move from the pulse's begin on.
@@ -134,7 +134,7 @@ def _figure(first: Recording, last: Recording, pulses: tuple[Push, ...]) -> Illu
     return over_time(
         "pulses",
         "Two pulses",
-        "The speed comes back to zero; the angle stays where the pulse has left it.",
+        "The speed returns to zero; the angle stays where the pulse left it.",
         f"After the pulses the speed is zero, and the angle stays at {' and '.join(plain(a, 3) for a in angles)} rad.",
         courses,
     )

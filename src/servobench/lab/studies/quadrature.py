@@ -9,8 +9,8 @@ from pydantic import Field
 
 from servobench.core.channels import Array
 from servobench.lab.graphs import Graph, Line, figure_of
-from servobench.lab.known import known
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.illustrations import Illustration
 
 _EDGES = 4  # in a line of the disc: each channel rises once and falls once
@@ -29,15 +29,15 @@ class Quadrature(StudySettings):
     drawn: Annotated[int, Field(ge=1, le=8)] = 2
     """How many lines of the disc are drawn."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the four states of a line as a table, and the channels over the angle."""
-        pitch = _EDGES * 360 / known(stand, "counts_per_rev")  # degrees
-        return Shown(
+        pitch = _EDGES * 360 / required_fact(stand, "counts_per_rev")  # degrees
+        return StudyResult(
             tables=(_table(pitch),),
             figures=(_figure(pitch, self.drawn),),
             sentences=(
-                "From one row to the next one channel alone changes. Turning back, the shaft meets the rows the other way round: "
-                "after A dark, B light come A light, B light, which a decoder counts down.",
+                "Only one channel changes from row to row. When the shaft turns back, the rows come in reverse "
+                "order: after A dark, B light come A light, B light, which a decoder counts down.",
             ),
         )
 

@@ -14,7 +14,7 @@ from servobench.core.settings import PositiveTime, Speed, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
 from servobench.lab.runs import SteadyRun, steady_run
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.report.illustrations import Illustration
 from servobench.systems.filters.quantisation import count_fraction, derivative_noise
@@ -34,20 +34,20 @@ class QuantisationNoise(StudySettings):
     speeds: tuple[Speed, ...] = ()
     """Speeds that the formula alone is asked for [rad/s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return formula beside run for each voltage and sample time; facts: `worst`, the largest noise at the first time."""
         runs = [(v, T, steady_run(stand, v, T)) for v in self.voltages for T in self.sample_times]
         quantum = runs[0][2].quantum
         tables = [_table(runs)]
         if self.speeds:
-            tables.append(self._named(quantum))
-        return Shown(
+            tables.append(self._table_of(quantum))
+        return StudyResult(
             tables=tuple(tables),
             figures=(_figure(self.sample_times[:2], quantum, max(abs(run.speed) for _, _, run in runs)),),
             facts={"worst": Fact(value=0.5 * quantum / self.sample_times[0])},
         )
 
-    def _named(self, quantum: float) -> Table:
+    def _table_of(self, quantum: float) -> Table:
         rows = [(speed, T) for speed in self.speeds for T in self.sample_times]
         columns = (
             Column(name="speed", heading="speed", unit="rad/s", values=tuple(speed for speed, _ in rows)),
@@ -104,8 +104,8 @@ def _figure(sample_times: Sequence[float], quantum: float, fastest: float) -> Il
         name="quantisation",
         title="The noise depends on which speed",
         caption=(
-            "Where a sample takes a whole number of counts there is no noise at all; half a count beside it is most. "
-            "A shorter sample time makes the arches higher and wider."
+            "At a whole number of counts per sample there is no noise; it is largest half a count away. A shorter "
+            "sample time makes the arches higher and wider."
         ),
         description=(
             f"Noise of the difference over the speed: arches from zero to {plain(largest, 3)} rad/s, one for each count a "

@@ -16,11 +16,11 @@ from servobench.lab.filter_reading import (
     Rise,
     filtered_derivative,
     nearby,
-    pooled,
+    pool_errors,
     reading_error,
 )
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.illustrations import Illustration
 from servobench.systems.filters.quantisation import mean_noise
 
@@ -40,7 +40,7 @@ class ReadingErrors(StudySettings):
     speeds: Annotated[tuple[Annotated[Speed, Field(gt=0)], ...], Field(min_length=1)] = (20.0, 47.6)
     """By how much the speed moves in the step [rad/s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return a row for each speed, sample time and cut-off, and the error over the cut-off."""
         motor = stand.facts["time_constant"].value
         quantum = 2 * math.pi / stand.facts["counts_per_rev"].value
@@ -65,11 +65,11 @@ class ReadingErrors(StudySettings):
             title=f"A time constant of {plain(motor)} s, read at 63.2 %",
             columns=columns,
             note=(
-                "Noise is the rms over all speeds, as the speed passes many of them while it rises. The steps begin at rest, and "
-                "the filter is computed by Tustin; by forward Euler it lets more noise through."
+                "Noise is the rms over all speeds, as the speed passes many of them while it rises. The steps start "
+                "from rest, and the filter is discretised by Tustin; with forward Euler it passes more noise."
             ),
         )
-        return Shown(tables=(table,), figures=(self._figure(motor, quantum),))
+        return StudyResult(tables=(table,), figures=(self._figure(motor, quantum),))
 
     def _figure(self, motor: float, quantum: float) -> Illustration:
         """The error over the cut-off, a line for each of the first speeds, at the first sample time."""
@@ -104,4 +104,4 @@ def _error(speed: float, motor: float, sample_time: float, quantum: float, cutof
     """The error of a reading, over speeds near to the given one."""
     chain = filtered_derivative(cutoff)
     rises = nearby(Rise(speed=speed, time_constant=motor), sample_time, quantum)
-    return pooled([reading_error(chain, rise, sample_time, quantum, _PLACES) for rise in rises])
+    return pool_errors([reading_error(chain, rise, sample_time, quantum, _PLACES) for rise in rises])

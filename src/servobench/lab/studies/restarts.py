@@ -7,8 +7,8 @@ from typing import Annotated
 
 from pydantic import Field
 
-from servobench.lab.known import known
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 
 
 @STUDIES.member("restarts")
@@ -18,16 +18,16 @@ class Restarts(StudySettings):
     runs: Annotated[int, Field(ge=2, le=5)] = 2
     """How many runs there are, that of the exercise among them."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of first and last counts."""
         recordings = (
             stand.recording,
             *(stand.run(stand.experiment) for _ in range(self.runs - 1)),
         )
         counts = [recording["counts"].values for recording in recordings]
-        per_rev = known(stand, "counts_per_rev")
+        per_rev = required_fact(stand, "counts_per_rev")
         last = tuple(float(each[-1]) for each in counts)
-        return Shown(
+        return StudyResult(
             tables=(
                 Table(
                     title="The same experiment, started anew",
@@ -49,7 +49,7 @@ class Restarts(StudySettings):
                             unit="rad",
                         ),
                     ),
-                    note="Where one run ends is the zero of the next: an incremental encoder has no zero of its own.",
+                    note="The end of one run is the zero of the next: an incremental encoder has no absolute zero.",
                 ),
             )
         )

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from servobench.core.errors import UsageError
 from servobench.core.rounding import plain
 from servobench.lab.expression import Expression, Fact
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report import stability_figures
 from servobench.report.illustrations import Illustration
 from servobench.systems.stability.locus import RootLocus, root_locus
@@ -39,7 +39,7 @@ class RouthTables(StudySettings):
             Expression(text)
         return self
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return a table for each gain, one of all gains, and the root locus; raises `UsageError` for a loop without one."""
         n, d = (
             tuple(Expression(text).evaluate(stand.facts).value for text in texts)
@@ -61,13 +61,13 @@ class RouthTables(StudySettings):
             Column(name="verdict", heading="closed loop", values=tuple(map(_verdict, tables))),
         )
         limit = _limit(locus)
-        return Shown(
+        return StudyResult(
             tables=(
                 *(_table(k, table) for k, table in zip(self.gains, tables, strict=True)),
                 Table(title="Gains and roots", columns=summary),
             ),
             figures=(_figure(locus, loop, np.concatenate(marks)),),
-            sentences=(_said(locus),),
+            sentences=(_locus_text(locus),),
             facts={"limit": Fact(value=limit)} if math.isfinite(limit) else {},
         )
 
@@ -83,7 +83,7 @@ def _verdict(table: RouthTable) -> str:
     return "marginally stable" if table.on_axis else "stable"
 
 
-def _said(locus: RootLocus) -> str:
+def _locus_text(locus: RootLocus) -> str:
     if not locus.stable:
         return "The loop is stable for no gain above zero."
     ranges = " and ".join(
@@ -112,7 +112,8 @@ def _table(k: float, table: RouthTable) -> Table:
         a, power = table.factor
         by = f"(s + {a})" + (f"^{power}" if power > 1 else "")
         notes.append(
-            f"A zero would stand in front of a row; the polynomial was multiplied by {by}, which adds roots on the left alone."
+            f"A row would start with a zero; the polynomial was multiplied by {by}, which adds only roots on the "
+            "left."
         )
     return Table(title=f"Routh table for k = {plain(k)}", columns=tuple(columns), note=" ".join(notes))  # fmt: skip
 
@@ -125,6 +126,6 @@ def _figure(locus: RootLocus, loop: TransferFunction, marks: np.ndarray) -> Illu
         name="locus",
         title="Root locus",
         caption="Crosses are the open loop's poles, squares the closed loop's at the gains of the tables; shaded is unstable.",
-        description=f"Root locus of {loop}. {_said(locus)}",
+        description=f"Root locus of {loop}. {_locus_text(locus)}",
         draw=partial(stability_figures.root_locus, locus.poles, [complex(z) for z in loop.zeros], places),
     )

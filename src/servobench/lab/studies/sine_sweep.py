@@ -17,7 +17,7 @@ from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.rounding import plain
 from servobench.core.settings import PositiveFrequency, PositiveTime, PositiveVoltage, Voltage
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.lab.truth import Truth, truth_if_known
 from servobench.rig.experiment import Experiment
 from servobench.systems.signals.constant import Constant
@@ -71,7 +71,7 @@ class SineSweep(StudySettings):
     settling: PositiveTime = 1.0
     """Time before a reading begins [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, the Bode diagram and τ from magnitude and phase.
 
         Where the motor is simulated, what its parameters foretell stands beside what was measured. Raises `UsageError` where the
@@ -93,7 +93,7 @@ class SineSweep(StudySettings):
         }
         if truth:
             facts |= {"true_gain": truth.gain, "true_time_constant": truth.time_constant}
-        return Shown(
+        return StudyResult(
             tables=(self._table(points, truth), _readings(facts)),
             figures=(self._figure(points, truth),),
             facts={name: Fact(value=value) for name, value in facts.items()},
@@ -124,7 +124,7 @@ class SineSweep(StudySettings):
         response = 1j * omega * wave / self.amplitude * cmath.exp(0.5j * omega * made.sample_time)
         return _Point(frequency=frequency, gain=abs(response), phase=cmath.phase(response))
 
-    def _expected(self, frequency: float, truth: Truth) -> complex:
+    def _expected_response(self, frequency: float, truth: Truth) -> complex:
         """The response with friction's describing function, or the linear one where the motor doesn't turn round."""
         omega = 2 * math.pi * frequency
         if not self._reverses(truth):
@@ -162,7 +162,7 @@ class SineSweep(StudySettings):
     def _at(self, frequency: float, truth: Truth) -> complex:
         """What is expected at a frequency; of a constant voltage friction takes u_c, where it starts from rest."""
         if frequency:
-            return self._expected(frequency, truth)
+            return self._expected_response(frequency, truth)
         lost = 0.0 if self.offset else truth.coulomb_voltage
         return complex(truth.gain * (1 - lost / self.amplitude))
 
@@ -175,7 +175,7 @@ class SineSweep(StudySettings):
         gains, phases = np.array([_db(p.gain) for p in seen]), np.degrees([p.phase for p in seen])
         said = "Dashed: the linear motor. Points: measured." if truth else "Points: measured."
         if truth and self._reverses(truth):
-            said += " Blue: with what friction takes as the motor turns round."
+            said += " Blue: with the effect of friction at reversals."
         return figure_of(
             "sweep",
             f"Bode diagram by sines of {plain(self.amplitude)} V around {plain(self.offset)} V",
@@ -201,7 +201,7 @@ class SineSweep(StudySettings):
 
         fine = np.geomspace(f[0], f[-1], 200)
         linear = truth.gain / (1 + 2j * math.pi * fine * truth.time_constant)
-        friction = np.array([self._expected(float(each), truth) for each in fine])
+        friction = np.array([self._expected_response(float(each), truth) for each in fine])
 
         def lines(law: Array, linear_law: Array) -> tuple[Line, ...]:
             linear_line = Line(x=fine, y=linear_law, mark="reference", label="K/(τs + 1)")

@@ -14,9 +14,9 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveFrequency, PositiveVoltage, Settings, Voltage
 from servobench.lab.course import from_rest
 from servobench.lab.graphs import over_time
-from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.illustrations import Illustration
 from servobench.rig.experiment import Experiment
@@ -62,7 +62,7 @@ class SinusoidResponse(StudySettings):
     )
     """The sinusoids."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the tables of sinusoids; raises `UsageError` for a period that isn't a whole number of samples."""
         runs = [stand.run(self._experiment(stand.experiment, wave)) for wave in self.waves]
         answers = [_answer(motion_of(run), wave) for run, wave in zip(runs, self.waves, strict=True)]
@@ -71,7 +71,7 @@ class SinusoidResponse(StudySettings):
             f"{plain(w.amplitude)} V about {plain(w.offset)} V, {plain(w.frequency)} Hz" for w in self.waves
         )
         tables = (_speeds(names, answers, linear), _angles(names, answers))
-        return Shown(tables=tables, figures=(_figure(runs[0], runs[-1], self.waves),))
+        return StudyResult(tables=tables, figures=(_figure(runs[0], runs[-1], self.waves),))
 
     def _experiment(self, asked: Experiment, wave: Wave) -> Experiment:
         in_samples = 1 / (wave.frequency * asked.sample_time)
@@ -120,8 +120,8 @@ def _speeds(names: tuple[str, ...], answers: list[_Answer], linear: list[tuple[f
                 values=tuple(b for _, b in linear),
             ),
         ),
-        note="Without friction: K·A/√(1 + (ωτ)²) and −arctan(ωτ) of the data sheet's motor, and half a sample that each "
-        "voltage is held for.",
+        note="Without friction: K·A/√(1 + (ωτ)²) and −arctan(ωτ) of the data sheet's motor, and half a sample of "
+        "delay from the hold.",
     )
 
 
@@ -151,9 +151,9 @@ def _angles(names: tuple[str, ...], answers: list[_Answer]) -> Table:
 def _linear(stand: Stand, wave: Wave) -> tuple[float, float]:
     """Amplitude [rad/s] and phase [deg] of the speed of the data sheet's motor, without friction."""
     omega = 2 * math.pi * wave.frequency
-    turn = omega * known(stand, "sheet_time_constant")
+    turn = omega * required_fact(stand, "sheet_time_constant")
     late = math.atan(turn) + 0.5 * omega * stand.experiment.sample_time
-    return known(stand, "sheet_gain") * wave.amplitude / math.hypot(1.0, turn), -math.degrees(late)
+    return required_fact(stand, "sheet_gain") * wave.amplitude / math.hypot(1.0, turn), -math.degrees(late)
 
 
 def _answer(motion: Motion, wave: Wave) -> _Answer:
@@ -178,8 +178,8 @@ def _figure(first: Recording, last: Recording, waves: tuple[Wave, ...]) -> Illus
     return over_time(
         "waves",
         "A sinusoid about zero, and one about an offset",
-        "Left (or above) the angle goes to and fro and stays where it is; with an offset it goes away.",
-        f"Both speeds swing with the voltage. The first angle ends at {plain(ends[0], 3)} rad, the second one at "
+        "Left (or above) the angle oscillates in place; with an offset it drifts away.",
+        f"Both speeds follow the voltage. The first angle ends at {plain(ends[0], 3)} rad, the second one at "
         f"{plain(ends[1], 3)} rad.",
         courses,
     )

@@ -16,7 +16,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Settings, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import Graph, Line, Mark, figure_of
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.report.illustrations import Illustration
 from servobench.rig.motor.parameters import data_sheet
 from servobench.rig.motor.physics import MotorState, Physics
@@ -70,7 +70,7 @@ class Solvers(StudySettings):
     cases: Annotated[tuple[Case, ...], Field(min_length=1)] = _CASES
     """Solvers and steps, each with the inductance or without it."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; facts: `electrical` and `mechanical`, the motor's time constants L/R and R J/k², `limit` [s]."""
         whole = Physics.of(data_sheet(self.motor).motor)
         rows = [self._row(case, _physics(whole, case)) for case in self.cases]
@@ -87,12 +87,12 @@ class Solvers(StudySettings):
             title=f"A step of {plain(self.voltage)} V, computed",
             columns=columns,
             note=(
-                "The factor is what one step makes of the motor's fastest motion: above 1 in size it grows, and the computation "
-                "diverges. Errors are those against the exact solution of the motor with its inductance."
+                "The factor multiplies the motor's fastest mode in one step: above 1 in magnitude it grows, and the "
+                "computation diverges. Errors are relative to the exact solution of the motor with its inductance."
             ),
         )
         fastest = max(abs(value) for value in whole.eigenvalues)
-        return Shown(
+        return StudyResult(
             tables=(table,),
             figures=(self._figure(whole),),
             facts={
@@ -112,7 +112,7 @@ class Solvers(StudySettings):
             return _Row(growth, "diverges", "diverges")
         exact = _exact(Physics.of(data_sheet(self.motor).motor), self.voltage, t)
         error = round(float(np.abs(speed - exact).max()), 12)  # what is smaller is the arithmetic's rounding
-        return _Row(growth, error, _seen(t, speed, physics.gain * self.voltage))
+        return _Row(growth, error, _apparent_time_constant(t, speed, physics.gain * self.voltage))
 
     def _figure(self, whole: Physics) -> Illustration:
         """The exact speed, and Euler's with steps that a first-order motor just bears."""
@@ -128,7 +128,10 @@ class Solvers(StudySettings):
         return figure_of(
             name="solvers",
             title="Forward Euler on the motor without inductance",
-            caption="A long step sees the motor faster than it is: it goes on for the whole step at the slope of its beginning.",
+            caption=(
+                "A long step makes the motor look faster than it is: the initial slope is held for the "
+                "whole step."
+            ),
             description="The speed by forward Euler with steps of 2, 20 and 80 ms, and the exact one, which is the slowest.",
             graphs=(Graph(title="Speed (rad/s)", over="time (s)", lines=tuple(drawn)),),
         )
@@ -168,7 +171,7 @@ def _exact(physics: Physics, voltage: float, t: Array) -> Array:
     return np.asarray(physics.gain * voltage * (1 - left))
 
 
-def _seen(t: Array, speed: Array, final: float) -> float:
+def _apparent_time_constant(t: Array, speed: Array, final: float) -> float:
     """The time constant [s] that the speed about 0.1 s after the step shows: -t/ln(1 - ω/ω∞)."""
     k = int(np.argmin(np.abs(t - _AT)))
     return float(-t[k] / np.log(1 - speed[k] / final))

@@ -21,11 +21,11 @@ from servobench.lab.filter_reading import (
     Rise,
     edge_reading_error,
     nearby,
-    pooled,
+    pool_errors,
     reading_error,
 )
 from servobench.lab.runs import SteadyRun, quantum_of, steady_run, top_level
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
@@ -40,7 +40,9 @@ _PLACES = 16
 
 def _makes_a_speed(text: str) -> str:
     if Chain.parse(text).yields("position") != "speed":
-        raise UsageError(f"`{text}` makes no speed of a position; expected `derivative`, for example")
+        raise UsageError(
+            f"`{text}` doesn't turn a position into a speed; expected, for example, `derivative`"
+        )
     return text
 
 
@@ -87,7 +89,7 @@ class SpeedEstimators(StudySettings):
     edges: tuple[Annotated[int, Field(ge=1)], ...] = (4,)
     """Counts whose time a tachometer measures."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; a Kalman filter of the motor and a tachometer of times have cells that stay empty."""
         work = _Work.of(stand)
         rows = [
@@ -108,7 +110,7 @@ class SpeedEstimators(StudySettings):
             *(work.kalman(case) for case in self.motor),
             *(work.edges(counts) for counts in self.edges),
         ]
-        return Shown(tables=(_table(rows, work),))
+        return StudyResult(tables=(_table(rows, work),))
 
 
 def _table(rows: list[_Row], work: _Work) -> Table:
@@ -167,7 +169,7 @@ class _Work:
             exact_noise=noise(estimate, self.steady.speed, self.sample_time, self.steady.quantum),
             lag=lag(estimate, self.sample_time),
             reading=self._reading(estimate),
-            error=pooled(
+            error=pool_errors(
                 [
                     reading_error(estimate, each, self.sample_time, self.steady.quantum, _PLACES)
                     for each in nearby(self.rise, self.sample_time, self.steady.quantum)
@@ -183,7 +185,7 @@ class _Work:
             acceleration=case.acceleration,
             quantum=self.steady.quantum,
             sample_time=self.sample_time,
-            voltage=_held(self.position, self.lost),
+            voltage=_hold_voltage(self.position, self.lost),
         )
         silent = replace(told, voltage=np.zeros_like)
         errors = [
@@ -202,7 +204,7 @@ class _Work:
             exact_noise=noise(silent, self.steady.speed, self.sample_time, self.steady.quantum),
             lag=math.nan,
             reading=self._reading(told),
-            error=pooled(errors),
+            error=pool_errors(errors),
         )
 
     def edges(self, counts: int) -> _Row:
@@ -217,7 +219,7 @@ class _Work:
             exact_noise=float(np.sqrt(np.mean((shown - speed) ** 2))),
             lag=0.5 * (counts + 1) * quantum / speed,
             reading="",
-            error=pooled(
+            error=pool_errors(
                 [
                     edge_reading_error(each, self.sample_time, quantum, counts, _PLACES)
                     for each in nearby(self.rise, self.sample_time, quantum)
@@ -252,7 +254,7 @@ def _swing(readings: Readings) -> float:
     )
 
 
-def _held(position: Dataset, lost: float) -> Callable[[Array], Array]:
+def _hold_voltage(position: Dataset, lost: float) -> Callable[[Array], Array]:
     """The voltage of a recording less what friction takes of it, held from sample to sample."""
 
     def voltage(t: Array) -> Array:

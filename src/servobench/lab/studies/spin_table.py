@@ -16,7 +16,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.motion import Level, at_levels
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 from servobench.lab.studies.stall_table import TEN
 from servobench.lab.truth import Truth, truth_if_known
 from servobench.systems.signals.staircase import Staircase
@@ -49,7 +49,7 @@ class SpinTable(StudySettings):
         Expression(self.resistance)
         return self
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, the parameters and the line of friction.
 
         The motor's own parameters stand beside where it is simulated. Raises `UsageError` where a voltage doesn't turn the shaft,
@@ -70,7 +70,7 @@ class SpinTable(StudySettings):
             )
         k = np.array([(level.voltage - resistance * level.current) / level.speed for level in levels])
         found = _parameters(levels, resistance, float(k.mean()), sheet.inertia)
-        return Shown(
+        return StudyResult(
             tables=(_table(levels, k), _all(found, truth, sheet)),
             figures=(_figure(levels, found),),
             facts={name: Fact(value=value) for name, value in found.items()},
@@ -89,11 +89,11 @@ def _parameters(levels: Sequence[Level], resistance: float, k: float, inertia: f
         "viscous_friction": b,
         "coulomb_torque": coulomb,
         "inertia": inertia,
-        **_followed(resistance, k, b, inertia),
+        **_reduce_motor(resistance, k, b, inertia),
     }
 
 
-def _followed(resistance: float, k: float, b: float, inertia: float) -> dict[str, float]:
+def _reduce_motor(resistance: float, k: float, b: float, inertia: float) -> dict[str, float]:
     """K = k/(R b + k²) and τ = R J/(R b + k²), without the winding's inductance."""
     drag = resistance * b + k * k
     return {"gain": k / drag, "time_constant": resistance * inertia / drag}
@@ -131,14 +131,14 @@ def _all(found: dict[str, float], truth: Truth | None, sheet: MotorParameters) -
         "resistance": sheet.resistance,
         "motor_constant": sheet.motor_constant,
         "inertia": sheet.inertia,
-        **_followed(sheet.resistance, sheet.motor_constant, sheet.viscous_friction, sheet.inertia),
+        **_reduce_motor(sheet.resistance, sheet.motor_constant, sheet.viscous_friction, sheet.inertia),
     }
     nothing: Cell = math.nan
     own: tuple[float, ...] = ()
     if truth:
         r, k, b, inertia = truth.resistance, truth.motor_constant, truth.viscous_friction, truth.inertia
         # By the formulas of the rows, as the other columns: the pole itself has the inductance in it.
-        true = {**asdict(truth), **_followed(r, k, b, inertia)}
+        true = {**asdict(truth), **_reduce_motor(r, k, b, inertia)}
         own = tuple(true[name] for name, _, _ in _ROWS)
     return Table(
         title="The motor's parameters",
@@ -174,7 +174,7 @@ def _figure(levels: Sequence[Level], found: dict[str, float]) -> Illustration:
     return figure_of(
         "friction",
         "Torque against friction",
-        "At a steady speed the motor's torque is all friction's: a step at rest, and a slope.",
+        "At a steady speed the motor's torque equals friction: a step at rest, and a slope.",
         f"Friction takes {plain(coulomb)} mN·m at any speed, and {plain(1e3 * b)} µN·m more for each rad/s.",
         (Graph(title="Torque (mN·m)", over="speed (rad/s)", lines=(*sides, points)),),
     )

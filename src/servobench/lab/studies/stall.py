@@ -12,8 +12,8 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, PositiveVoltage, Settings
 from servobench.lab.graphs import curve, over_time, panel
 from servobench.lab.motion import speed_of
-from servobench.lab.runs import simulated
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.runs import simulate_run
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -24,7 +24,7 @@ from servobench.systems.signals.constant import Constant
 _AFTER = 1.0  # s that a run goes on after the monitor should have cut it off
 
 
-class Held(Settings):
+class StallCase(Settings):
     """A voltage under which the shaft is held, and the monitor that watches."""
 
     voltage: PositiveVoltage = 6.0
@@ -43,23 +43,25 @@ class Stall(StudySettings):
 
     block: PositiveTime = 1.0
     """When the shaft is taken hold of [s]."""
-    cases: Annotated[tuple[Held, ...], Field(min_length=1)] = (
-        Held(voltage=4.0),
-        Held(voltage=6.0),
-        Held(voltage=10.0),
-        Held(voltage=4.0, monitor=StallLimits(voltage=1.0, motion=0.3, duration=10.0)),
+    cases: Annotated[tuple[StallCase, ...], Field(min_length=1)] = (
+        StallCase(voltage=4.0),
+        StallCase(voltage=6.0),
+        StallCase(voltage=10.0),
+        StallCase(voltage=4.0, monitor=StallLimits(voltage=1.0, motion=0.3, duration=10.0)),
     )
     """The voltages, each with its monitor."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return what became of each run."""
         runs = [self._run(stand, case) for case in self.cases]
-        figures = tuple(_figure(run) for run in runs if _cut(run))[:1]
-        return Shown(tables=(self._table(runs),), figures=figures, sentences=_sentences(self.cases, runs))
+        figures = tuple(_figure(run) for run in runs if _is_cut_short(run))[:1]
+        return StudyResult(
+            tables=(self._table(runs),), figures=figures, sentences=_sentences(self.cases, runs)
+        )
 
     def _table(self, runs: list[Recording]) -> Table:
-        held = [self._held(run) for run in runs]
-        cut = [float(run["applied"].t[-1]) - self.block if _cut(run) else math.nan for run in runs]  # type: ignore[index]
+        held = [self._mean_stall_current(run) for run in runs]
+        cut = [float(run["applied"].t[-1]) - self.block if _is_cut_short(run) else math.nan for run in runs]  # type: ignore[index]
         return Table(
             title=f"A simulated shaft that is held after {plain(self.block)} s",
             columns=(
@@ -88,10 +90,10 @@ class Stall(StudySettings):
                     digits=3,
                 ),
             ),
-            note="Where no time stands the run went on to its end: below the threshold nobody watches.",
+            note="Without a time the run continued to its end: below the threshold a stall isn't detected.",
         )
 
-    def _run(self, stand: Stand, case: Held) -> Recording:
+    def _run(self, stand: Stand, case: StallCase) -> Recording:
         asked = stand.experiment.model_copy(
             update={
                 "signal": Constant(value=case.voltage),
@@ -99,9 +101,9 @@ class Stall(StudySettings):
                 "limits": stand.experiment.limits.model_copy(update={"stall": case.monitor}),
             }
         )
-        return simulated(asked, (BlockedShaft.model_validate({"from": self.block}),))
+        return simulate_run(asked, (BlockedShaft.model_validate({"from": self.block}),))
 
-    def _held(self, run: Recording) -> float:
+    def _mean_stall_current(self, run: Recording) -> float:
         """The mean current while the shaft was held [A]."""
         current = run["current"]
         if current.t is None:
@@ -109,11 +111,11 @@ class Stall(StudySettings):
         return float(np.mean(current.values[current.t > self.block + 0.1]))
 
 
-def _cut(run: Recording) -> bool:
+def _is_cut_short(run: Recording) -> bool:
     return run.stopped.reason == "fault"
 
 
-def _sentences(cases: tuple[Held, ...], runs: list[Recording]) -> tuple[str, ...]:
+def _sentences(cases: tuple[StallCase, ...], runs: list[Recording]) -> tuple[str, ...]:
     """What the monitor said, run by run."""
     return tuple(
         f"Held under {plain(case.voltage)} V: {run.stopped.sentence}."
@@ -128,7 +130,7 @@ def _figure(run: Recording) -> Illustration:
     return over_time(
         "stall",
         "A shaft that is held, and cut off",
-        "The current rises to that of a winding at rest, as no speed takes any of the voltage off, until the run is ended.",
+        "The current rises to that of a motor at rest, as there is no back-emf, until the run is ended.",
         f"The speed falls to zero; the current goes to {plain(float(current.values[-1]), 2)} A and stays there until the run "
         f"ends after {plain(float(t[-1]), 3)} s.",
         (

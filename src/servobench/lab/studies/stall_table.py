@@ -14,7 +14,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime, Voltage
 from servobench.lab.expression import Fact
 from servobench.lab.motion import at_levels
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.lab.truth import truth_if_known
 from servobench.rig.experiment.experiment import DeviceChoice
 from servobench.systems.signals.staircase import Staircase
@@ -39,13 +39,13 @@ class StallTable(StudySettings):
     dwell: PositiveTime = 1.0
     """Time at each voltage; the current is the mean of its second half [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, the line and the resistance; raises `UsageError` for 0 V."""
         if 0.0 in self.voltages:
             raise UsageError(
-                f"the voltages {self.voltages} V hold 0 V, which drives no current; leave it out"
+                f"the voltages {self.voltages} V include 0 V, which drives no current; leave it out"
             )
-        recording = stand.run(blocked(stand.experiment, self.voltages, self.dwell))
+        recording = stand.run(block_shaft(stand.experiment, self.voltages, self.dwell))
         truth, levels = truth_if_known(recording), at_levels(recording, self.dwell)
         v = np.array(self.voltages)
         i = np.array([level.current for level in levels])
@@ -57,14 +57,14 @@ class StallTable(StudySettings):
             "mean": float(each.mean()),
             **({"true_resistance": truth.resistance} if truth else {}),
         }
-        return Shown(
+        return StudyResult(
             tables=(_table(v, i, each, slope, sd),),
             figures=(_figure(v, i, slope),),
             facts={name: Fact(value=value) for name, value in values.items()},
         )
 
 
-def blocked(experiment: Experiment, voltages: Sequence[float], dwell: float) -> Experiment:
+def block_shaft(experiment: Experiment, voltages: Sequence[float], dwell: float) -> Experiment:
     """Return the experiment with those voltages [V], each held for a time [s], on a motor whose shaft is held."""
     device = DeviceChoice(
         name=experiment.device.name,

@@ -12,9 +12,9 @@ from servobench.core.rounding import plain
 from servobench.core.settings import Angle, PositiveTime, Speed
 from servobench.lab.expression import Expression, Fact
 from servobench.lab.graphs import over_time
-from servobench.lab.loops import OfAMotor, named
+from servobench.lab.loops import OfAMotor, gains_text
 from servobench.lab.step_response import Response, response_after
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, Table
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.rig.experiment.experiment import AnyController
@@ -26,7 +26,7 @@ _LAST = 0.5  # s at the end, over which the error is averaged
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class _Tried:
+class _Trial:
     """One controller on one reference: the error by theory, the most that friction adds, and what was measured [rad]."""
 
     law: Pid
@@ -59,7 +59,7 @@ class SteadyStateErrors(OfAMotor):
     duration: PositiveTime = 6.0
     """Length of each run [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return errors by theory and by run, and the courses; raises `UsageError` for other controllers."""
         friction = Expression(self.coulomb_voltage).evaluate(stand.facts).value
         tried = [
@@ -67,7 +67,7 @@ class SteadyStateErrors(OfAMotor):
         ]
         columns = (
             Column(name="reference", heading="reference", values=tuple(x.reference for x in tried)),
-            Column(name="controller", heading="controller", values=tuple(named(x.law) for x in tried)),
+            Column(name="controller", heading="controller", values=tuple(gains_text(x.law) for x in tried)),
             Column(name="type", heading="system type", values=tuple(2.0 if x.law.ki else 1.0 for x in tried)),
             Column(
                 name="theory",
@@ -87,7 +87,7 @@ class SteadyStateErrors(OfAMotor):
             ),
         )
         note = f"The error of the run is its mean over the last {plain(_LAST)} s, reference minus position."
-        return Shown(
+        return StudyResult(
             tables=(Table(title="What is left of the error", columns=columns, note=note),),
             figures=(_figure(tried),),
             facts={"slope": Fact(value=self.slope), "step": Fact(value=self.step)},
@@ -100,7 +100,7 @@ class SteadyStateErrors(OfAMotor):
             "steady_state_errors takes controllers of the type pid, of the position, with a kp above 0"
         )
 
-    def _try(self, stand: Stand, law: Pid, ramp: bool, friction: float) -> _Tried:
+    def _try(self, stand: Stand, law: Pid, ramp: bool, friction: float) -> _Trial:
         gain, _ = self.motor(stand)
         signal = (
             Ramp(final=self.slope * self.duration, duration=self.duration) if ramp else Step(final=self.step)
@@ -112,7 +112,7 @@ class SteadyStateErrors(OfAMotor):
         wanted = signal(course.t)
         last = course.t > self.duration - _LAST
         lag = self.slope * (1 + gain * law.kd) / (gain * law.kp) if ramp and not law.ki else 0.0
-        return _Tried(
+        return _Trial(
             law=law,
             reference="ramp" if ramp else "step",
             theory=lag,
@@ -123,12 +123,12 @@ class SteadyStateErrors(OfAMotor):
         )
 
 
-def _figure(tried: list[_Tried]) -> Illustration:
+def _figure(tried: list[_Trial]) -> Illustration:
     import numpy as np
 
     drawn = tuple(
         Course(
-            title=f"{x.reference.capitalize()}: {named(x.law)}",
+            title=f"{x.reference.capitalize()}: {gains_text(x.law)}",
             panels=(
                 Panel(
                     title="Error",
@@ -144,5 +144,5 @@ def _figure(tried: list[_Tried]) -> Illustration:
         name="errors",
         title="The error over time",
         caption="Reference minus position, above for the step and below for the ramp.",
-        description="; ".join(f"{x.reference} with {named(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
+        description="; ".join(f"{x.reference} with {gains_text(x.law)}: {plain(x.error, 3)} rad at the end" for x in tried) + ".",
         courses=drawn)  # fmt: skip

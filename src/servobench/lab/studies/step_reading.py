@@ -13,9 +13,9 @@ from servobench.core.rounding import plain, with_unit
 from servobench.core.settings import Speed
 from servobench.lab.expression import Fact
 from servobench.lab.graphs import curve, over_time, panel
-from servobench.lab.known import known
 from servobench.lab.motion import Motion, motion_of, speed_of
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -38,9 +38,9 @@ class StepReading(StudySettings):
     cutoff: Annotated[Speed, Field(gt=0)] = 50.0
     """Cut-off of the filter [rad/s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the readings; raises `NotIdentifiable` where the recording has no step to be read."""
-        recording, tau = stand.recording, known(stand, "time_constant")
+        recording, tau = stand.recording, required_fact(stand, "time_constant")
         filtered = f"derivative | lowpass {self.cutoff:g} rad/s"
         late = 0.5 * stand.experiment.sample_time
         rows = (
@@ -78,12 +78,12 @@ class StepReading(StudySettings):
                     values=tuple(100 * (row[1] / tau - 1) for row in rows),
                 ),
             ),
-            note="By theory: for a first-order motor with the identified time constant. Differences come in steps of one "
-            "count in a sample, on which their reading hangs. What the slope of the logarithm gives depends on the part of the "
-            "rise that the line is laid through.",
+            note="By theory: for a first-order motor with the identified time constant. Differences have steps of "
+            "one count per sample, which affects their reading. The slope of the logarithm depends on the "
+            "part of the rise used for the line.",
         )
-        sheet = self._behind(known(stand, "sheet_time_constant")) + late
-        return Shown(
+        sheet = self._behind(required_fact(stand, "sheet_time_constant")) + late
+        return StudyResult(
             tables=(table,),
             figures=(self._figure(recording, rows[0][1]),),
             facts={"sheet": Fact(value=sheet)},
@@ -127,11 +127,11 @@ def behind_filter(tau: float, lag: float) -> float:
     low, high = 0.0, 3 * (tau + lag)
     for _ in range(_BISECTIONS):
         middle = 0.5 * (low + high)
-        low, high = (middle, high) if _left(middle, tau, lag) > math.exp(-1) else (low, middle)
+        low, high = (middle, high) if _remainder(middle, tau, lag) > math.exp(-1) else (low, middle)
     return 0.5 * (low + high)
 
 
-def _left(t: float, tau: float, lag: float) -> float:
+def _remainder(t: float, tau: float, lag: float) -> float:
     if abs(tau - lag) < 1e-6 * tau:
         return (1 + t / tau) * math.exp(-t / tau)
     return (tau * math.exp(-t / tau) - lag * math.exp(-t / lag)) / (tau - lag)

@@ -12,7 +12,7 @@ from pydantic import Field
 from servobench.core.errors import UsageError
 from servobench.core.rounding import plain
 from servobench.lab.graphs import over_time
-from servobench.lab.loops import OfAMotor, named, tunable
+from servobench.lab.loops import OfAMotor, gains_text, tunable
 from servobench.lab.step_response import (
     Change,
     Response,
@@ -22,7 +22,7 @@ from servobench.lab.step_response import (
     response_after,
     without_friction,
 )
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, Table
 from servobench.report.figures import Course, Curve, Panel
 from servobench.report.illustrations import Illustration
 from servobench.rig.experiment import Experiment
@@ -32,8 +32,9 @@ from servobench.systems.control.pid import Pid
 
 _SHOWN = 4  # courses in the figure
 _NOTE = (
-    "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without a limit of "
-    "the voltage; the difference to the run is what these two do. Without an overshoot there is no peak."
+    "‘No friction’ is the loop as it runs, with sample time and filter, around a motor without friction and without "
+    "a limit of the voltage; the difference to the run is the effect of these two. Without an overshoot there is no "
+    "peak."
 )
 _CHAIN = (
     "derivative | lowpass 50 rad/s"  # through which a speed is looked at, where the experiment has no chain
@@ -52,7 +53,7 @@ class StepResponses(OfAMotor):
     controllers: Annotated[tuple[AnyController, ...], Field(min_length=1)]
     """The controllers to try, each as a table [controller] has it."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table and the courses; raises `UsageError` where the experiment's reference makes no step."""
         gain, tau = self.motor(stand)
         change, chain = change_of(stand.experiment), stand.experiment.chain or _CHAIN
@@ -60,7 +61,9 @@ class StepResponses(OfAMotor):
         for controller in self.controllers:
             law = tunable(controller)
             if controller.reference_unit != stand.experiment.controller.reference_unit:
-                raise UsageError("step_responses: all controllers have to follow what the experiment's does")
+                raise UsageError(
+                    "step_responses: all controllers must control the same output as the experiment's"
+                )
             asked = stand.experiment.model_copy(update={"controller": controller})
             found = response_after(stand.run(asked), change.start, change.of, chain)
             ideal = without_friction(law, gain, tau, asked, chain)
@@ -68,7 +71,7 @@ class StepResponses(OfAMotor):
             linear.append(figures_of(ideal, change.initial, change.final))
             formulas.append(_formulas(controller, gain, tau))
             courses.append((found, ideal))
-        return Shown(
+        return StudyResult(
             tables=tuple(table(formulas, linear, measured, change) for table in (self._peaks, self._rest)),
             figures=(_figure(list(zip(_names(self.controllers), courses, strict=True))[:_SHOWN], change),),
             sentences=_sentences(stand.experiment, measured),
@@ -183,7 +186,7 @@ def _controllers(controllers: Sequence[Controller]) -> Column:
 
 def _names(controllers: Sequence[Controller]) -> tuple[str, ...]:
     """What the controllers are called; those that differ by their filter alone are told apart by it."""
-    names = [named(each) for each in controllers]
+    names = [gains_text(each) for each in controllers]
     return tuple(
         f"{name}, filter {plain(each.cutoff)} rad/s"
         if names.count(name) > 1 and isinstance(each, Pid)
@@ -222,6 +225,6 @@ def _sentences(experiment: Experiment, measured: list[StepFigures]) -> tuple[str
         return ()
     which = "this controller" if len(measured) == 1 else f"{beyond} of the {len(measured)} controllers"
     return (
-        f"With {which} more was asked for than the limit of {plain(limit)} V: there the loop "
-        "is open, and the formulas don't hold.",
+        f"With {which} the voltage reached the limit of {plain(limit)} V: there the loop is open, and the formulas "
+        "don't hold.",
     )

@@ -12,7 +12,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime
 from servobench.identification.identify import identify
 from servobench.lab.expression import Fact
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.measure import measure
 from servobench.systems.filters.quantisation import mean_noise
@@ -25,10 +25,10 @@ class StepSize(StudySettings):
     sample_times: Annotated[tuple[PositiveTime, ...], Field(min_length=1)] = (0.02, 0.01, 0.005, 0.002, 0.001)
     """Sample times [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table, a row for each sample time; raises `NotIdentifiable` where a run can't be identified."""
         quantum = 2 * math.pi / stand.facts["counts_per_rev"].value
-        known = [_identified(stand, T) for T in self.sample_times]
+        known = [_identify(stand, T) for T in self.sample_times]
         difference = Chain.parse("derivative")
         columns = (
             Column(name="time", heading="sample time", unit="ms", values=tuple(1e3 * T for T in self.sample_times)),
@@ -58,16 +58,16 @@ class StepSize(StudySettings):
                 "95 % interval."
             ),
         )
-        return Shown(tables=(table,))
+        return StudyResult(tables=(table,))
 
 
-def _identified(stand: Stand, sample_time: float) -> Fact:
+def _identify(stand: Stand, sample_time: float) -> Fact:
     if sample_time == stand.experiment.sample_time:
         return stand.facts["time_constant"]
     recording = stand.run(stand.experiment.model_copy(update={"sample_time": sample_time}))
     result = identify(measure(recording))
     if result.fit is None:
         said = "; ".join(finding.sentence for finding in result.findings)
-        raise NotIdentifiable(f"the run with {sample_time:g} s tells no time constant: {said}")
+        raise NotIdentifiable(f"the run with {sample_time:g} s determines no time constant: {said}")
     tau = result.fit["time_constant"]
     return Fact(value=tau.value, half=0.5 * (tau.interval[1] - tau.interval[0]))

@@ -11,7 +11,7 @@ from pydantic import Field
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.settings import PositiveTime, PositiveVoltage
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.systems.signals.step import Step
 
 if TYPE_CHECKING:
@@ -55,24 +55,24 @@ class StepTail(StudySettings):
     gain: Annotated[float, Field(gt=0)] = 1.02
     """Factor of the gain, in the last row."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `NotIdentifiable` where the recording supports no model, or the run has no tail."""
         from servobench.identification.identify import identify
         from servobench.recordings.measurement.measure import measure
 
         fit = identify(measure(stand.recording)).fit
         if fit is None:
-            raise NotIdentifiable("the exercise's recording supports no model, so there is none to try")
+            raise NotIdentifiable("the exercise's recording supports no model, so there is none to test")
         signal = Step(final=self.level, start=_START)
         made = stand.experiment.model_copy(update={"signal": signal, "duration": self.duration})
         rise, tail = _parts(measure(stand.run(made)), fit.model["time_constant"])
         wrong = [_Wrong(label=f"τ times {factor:g}", time_constant=factor) for factor in self.factors]
         wrong.append(_Wrong(label=f"K times {self.gain:g}", gain=self.gain))
         structure = fit.model.structure
-        thetas = [_moved(fit.model.names, fit.model.theta, each) for each in wrong]
-        on_rise = [_left(structure, theta, rise) for theta in thetas]
-        on_tail = [_left(structure, theta, tail) for theta in thetas]
-        return Shown(tables=(_table([each.label for each in wrong], on_rise, on_tail),))
+        thetas = [_move(fit.model.names, fit.model.theta, each) for each in wrong]
+        on_rise = [_remaining_rms(structure, theta, rise) for theta in thetas]
+        on_tail = [_remaining_rms(structure, theta, tail) for theta in thetas]
+        return StudyResult(tables=(_table([each.label for each in wrong], on_rise, on_tail),))
 
 
 def _parts(data: Dataset, tau: float) -> tuple[Dataset, Dataset]:
@@ -100,14 +100,14 @@ def _table(labels: Sequence[str], rise: Sequence[float], tail: Sequence[float]) 
     )
 
 
-def _moved(names: tuple[str, ...], theta: Array, wrong: _Wrong) -> Array:
+def _move(names: tuple[str, ...], theta: Array, wrong: _Wrong) -> Array:
     factors = {"gain": wrong.gain, "time_constant": wrong.time_constant}
     return np.array([value * factors.get(name, 1.0) for name, value in zip(names, theta, strict=True)])
 
 
-def _left(structure: Structure, theta: Array, part: Dataset) -> float:
+def _remaining_rms(structure: Structure, theta: Array, part: Dataset) -> float:
     """The root mean square of what a model leaves of a part [counts], its start state fitted."""
-    from servobench.identification.estimators.output_error import simulated
+    from servobench.identification.estimators.output_error import simulate_record
 
-    record = simulated(structure, theta, part)
+    record = simulate_record(structure, theta, part)
     return float(np.sqrt(np.mean(record.residual[record.valid] ** 2)) / (part.quantum or np.nan))

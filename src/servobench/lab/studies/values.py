@@ -8,7 +8,7 @@ from pydantic import Field, model_validator
 
 from servobench.core.settings import Settings
 from servobench.lab.expression import Expression
-from servobench.lab.studies.base import STUDIES, Cell, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Cell, Column, Stand, StudyResult, StudySettings, Table
 
 
 class Row(Settings):
@@ -40,7 +40,7 @@ class Values(StudySettings):
     digits: Annotated[int, Field(ge=1, le=12)] = 4
     """How many significant digits are shown."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table; raises `UnknownName` for a fact that isn't there."""
         values = tuple(Expression(row.answer).evaluate(stand.facts).value for row in self.rows)
         paper: tuple[Cell, ...] = tuple(row.paper for row in self.rows)
@@ -55,4 +55,4 @@ class Values(StudySettings):
             ),
             Column(name="unit", heading="unit", values=tuple(row.unit for row in self.rows)),
         )
-        return Shown(tables=(Table(title=self.title, columns=columns),))
+        return StudyResult(tables=(Table(title=self.title, columns=columns),))

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from servobench.core.errors import NotIdentifiable
 from servobench.identification.reconciliation.claim import Claim
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 
 if TYPE_CHECKING:
     from servobench.identification.reconciliation.explanation import Explanation
@@ -26,10 +26,10 @@ class WhyClaimed(StudySettings):
     method: str = ""
     """How the claimed figure was found, where that is known, such as `step_63`."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the tables of readings and of causes; raises `NotIdentifiable` where the recording tells nothing of it."""
         from servobench.identification.identify import identify
-        from servobench.identification.reconciliation.asking import why
+        from servobench.identification.why import why
         from servobench.recordings.measurement.measure import measure
 
         claim = Claim.parse(self.claim)
@@ -38,7 +38,7 @@ class WhyClaimed(StudySettings):
         )
         if not found.differences:
             raise NotIdentifiable(" ".join(found.sentences))
-        return Shown(tables=(_readings(found), _causes(found)), sentences=found.sentences)
+        return StudyResult(tables=(_readings(found), _causes(found)), sentences=found.sentences)
 
 
 def _readings(found: Explanation) -> Table:
@@ -88,5 +88,5 @@ def _causes(found: Explanation) -> Table:
                 name="against", heading="against it", values=tuple(each.against or "—" for each in causes)
             ),
         ),
-        note="Causes may act together, so that their probabilities add up to more than 100 %.",
+        note="Causes may act together, so their probabilities may add up to more than 100 %.",
     )

@@ -12,10 +12,10 @@ from servobench.core.errors import UsageError
 from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime
 from servobench.lab.graphs import curve, over_time, panel
-from servobench.lab.known import known
 from servobench.lab.motion import motion_of
-from servobench.lab.runs import simulated
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.required_facts import required_fact
+from servobench.lab.runs import simulate_run
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.recording import Recording
 from servobench.report.figures import Course
 from servobench.report.illustrations import Illustration
@@ -36,11 +36,11 @@ class WrapTimes(StudySettings):
     duration: PositiveTime = 2.5
     """How long the simulated motor with the narrowest counter runs at its voltage limit [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the table of widths, and the jumps of a simulated counter of the smallest one."""
-        voltage = known(stand, "voltage_limit")
-        speed = known(stand, "sheet_gain") * voltage
-        counts = known(stand, "counts_per_rev")
+        voltage = required_fact(stand, "voltage_limit")
+        speed = required_fact(stand, "sheet_gain") * voltage
+        counts = required_fact(stand, "counts_per_rev")
         turns = [2.0**bits / counts for bits in self.bits]
         wrap = [2 * math.pi * each / speed for each in turns]
         widths = Table(
@@ -54,11 +54,11 @@ class WrapTimes(StudySettings):
             ),
             note="The first jump comes after half of the range, as the counter starts at zero in its middle.",
         )
-        recording = self._simulated(stand, voltage)
+        recording = self._simulate(stand, voltage)
         jumps, figure = _jumps(recording, min(self.bits))
-        return Shown(tables=(widths, jumps), figures=(figure,))
+        return StudyResult(tables=(widths, jumps), figures=(figure,))
 
-    def _simulated(self, stand: Stand, voltage: float) -> Recording:
+    def _simulate(self, stand: Stand, voltage: float) -> Recording:
         asked = stand.experiment.model_copy(
             update={
                 "signal": Constant(value=voltage),
@@ -66,7 +66,7 @@ class WrapTimes(StudySettings):
                 "limits": Limits(voltage=voltage),
             }
         )
-        return simulated(asked, counter_bits=min(self.bits))
+        return simulate_run(asked, counter_bits=min(self.bits))
 
 
 def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
@@ -87,15 +87,15 @@ def _jumps(recording: Recording, bits: int) -> tuple[Table, Illustration]:
             Column(name="before", heading="from", values=tuple(shown[at - 1]), unit="counts", digits=7),
             Column(name="after", heading="to", values=tuple(shown[at]), unit="counts", digits=7),
         ),
-        note="What lies between the two is the shaft's own way in one sample, and one whole range of the counter.",
+        note="They differ by the shaft's motion in one sample and one whole range of the counter.",
     )
     travel = motion.angle / motion.count
     figure = over_time(
         "wrap",
         f"A counter of {bits} bits that comes to its end",
-        "Above what the counter shows, below the counts that the shaft has made: the same, with the jumps taken out.",
-        f"The counter rises, and falls from its largest to its smallest number {len(at)} times; unwrapped it rises steadily to "
-        f"{plain(float(travel[-1]), 6)} counts.",
+        "Top: the counter's reading; bottom: the same unwrapped, the counts that the shaft has made.",
+        f"The counter rises, and jumps from its largest to its smallest number {len(at)} times; unwrapped it rises "
+        f"steadily to {plain(float(travel[-1]), 6)} counts.",
         (
             Course(
                 panels=(

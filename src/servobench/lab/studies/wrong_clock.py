@@ -9,7 +9,7 @@ from servobench.core.rounding import plain
 from servobench.core.settings import PositiveTime
 from servobench.identification.estimators.step_63 import time_to_63
 from servobench.identification.estimators.steps import read_steps
-from servobench.lab.studies.base import STUDIES, Column, Shown, Stand, StudySettings, Table
+from servobench.lab.studies.base import STUDIES, Column, Stand, StudyResult, StudySettings, Table
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.lowpass import Lowpass
@@ -23,7 +23,7 @@ class WrongClock(StudySettings):
     clock: PositiveTime = 0.001
     """Time between two ticks of the clock [s]."""
 
-    def __call__(self, stand: Stand) -> Shown:
+    def __call__(self, stand: Stand) -> StudyResult:
         """Return the time constant and the gain in true time and in the program's, and the filter that it really computes.
 
         Raises `UsageError` for a chain that makes no speed of a position.
@@ -49,11 +49,12 @@ class WrongClock(StudySettings):
             title=f"Steps of {plain(1e3 * believed)} ms on a clock of {plain(1e3 * self.clock)} ms",
             columns=columns,
             note=(
-                f"What the program measures comes out wrong by {plain(ratio)}: times too long, speeds too small. What it "
-                "computes, its filter or a simulated motor, runs too fast by the same factor; these two are told in true time."
+                f"What the program measures comes out wrong by {plain(ratio)}: times too long, speeds too small. "
+                "What it computes, its filter or a simulated motor, runs too fast by the same factor; these two are "
+                "given in true time."
             ),
         )
-        return Shown(tables=(table,))
+        return StudyResult(tables=(table,))
 
 
 def _read(position: Dataset, chain: Chain, stretched: float) -> tuple[float, float]:

@@ -32,7 +32,7 @@ export function upload(path, file, onProgress) {
     const done = new Promise((resolve, reject) => {
         request.upload.addEventListener("progress", ({ loaded, total }) => onProgress(loaded, total));
         request.addEventListener("error", () => reject(new Error("the connection was lost")));
-        request.addEventListener("abort", () => reject(new Error("it was ended before all of it was sent")));
+        request.addEventListener("abort", () => reject(new Error("it was ended before everything was sent")));
         request.addEventListener("load", () => {
             let said = {};
             try {

@@ -37,7 +37,7 @@ export async function columnsForm(name, send, onDone) {
         el(
             "div",
             { class: "field" },
-            el("label", { for: chain.id }, "What was done to it before it was recorded (may stay empty)"),
+            el("label", { for: chain.id }, "Its processing before recording (optional)"),
             chain,
             el("p", { class: "quiet" }, "Such as derivative | lowpass 50 rad/s; none where nothing was. Left empty, a filter's lag is taken for the motor's."),
         ),

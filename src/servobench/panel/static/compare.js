@@ -83,7 +83,7 @@ export function makeCompare(show, store) {
         plots = [];
         const keys = found.map(({ name, k, error }) => el("span", { class: `key key-${k}` }, error ? null : el("span", { class: "swatch", "aria-hidden": "true" }), error ? `${name} (not drawn)` : name));
         const wrong = found.filter(({ error }) => error).map(({ name, error }) => el("p", { class: "trouble" }, `${name} can't be drawn: ${error.message}`));
-        const hint = el("p", { class: "quiet none" }, "Tick recordings, four at most, to see them here: over each other, and what was identified from them side by side.");
+        const hint = el("p", { class: "quiet none" }, "Tick up to four recordings to overlay them here and compare what was identified from them.");
         place.replaceChildren(names.length ? el("div", { class: "row between" }, el("p", { class: "keys" }, keys), choice) : hint);
         if (wrong.length) place.append(el("div", { role: "alert" }, wrong));
         const lines = found.filter(({ error }) => !error);

@@ -19,7 +19,7 @@ export const isTold = (parameter) => Boolean(parameter) && [parameter.value, par
 // {level, z, words} of a parameter `b` against `a`; `level` is one of a light's, `z` null where they can't be held against each other.
 export function difference(a, b) {
     const unknown = (words) => ({ level: "off", z: null, words });
-    if (!isTold(a) || !isTold(b)) return unknown("nothing to hold it against");
+    if (!isTold(a) || !isTold(b)) return unknown("nothing to compare it with");
     if (a.unit !== b.unit) return unknown(`can't be held against ${a.unit}`);
     const sd = Math.hypot(a.sd, b.sd);
     if (!(sd > 0)) return unknown("no standard deviation is known");

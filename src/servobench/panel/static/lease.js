@@ -17,7 +17,7 @@ export function makeLease(store, commands) {
     store.on("state", (state) => {
         if (state.unknown) {
             button.hidden = true;
-            return say(byId("lease-text"), "Nobody knows who drives");
+            return say(byId("lease-text"), "It isn't known who drives");
         }
         if (first && !state.taken && store.mayDrive) ask({ do: "lease" });
         first = false;

@@ -25,7 +25,7 @@ export function makeLights(store, commands) {
 
     const unknown = (...names) => names.forEach((name) => show(name, "off", "unknown"));
     store.on("link", (status) => {
-        const texts = { connected: "connected", silent: "nothing is heard", lost: "lost; trying again", unknown: "this page isn't known any more" };
+        const texts = { connected: "connected", silent: "no data", lost: "lost; trying again", unknown: "this page has expired" };
         show("link", status === "connected" ? "ok" : "bad", texts[status]);
         if (status !== "connected") unknown("whiteness");
         else announce("Connected");

@@ -3,7 +3,7 @@
 import { announce, toast } from "./announcer.js";
 import { byId, say } from "./dom.js";
 
-const STARTED_ANEW = "The panel was started anew and doesn't know this page: open the address that it printed in its terminal.";
+const STARTED_ANEW = "The panel was started anew and doesn't know this page: open the address printed in its terminal.";
 const ENDED = "If the panel has ended, start it in a terminal, and open the address that it prints.";
 const LONG = 5000; // ms without a connection, after which it may have ended
 const OLD = 1000; // ms without rows; of slow loops three ticks
@@ -15,7 +15,7 @@ export function makeLink(store) {
     const seconds = () => Math.max(1, Math.round((performance.now() - lostAt) / 1000));
     const tell = () => {
         if (store.link === "unknown") return say(byId("link-text"), `${STARTED_ANEW} This page then goes on by itself, or is closed.`);
-        const why = store.link === "silent" ? "Nothing has been heard from the panel" : "There has been no connection to the panel";
+        const why = store.link === "silent" ? "No data from the panel" : "There has been no connection to the panel";
         const further = store.link === "lost" && lostAt < performance.now() - LONG ? ` ${ENDED}` : "";
         say(byId("link-text"), `${why} for ${seconds()} s: what the motor does isn't known here. ${andNow(store.state)}${further}`);
     };
@@ -47,9 +47,9 @@ export function makeLink(store) {
 
 // What happens without a word of this page.
 function andNow(state) {
-    if (state?.fault?.code === "switch-off") return `What was heard last: ${state.fault.sentence}.`;
-    if (!state?.operator) return "The motor is in the hands of whoever drives it.";
-    return "Where nothing is heard of this page, which drives, the loop puts out zero volts by itself within 2 s, unless its device doesn't answer: if the motor turns after that, switch off the supply.";
+    if (state?.fault?.code === "switch-off") return `Last report: ${state.fault.sentence}.`;
+    if (!state?.operator) return "Another page drives the motor.";
+    return "If this page, which drives, loses its connection, the loop sets the voltage to zero within 2 s, unless its device doesn't respond: if the motor still turns after that, switch off the supply.";
 }
 
 // Readings whose rows are old are taken away.

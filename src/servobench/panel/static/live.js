@@ -60,8 +60,8 @@ const SILENT = 1500; // ms; it says something five times a second once it is rea
 function whyEmpty(state, silent) {
     if (!state?.running || state.unknown) return "Gain and time constant appear here while the motor turns.";
     if (!state.followed) return "This device doesn't say what it measures, so that it can't be identified while it runs: record, and identify the recording.";
-    if (silent > SILENT && state.enabled) return "Preparing to follow the motor. The first time this may take a minute, as what computes it is compiled; it loses nothing that you record.";
-    return state.enabled ? "The motor turns; too little has been seen of it yet." : "Start the motor: gain and time constant appear here while it turns.";
+    if (silent > SILENT && state.enabled) return "Preparing live identification. The first time this may take a minute, as its equations are compiled; recordings aren't affected.";
+    return state.enabled ? "The motor turns; there isn't enough data yet." : "Start the motor: gain and time constant appear here while it turns.";
 }
 
 // Half an interval: in percent of its value, or in the value's unit where that is less than the half itself.

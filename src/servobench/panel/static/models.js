@@ -165,7 +165,7 @@ function quantity(key, columns, usable) {
 
 // A value with its interval, as many digits as that allows: two of its half.
 export function withInterval(parameter, factor = 1) {
-    if (!isTold(parameter)) return "not told by the data";
+    if (!isTold(parameter)) return "not determined by the data";
     const value = factor * parameter.value;
     const [low, high] = parameter.interval.map((end) => factor * end);
     const half = (high - low) / 2;

@@ -7,7 +7,7 @@ export function whyNot(state) {
     if (!state) return "The panel isn't connected yet.";
     if (state.unknown) return "There is no connection to the panel.";
     if (state.opening) return "The device is being opened.";
-    if (!state.operator) return state.taken ? "Somebody else drives; you can watch, and STOP." : "Take control first.";
+    if (!state.operator) return state.taken ? "Somebody else drives; you can watch and STOP." : "Take control first.";
     return "";
 }
 

@@ -31,7 +31,7 @@ export function outline({ t, low, high }) {
 
 // "−2.00 to 4.00": with as many digits as the range has use for.
 export function rangeWords(low, high) {
-    if (!(low <= high)) return "no number that could be drawn";
+    if (!(low <= high)) return "not a number that can be drawn";
     const size = Math.max(Math.abs(low), Math.abs(high));
     if (size < ROUNDING) return "0 to 0";
     const range = high - low > ROUNDING * size ? high - low : size;

@@ -2,7 +2,7 @@
 
 // The page's colours for those that a figure is drawn in.
 const COLOURS = { ink: "--ink", muted: "--quiet", rule: "--line", measured: "--edge", model: "--accent", band: "--accent-soft", shade: "--raised" };
-const SHOW = "Show what comes out";
+const SHOW = "Show the results";
 const FONT = "system-ui, sans-serif";
 
 // The places of an exercise's studies and of its corrections, empty but for a button. `get(path)` resolves to the answer's JSON.
@@ -20,7 +20,7 @@ export function places(exercise, get) {
     try {
       const { studies, corrections: errs } = await get(`/api/exercises/${encodeURIComponent(exercise.name)}/results`);
       for (const [name, place] of found) place.replaceChildren(...shown(studies[name]));
-      if (errs.length) corrections.replaceChildren(html("h3", {}, "Where the paper errs"), ...errs.map(correction));
+      if (errs.length) corrections.replaceChildren(html("h3", {}, "Errors in the paper"), ...errs.map(correction));
       status.textContent = "";
     } catch (error) {
       say(`It can't be shown: ${error.message}`, false);

@@ -6,17 +6,15 @@ Source: Apache Arrow, "Arrow Columnar Format: Serialization and Interprocess Com
 
 from __future__ import annotations
 
-import struct
 from dataclasses import dataclass
 from pathlib import Path
-from typing import ClassVar, final
+from typing import Any, ClassVar, final
 
 from servobench.core.errors import FormatError
 from servobench.core.finding import info
 from servobench.recordings.formats import arrow_table
-from servobench.recordings.formats.arrow_messages import next_message, uncompressed_size
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.unpacking import most_bytes
+from servobench.recordings.formats.extras import format_errors
 from servobench.recordings.recording import Recording
 
 _MAGIC = b"ARROW1"
@@ -32,6 +30,7 @@ class Arrow:
     """Arrow files and streams. Columns, units and time stamps are those of a Parquet file."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".arrow", ".feather", ".ipc", ".arrows")
+    by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like an Arrow file, or like a stream with its schema."""
@@ -50,16 +49,15 @@ class Arrow:
             raise FormatError(
                 f"{path.name} is a Feather file of version 1, which isn't read; write it again as version 2 or as Parquet"
             )
-        stream, whole = _stream(data)
-        with arrow_table.told_as_format_error(path.name, "Arrow"):
-            end = _checked_end(stream, most_bytes(path))
-            whole = whole and end == len(stream)
-            options = pa.ipc.IpcReadOptions(use_threads=False)
-            reader = pa.ipc.open_stream(pa.py_buffer(stream[:end]), options=options)
-            batches = list(reader)
+        with format_errors(path.name, "Arrow"):
+            stream = pa.py_buffer(data[8:] if data.startswith(_MAGIC) else data)
+            reader = pa.ipc.open_stream(stream, options=pa.ipc.IpcReadOptions(use_threads=False))
+            batches, damage = _batches(reader)
         recording = arrow_table.recording_in(batches, reader.schema, path, "arrow")
-        if not whole:
-            sentence = "The file ends before its last batch does; the batches before that are read."
+        if not damage and data.startswith(_MAGIC) and not data.endswith(_MAGIC):
+            damage = "its end is missing"
+        if damage:
+            sentence = f"The file is cut short or damaged ({damage}); the batches before that are read."
             recording = recording.with_findings(info("recording-cut-short", sentence))
         return (recording,)
 
@@ -71,27 +69,13 @@ class Arrow:
             writer.write_table(table)
 
 
-def _stream(data: bytes) -> tuple[bytes, bool]:
-    """The stream in a file, and whether the file has both its ends."""
-    if not data.startswith(_MAGIC):
-        return data, True
-    if not data.endswith(_MAGIC) or len(data) < 22:
-        return data[8:], False
-    (footer,) = struct.unpack("<i", data[-10:-6])
-    end = len(data) - 10 - footer
-    return (data[8:end], True) if footer > 0 and end >= 8 else (data[8:], False)
-
-
-def _checked_end(stream: bytes, most: int) -> int:
-    """The end of the last message that is whole; raises `ValueError` where the messages claim more than is read."""
-    total = at = 0
-    while at < len(stream) and (message := next_message(stream, at)) is not None:
-        if not message.metadata:  # the end of the stream; what comes after it doesn't belong to it
-            return len(stream)
-        total += uncompressed_size(message, stream)
-        if total > most:
-            raise ValueError(
-                f"its batches come to more than {most} bytes; if it is sound, write it without compression"
-            )
-        at = message.end
-    return at
+def _batches(reader: Any) -> tuple[list[Any], str]:
+    """The batches of a stream up to the first that can't be read, and why it can't; raises that where there are none."""
+    batches: list[Any] = []
+    try:
+        batches.extend(reader)
+    except Exception as error:  # pyarrow tells of damage by errors of a dozen types
+        if not batches:
+            raise
+        return batches, " ".join(str(error).split())[:80]
+    return batches, ""

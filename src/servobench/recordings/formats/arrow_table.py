@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -17,20 +16,20 @@ from servobench.core.finding import Finding, info
 from servobench.recordings.formats import metadata
 from servobench.recordings.formats.columns import (
     LARGEST_TABLE,
+    LARGEST_WHOLE,
     Column,
     distinct,
     heading,
-    quoted,
+    quote,
     recording_of,
     with_unit,
 )
-from servobench.recordings.formats.extras import library
+from servobench.recordings.formats.extras import format_errors, library
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.formats.unpacking import MOST_BYTES
 from servobench.recordings.recording import Recording, Source
 
 _OURS = b"servobench"  # the entry of the schema's metadata with all that a recording knows beside its samples
-_LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
 _DEEPEST = 16  # structs inside structs
 _NANOSECONDS = {"s": 10**9, "ms": 10**6, "us": 10**3, "ns": 1}
 
@@ -40,25 +39,10 @@ def pyarrow(module: str, name: str) -> Any:
     return library(module, "pyarrow", "parquet", name)
 
 
-@contextmanager
-def told_as_format_error(name: str, kind: str) -> Iterator[None]:
-    """Around calls of pyarrow and nothing else: it tells of damage by errors of a dozen types, `MemoryError` among them.
-
-    Raises `FormatError` in their place.
-    """
-    try:
-        yield
-    except FormatError:
-        raise
-    except Exception as error:
-        said = " ".join((str(error) or type(error).__name__).split())
-        raise FormatError(f"{name} is no {kind} file, or a damaged one: {said[:200]}") from error
-
-
 def check_size(rows: int, columns: int) -> None:
     """Raise `ValueError` where a table of so many rows and columns of numbers is more than is read."""
     if columns > LARGEST_TABLE:
-        raise ValueError(f"it has {columns} columns; more than {LARGEST_TABLE} are no set of channels")
+        raise ValueError(f"it has {columns} columns; expected at most {LARGEST_TABLE} channels")
     if rows < 0 or 8 * rows * max(columns, 1) > MOST_BYTES:
         raise ValueError(
             f"it says that it has {rows} rows of {columns} columns; more than {MOST_BYTES // 8} numbers aren't read"
@@ -117,7 +101,7 @@ def recording_in(batches: Sequence[Any], schema: Any, path: Path, format: str) -
     `schema` is the file's; the batches may lack columns of it that a recording has no place for.
     """
     pa = pyarrow("pyarrow", path.name)
-    with told_as_format_error(path.name, format):
+    with format_errors(path.name, format):
         for batch in batches:
             batch.validate(
                 full=True
@@ -126,20 +110,20 @@ def recording_in(batches: Sequence[Any], schema: Any, path: Path, format: str) -
         table = pa.Table.from_batches(batches) if batches else schema.empty_table()
     ours = (schema.metadata or {}).get(_OURS)
     if ours is not None and metadata.SCHEMA.encode() in ours:
-        return _own(ours.decode("utf-8", "replace"), table, path.name, format)
+        return _own(ours.decode("utf-8", "replace"), table, path.name)
     return _foreign(table, schema, path, format)
 
 
 def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
-    with told_as_format_error(path.name, format):
+    with format_errors(path.name, format):
         found = leaves(schema, path.name)
     wanted = [leaf for leaf in found if not leaf.skipped]
     skipped = [f"{leaf.name} ({leaf.skipped})" for leaf in found if leaf.skipped]
     if not wanted:
-        raise FormatError(f"{path.name} has no columns of numbers; it has {quoted(skipped) or 'none'}")
+        raise FormatError(f"{path.name} has no columns of numbers; it has {quote(skipped) or 'none'}")
     if not table.num_rows:
-        raise FormatError(f"{path.name} has no rows, only the columns {quoted(leaf.name for leaf in wanted)}")
-    with told_as_format_error(path.name, format):
+        raise FormatError(f"{path.name} has no rows, only the columns {quote(leaf.name for leaf in wanted)}")
+    with format_errors(path.name, format):
         check_size(table.num_rows, len(wanted))
         arrays = [_array(table, leaf) for leaf in wanted]
         zero = _zero(arrays)
@@ -147,7 +131,7 @@ def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
     findings: list[Finding] = []
     units = _units(schema)
     for leaf, array in zip(wanted, arrays, strict=True):
-        with told_as_format_error(path.name, format):
+        with format_errors(path.name, format):
             values, is_time = _numbers(array, zero)
         head = heading(leaf.name)
         if is_time:
@@ -158,9 +142,7 @@ def _foreign(table: Any, schema: Any, path: Path, format: str) -> Recording:
         columns.append(Column(heading=head, values=values, is_time=is_time))
         findings.extend(_about_values(head.name, array, values))
     if skipped:
-        findings.append(
-            info("column-skipped", f"Columns that aren't numbers aren't read: {quoted(skipped)}.")
-        )
+        findings.append(info("column-skipped", f"Columns that aren't numbers aren't read: {quote(skipped)}."))
     if zero is not None:
         began = f", {np.datetime64(zero, 'ns')}" if abs(zero) < 2**63 else ""  # or else beyond the calendar
         findings.append(info("time-stamps", f"Time stamps count from the first one{began}, in s."))
@@ -256,7 +238,7 @@ def _about_values(name: str, array: Any, values: Array) -> list[Finding]:
         sentence = f"Empty cells, read as NaN: {in_words(rows)}, in `{name}`."
         findings.append(info("cell-empty", sentence, rows=(int(rows[0]), int(rows[-1]))))
     if array.type.bit_width == 64 and str(array.type) in {"int64", "uint64"}:
-        large = np.abs(values) >= _LARGEST_WHOLE
+        large = np.abs(values) >= LARGEST_WHOLE
         if large.any():
             sentence = f"`{name}` has whole numbers too large to be kept to the last digit."
             findings.append(info("integer-rounded", sentence))
@@ -275,66 +257,37 @@ def table_of(recordings: Sequence[Recording], name: str) -> Any:
             "write each to a file of its own, or all of them to an .mcap file"
         )
     (recording,) = recordings
-    times: dict[bytes, Array] = {}
-    for each in recording.series:
-        if each.t is not None:
-            times.setdefault(each.t.tobytes(), each.t)
-    labels = ["t" if k == 0 else f"t_{k + 1}" for k in range(len(times))]
-    names = _names([*labels, *(each.channel.name for each in recording.series)])
-    of_times = dict(zip(times, names, strict=False))
-    of_values = names[len(times) :]
-    samples = [
-        [name, None if each.t is None else of_times[each.t.tobytes()], len(each.values)]
-        for name, each in zip(of_values, recording.series, strict=True)
-    ]
-    content = [*times.values(), *(each.values for each in recording.series)]
-    units = [*("s" for _ in times), *(each.channel.unit for each in recording.series)]
-    rows = max(map(len, content), default=0)
+    table = metadata.table_of(recording, _names)
+    rows = max(map(len, table.columns.values()), default=0)
     fields = [
-        pa.field(name, pa.float64(), metadata=None if unit is None else {"unit": _as_utf_8(unit)})
-        for name, unit in zip(names, units, strict=True)
+        pa.field(name, pa.float64(), metadata=None if unit is None else {"unit": metadata.as_utf_8(unit)})
+        for name, unit in table.units.items()
     ]
-    text = metadata.as_text(
-        {"schema": metadata.SCHEMA, "recording": metadata.described(recording), "samples": samples}
-    )
+    text = metadata.as_text({"schema": metadata.SCHEMA, **table.description})
     schema = pa.schema(fields, metadata={_OURS: text.encode("ascii")})
-    # `pa.array` keeps a NaN that was measured and a cell that isn't there apart.
-    arrays = [_filled_up(pa, values, rows) for values in content]
+    arrays = [_fill_up(pa, values, rows) for values in table.columns.values()]
     return pa.Table.from_arrays(arrays, schema=schema)
 
 
-def _filled_up(pa: Any, values: Array, rows: int) -> Any:
+def _fill_up(pa: Any, values: Array, rows: int) -> Any:
+    # `pa.array` keeps a NaN that was measured and a cell that isn't there apart.
     array = pa.array(values, type=pa.float64(), from_pandas=False)
     missing = rows - len(values)
     return pa.concat_arrays([array, pa.nulls(missing, pa.float64())]) if missing else array
 
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
-    plain, _ = distinct([_as_utf_8(name) for name in names])
+    plain, _ = distinct([metadata.as_utf_8(name) for name in names])
     return plain
 
 
-def _as_utf_8(text: str) -> str:
-    """A text without what UTF-8 doesn't have: lone surrogates, as in the names of files."""
-    return text.encode("utf-8", "replace").decode("utf-8")
-
-
-def _own(text: str, table: Any, name: str, format: str) -> Recording:
+def _own(text: str, table: Any, name: str) -> Recording:
     """The recording in a table of ours; raises `FormatError` where it isn't the one that its schema describes."""
-    described = metadata.from_text(text, name)
-    try:
-        samples = [
-            (_own_values(table, column, rows), None if times is None else _own_values(table, times, rows))
-            for column, times, rows in described["samples"]
-        ]
-        recording = described["recording"]
-    except (KeyError, TypeError, ValueError) as error:
-        raise FormatError(f"{name}: what its schema says of its columns isn't so ({error!r})") from None
-    return metadata.restored(recording, samples, name)
 
+    def column(label: str) -> Array:
+        found = table.column(label).combine_chunks().drop_null()
+        if str(found.type) != "double":
+            raise ValueError(f"column {label!r} isn't floats")
+        return np.array(found.to_numpy(zero_copy_only=False), dtype=np.float64)
 
-def _own_values(table: Any, column: str, rows: int) -> Array:
-    found = table.column(column).combine_chunks()
-    if str(found.type) != "double" or not 0 <= rows <= len(found) or found[:rows].null_count:
-        raise ValueError(f"column {column!r} hasn't {rows} floats")
-    return np.array(found[:rows].to_numpy(zero_copy_only=False), dtype=np.float64)
+    return metadata.recording_of_table(metadata.from_text(text, name), column, name)

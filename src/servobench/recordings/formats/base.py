@@ -1,21 +1,26 @@
-"""The kind `formats`: files that hold recordings; and the two verbs `load` and `save`."""
+"""The kind `formats`: files that hold recordings; and the two verbs `load` and `save`.
+
+A member is a class that `FORMATS.member(name)` decorates, made without arguments. `metadata` turns all that a recording knows
+beside its samples into JSON and back, `columns.recording_of` makes a recording of a foreign table.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import os
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from dataclasses import replace
 from difflib import get_close_matches
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import ClassVar, Protocol, runtime_checkable
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import FormatError, StorageError, UsageError
 from servobench.core.finding import info
 from servobench.core.registry import Registry
 from servobench.recordings.native.lease import is_held
-from servobench.recordings.native.mcap_file import being_written
+from servobench.recordings.native.mcap_file import busy_text
 from servobench.recordings.recording import Recording, Source
 
 _HEAD = 4096  # bytes
@@ -27,22 +32,29 @@ class Format(Protocol):
 
     suffixes: ClassVar[tuple[str, ...]]
     """The file endings it is known by, in lower case with the dot; the first is the usual one."""
+    by_library: ClassVar[bool]
+    """Whether a library reads it, in a process with limits; plain text is read by our own code, where it's asked for."""
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether a file with these first bytes (up to 4096) is of this format."""
+        """Return whether a file with these first bytes (up to 4096) is of this format.
+
+        The last line may be cut. Files of another member, an empty head and text that is nobody's (`{}`) aren't.
+        """
         ...
 
     def read(self, path: Path) -> tuple[Recording, ...]:
-        """Return the recordings in a file; raises `FormatError` where it can't be read.
+        """Return the recordings in a file; raises `FormatError`, which names the file, where it can't be read.
 
-        What `source` they have is `load`'s business.
+        A damaged file raises nothing else, and takes little memory. What `source` they have is `load`'s business.
         """
         ...
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
         """Write recordings so that `read` gives them back equal.
 
-        Raises `UsageError` where the format can't hold them, `StorageError` where they can't be written.
+        Equal means NaN, infinities and channels without times or samples, too. Raises `UsageError`, which begins with the file's
+        name, where the format can't hold them or is only read, `StorageError` where they can't be written. Two members that
+        write have no ending in common.
         """
         ...
 
@@ -52,13 +64,28 @@ FORMATS: Registry[type[Format]] = Registry(
 )
 
 
-def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
-    """Return the recordings in a file of any format that is known.
+def read_here(format: str, file: Path) -> tuple[Recording, ...]:
+    """Return the recordings in a file of a format, read in this process.
 
-    The format is the one that the ending of the name and the content agree on; where they don't, the content decides, and a
-    finding says so. `source` of a recording is then the file: its name as given, its SHA-256 and the format.
+    Raises what the format's `read` raises, and `FormatError` where the memory isn't enough.
+    """
+    try:
+        return FORMATS[format]().read(file)
+    except MemoryError as error:
+        raise FormatError(
+            f"{file.name} takes more memory than a file of its size may. If it is sound, save it without compression, or in parts"
+        ) from error
+
+
+def load(
+    path: str | os.PathLike[str], read: Callable[[str, Path], tuple[Recording, ...]] = read_here
+) -> tuple[Recording, ...]:
+    """Return the recordings in a file, as `loading.load` does, with `read(format, file)` in place of its child process.
+
+    Without it, libraries read the file in this process, which a hostile file can crash.
     Raises `UsageError` where there is no such file, `FormatError` where it can't be read.
     """
+    check_type("path", path, (str, os.PathLike), "the path of a file")
     file = Path(path)
     try:
         _check_is_there(file)
@@ -69,7 +96,7 @@ def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
         if not head:
             raise FormatError(f"{file} is empty")
         name = _format_of(file, head)
-        recordings = FORMATS[name]().read(file)
+        recordings = read(name, file)
     except OSError as error:
         raise FormatError(f"{file} can't be read: {error.strerror or error}") from error
     source = Source(name=os.fspath(path), sha256=checksum, format=name)
@@ -89,13 +116,17 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
     A file of that name is replaced once the new one is whole. Raises `UsageError` where no format has that ending or the format
     can't hold the recordings, `StorageError` where they can't be written.
     """
+    check_type("path", path, (str, os.PathLike), "the path of a file")
+    check_type("recordings", recordings, (Recording, Iterable), "a Recording, or a list of them")
     file = Path(path)
     several = (recordings,) if isinstance(recordings, Recording) else tuple(recordings)
+    for each in several:
+        check_type("recordings", each, Recording, "a Recording, or a list of them")
     if not several:
         raise UsageError(f"{file}: there is no recording to write")
     names = [name for name in FORMATS.names() if file.suffix.lower() in FORMATS[name].suffixes]
     if not names:
-        raise UsageError(f"{file}: no file format ends in {file.suffix!r}; known: {_known_formats()}")
+        raise UsageError(f"{file}: no file format ends in {file.suffix!r}; known: {_format_names()}")
     try:
         # Written apart and then moved, so that what is there stays until the new file is whole.
         with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
@@ -112,7 +143,7 @@ def _check_is_there(file: Path) -> None:
     part = file / "recording.mcap.part"
     if file.is_dir() and part.exists():
         if is_held(part):
-            raise UsageError(being_written(part))
+            raise UsageError(busy_text(part))
         raise UsageError(
             f"{file} is the folder of a run that was cut short; `servobench recover {file}` makes it whole"
         )
@@ -124,7 +155,7 @@ def _check_is_there(file: Path) -> None:
         hint = f"; did you mean {near[0]!r}?" if near else ""
         raise UsageError(f"there is no file {file}{hint}")
     if not file.is_file():
-        raise UsageError(f"{file} is no ordinary file; copy what comes out of it to one")
+        raise UsageError(f"{file} isn't a regular file; copy its content to one")
 
 
 def _format_of(file: Path, head: bytes) -> str:
@@ -135,8 +166,8 @@ def _format_of(file: Path, head: bytes) -> str:
     agreed = [name for name in by_suffix if name in by_content]
     for name in (*agreed, *by_content, *by_suffix):
         return name
-    raise FormatError(f"{file} is of no format that is known here; known: {_known_formats()}")
+    raise FormatError(f"{file} is in an unknown format; known: {_format_names()}")
 
 
-def _known_formats() -> str:
+def _format_names() -> str:
     return ", ".join(f"{name} ({' '.join(FORMATS[name].suffixes)})" for name in FORMATS.names())

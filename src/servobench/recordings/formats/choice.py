@@ -10,18 +10,18 @@ import numpy as np
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.recordings.formats.columns import Heading, heading, quoted, time_unit
+from servobench.recordings.formats.columns import Heading, heading, quote, time_unit
 from servobench.recordings.formats.roles import (
     VOLTS_BY_CONVENTION,
     ColumnSpec,
     Role,
-    found,
+    find_series,
     full_scale,
     may_be_supply,
     plain_name,
     quantity_of,
-    recognised,
-    typed,
+    recognise,
+    shell_text,
 )
 from servobench.recordings.recording import Recording, Series
 
@@ -37,14 +37,14 @@ def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec 
 
 
 @dataclass(frozen=True, kw_only=True)
-class Chosen:
+class Choice:
     """The series of a role, in its unit, and findings about the choice."""
 
     series: Series
     findings: tuple[Finding, ...] = ()
 
 
-def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> Chosen | str:
+def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Sequence[str]) -> Choice | str:
     """Return the series for a role; or the sentence that asks for it, or for its unit. `taken` are names that it can't be.
 
     Raises `UsageError` for a column that holds the times.
@@ -53,12 +53,12 @@ def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     findings: list[Finding] = []
     symbol = None
     if spec is not None:
-        series, findings = found(recording, spec, role)
+        series, findings = find_series(recording, spec, role)
         symbol = spec.unit
     elif known is not None:
         series = recording[known]
     else:
-        candidates = recognised(recording, role, without=taken)
+        candidates = recognise(recording, role, without=taken)
         if len(candidates) != 1:
             return _which(recording, role, [each.name for each in candidates])
         series, findings, symbol = recording[candidates[0].name], [candidates[0].finding], candidates[0].unit
@@ -66,22 +66,26 @@ def chosen(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
     symbol = symbol or said
     if role in _MEANING and _holds_the_times(series):
         raise UsageError(
-            f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with another of "
-            f"{long_columns(recording)}"
+            f"{recording.name}: `{name}` holds the times; the {role} is {_MEANING[role]}: say `{role}=COL:UNIT` with "
+            f"another of {long_columns(recording)}"
         )
     if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
         symbol = "V"
-        sentence = f"`{name}` is taken in V by convention; if it isn't say `input={typed(f'{name}:UNIT')}`."
+        sentence = f"`{name}` is read in V by convention; otherwise say `input={shell_text(f'{name}:UNIT')}`."
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
-        example = typed(f"{name}:{_EXAMPLE[role]}")
-        return f"the unit of the {role} `{name}`: say `{role}={typed(f'{name}:UNIT')}`, such as {example}"
+        example = shell_text(f"{name}:{_EXAMPLE[role]}")
+        return (
+            f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {example}"
+        )
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)
     _check_unit(recording, role, series, symbol)
     if said not in (None, symbol):
-        findings.append(info("unit-overridden", f"`{name}` is taken in {symbol} and not in {said}, as said."))
-    return Chosen(series=_in_unit(series, symbol), findings=tuple(findings))
+        findings.append(
+            info("unit-overridden", f"`{name}` is read in {symbol} instead of {said}, as requested.")
+        )
+    return Choice(series=_in_unit(series, symbol), findings=tuple(findings))
 
 
 def _in_unit(series: Series, symbol: str) -> Series:
@@ -96,17 +100,17 @@ def _in_unit(series: Series, symbol: str) -> Series:
 
 def _duty_of_counts(
     recording: Recording, role: Role, series: Series, scale: float, findings: list[Finding]
-) -> Chosen:
+) -> Choice:
     """The input as a duty in per cent, of the raw counts of a pulse-width modulator and its full scale."""
     name = series.channel.name
     if role != "input":
         raise UsageError(
             f"{recording.name}: the {role} `{name}` is in counts of a pulse width; only the input can be"
         )
-    told = f"`{name}` is taken as a duty, in raw counts of which {scale:g} are 100 %."
+    told = f"`{name}` is read as a duty in raw counts, with {scale:g} counts for 100 %."
     channel = replace(series.channel, unit="%", minimum=None, maximum=None, resolution=None)
     duty = Series(channel=channel, values=series.values * (100.0 / scale), t=series.t)
-    return Chosen(series=duty, findings=(*findings, info("duty-scaled", told)))
+    return Choice(series=duty, findings=(*findings, info("duty-scaled", told)))
 
 
 def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -> None:
@@ -122,7 +126,7 @@ def _check_unit(recording: Recording, role: Role, series: Series, symbol: str) -
         )
     if role == "input" and what == "time":
         raise UsageError(
-            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, no time"
+            f"{recording.name}: the input `{name}` is in {symbol}; expected V, % or the like, not a time"
         )
 
 
@@ -145,24 +149,24 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     ]
     if candidates:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
-        return f"which column is the {role}, as {quoted(candidates)} may be: say {options}"
+        return f"which column is the {role}, as {quote(candidates)} may be: say {options}"
     columns = (
-        f"the only column is {quoted(names)}"
+        f"the only column is {quote(names)}"
         if len(names) == 1
         else f"the columns are {long_columns(recording)}"
     )
     sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
     if role == "input":
-        sentence += ". Without an input nothing can be identified; one in another file is FILE#COL"
+        sentence += ". Identification needs an input; name one in another file as FILE#COL"
     return sentence
 
 
 def _with_unit(recording: Recording, name: str) -> str:
     """A column as it has to be said, with a place for its unit where that isn't known."""
-    return typed(name if recording[name].channel.unit else f"{name}:UNIT")
+    return shell_text(name if recording[name].channel.unit else f"{name}:UNIT")
 
 
 def long_columns(recording: Recording) -> str:
     """Return the columns that are as long as the longest, as a list for a sentence; what is shorter is a setting, no signal."""
     most = max((len(each.values) for each in recording.series), default=0)
-    return quoted([each.channel.name for each in recording.series if len(each.values) == most], 30)
+    return quote([each.channel.name for each in recording.series if len(each.values) == most], 30)

@@ -21,6 +21,9 @@ Rows = NDArray[np.int64]
 LARGEST_TABLE = 1000
 """The most columns that a table may have; what has more is an image or another matrix, not a set of channels."""
 
+LARGEST_WHOLE = 2.0**53
+"""From here on a float can't tell each whole number from the next."""
+
 TIME_NAMES = frozenset(
     {"t", "time", "times", "timestamp", "timestamps", "time_stamp", "elapsed", "elapsed_time", "clock"}
     | {"sec", "secs", "seconds", "ms", "millis", "milliseconds", "us", "micros", "microseconds"}
@@ -102,7 +105,9 @@ def with_unit(name: Heading, text: str) -> tuple[Heading, tuple[Finding, ...]]:
         return Heading(name=name.name, unit="1"), ()
     if is_unit(text):
         return Heading(name=name.name, unit=text), ()
-    sentence = f"`{name.name}` is in {text[:40]!r}, as the file says, which is no unit known here: say it as COL:UNIT."
+    sentence = (
+        f"`{name.name}` is in {text[:40]!r} in the file, which isn't a known unit: give it as COL:UNIT."
+    )
     return name, (info("unit-unknown", sentence),)
 
 
@@ -160,14 +165,14 @@ def distinct(names: Sequence[str]) -> tuple[tuple[str, ...], tuple[Finding, ...]
     findings = []
     if renamed:
         findings.append(
-            info("name-duplicate", f"Some names stand twice; the later ones are called {quoted(renamed)}.")
+            info("name-duplicate", f"Some names occur twice; the later ones are called {quote(renamed)}.")
         )
     if empty:
-        findings.append(info("name-missing", f"Some columns have no name; they are called {quoted(empty)}."))
+        findings.append(info("name-missing", f"Some columns have no name; they are called {quote(empty)}."))
     return tuple(result), tuple(findings)
 
 
-def quoted(names: Iterable[str], most: int = 12) -> str:
+def quote(names: Iterable[str], most: int = 12) -> str:
     """Return names as a list for a sentence; what goes beyond `most` is only counted."""
     names = [printable(name) for name in names]
     more = f" and {len(names) - most} more" if len(names) > most else ""
@@ -199,7 +204,7 @@ def recording_of(
         replace(each, heading=replace(each.heading, name=new))
         for each, new in zip(columns, names, strict=True)
     ]
-    times, about_times = _recognised_times(columns, rows)
+    times, about_times = _find_times(columns, rows)
     series = tuple(
         Series(
             channel=Channel(name=column.heading.name, unit=column.heading.unit),
@@ -252,7 +257,7 @@ def time_unit(heading: Heading) -> str | None:
     return "s" if last in SECONDS_BY_CONVENTION else None
 
 
-def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Times], list[Finding]]:
+def _find_times(columns: Sequence[Column], rows: Rows | None) -> tuple[list[_Times], list[Finding]]:
     """The columns that are times beyond doubt, and what is to be known of them."""
     candidates: dict[tuple[str, int], list[Column]] = {}
     recognised: list[_Times] = []
@@ -264,12 +269,12 @@ def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[lis
             key = (_folder(column.heading.name), len(column.values))
             candidates.setdefault(key, []).append(column)
         else:
-            sentence = f"`{column.heading.name}` isn't taken as the time, as its name would say: it doesn't increase."
+            sentence = f"`{column.heading.name}` isn't used as the time, despite its name: {_why_no_time(column.values)}."
             findings.append(info("time-not-recognised", sentence))
     for (folder, _), alike in candidates.items():
         names = [column.heading.name for column in alike]
         if len(alike) > 1:
-            sentence = f"Each of {quoted(names)} may be the time; say which with `time=COL:UNIT`."
+            sentence = f"Each of {quote(names)} may be the time; say which with `time=COL:UNIT`."
             findings.append(info("time-ambiguous", sentence))
             continue
         symbol = time_unit(alike[0].heading) or "s"
@@ -277,17 +282,29 @@ def _recognised_times(columns: Sequence[Column], rows: Rows | None) -> tuple[lis
         with np.errstate(over="ignore"):
             t = alike[0].values if factor == 1.0 else alike[0].values * factor
         recognised.append(_Times(folder=folder, t=t))
-        findings.append(_told_time(alike[0].heading, symbol, t))
+        findings.append(_time_finding(alike[0].heading, symbol, t))
         findings.extend(time_findings(t, rows))
     return recognised, findings
 
 
-def _told_time(heading: Heading, symbol: str, t: Array) -> Finding:
+def _time_finding(heading: Heading, symbol: str, t: Array) -> Finding:
     step = time_base(t).median_step
-    sentence = f"`{heading.name}` is taken as the time, in {symbol}: its median step is {step:.4g} s."
+    sentence = f"`{heading.name}` is used as the time, in {symbol}: its median step is {step:.4g} s."
     if heading.unit is None:
-        sentence += f" That is by convention; if it is wrong say `time={heading.name}:ms`, or what it is."
+        sentence += (
+            f" The unit is by convention; if it is wrong, say `time={heading.name}:ms` or the right unit."
+        )
     return info("time-recognised", sentence)
+
+
+def _why_no_time(values: Array) -> str:
+    """What keeps a column from being times, and what to do about it where the rows only stand in another order."""
+    values = values[np.isfinite(values)]
+    if len(values) < 2:
+        return "it has one row, and a motion takes several" if len(values) else "it has no number"
+    if _mostly_increases(values[::-1]):
+        return "it runs backwards; sort the rows by it, the earliest first"
+    return "it doesn't increase"
 
 
 def _mostly_increases(values: Array) -> bool:

@@ -42,16 +42,17 @@ class Csv:
     decimal: str | None = None
 
     suffixes: ClassVar[tuple[str, ...]] = (".csv", ".txt", ".tsv", ".dat")
+    by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a text with rows of numbers."""
         if len(head) == 4096 and not head.startswith((b"\xff\xfe", b"\xfe\xff")):
             head = head[: max(head.rfind(b"\n"), head.rfind(b"\r")) + 1] or head  # the last line may be cut
         try:
-            text, _ = text_table.decoded(head, path.name)
+            text, _ = text_table.decode(head, path.name)
             if _JSON.match(text) or text.startswith(lvm_segments.MARK):
                 return False
-            return text.startswith(_MARK) or bool(text_table.parsed(text, path.name).headings)
+            return text.startswith(_MARK) or bool(text_table.parse(text, path.name).headings)
         except FormatError:
             return False
 
@@ -62,10 +63,10 @@ class Csv:
         text_table.check_lines(
             data, path.name, data.find(b"\n") + 1 if data.startswith(_MARK.encode()) else 0
         )
-        text, findings = text_table.decoded(data, path.name)
+        text, findings = text_table.decode(data, path.name)
         if text.startswith(_MARK):
             return (_own(text, path.name),)
-        table = text_table.parsed(text, path.name, self.separator, self.decimal)
+        table = text_table.parse(text, path.name, self.separator, self.decimal)
         blocks = text_blocks.blocks(table)
         findings = (*findings, *table.findings, *text_blocks.about_blocks(table, blocks))
         return tuple(
@@ -86,7 +87,7 @@ class Csv:
             {"timed": group.t is not None, "channels": group.channels, "rows": group.rows} for group in groups
         ]
         head = _harmless_json(
-            metadata.as_text({"recording": metadata.described(recording), "columns": layout})
+            metadata.as_text({"recording": metadata.describe(recording), "columns": layout})
         )
         columns = [column for group in groups for column in group.columns]
         with path.open("w", encoding="utf-8", errors="backslashreplace", newline="\n") as file:
@@ -199,7 +200,7 @@ def _own(text: str, name: str) -> Recording:
         ]
         recording = description["recording"]
     except (TypeError, KeyError, ValueError, OverflowError):
-        raise FormatError(f"{name}: its first line doesn't say how the table is laid out") from None
+        raise FormatError(f"{name}: its first line doesn't describe the table's layout") from None
     shapes = [(timed + len(channels), rows) for timed, channels, rows in groups]
     values = _own_table(table, shapes, name)
     samples: dict[int, tuple[Array, Array | None]] = {}
@@ -209,7 +210,7 @@ def _own(text: str, name: str) -> Recording:
         t = columns.pop(0) if timed else None
         samples.update(zip(channels, ((column, t) for column in columns), strict=True))
         at += width
-    return metadata.restored(recording, [samples[k] for k in sorted(samples)], name)
+    return metadata.restore(recording, [samples[k] for k in sorted(samples)], name)
 
 
 def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Array:
@@ -230,7 +231,7 @@ def _own_table(table: str, shapes: Sequence[tuple[int, int]], name: str) -> Arra
         at += columns
     if len(lines) != longest or faults.rows or faults.cells != ({"cell-empty": empty} if empty else {}):
         raise FormatError(
-            f"{name}: the table isn't the one of {longest} rows and {width} columns that the first line describes; "
-            "if it was changed on purpose, delete that line, and it is read as any other table"
+            f"{name}: the first line describes a table of {longest} rows and {width} columns, which this isn't; if "
+            "it was changed on purpose, delete that line, and the file is read as any other table"
         )
     return values

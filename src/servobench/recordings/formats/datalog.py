@@ -70,12 +70,11 @@ class Entry:
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Log:
-    """What is in a file: the `extra` text of its header, its entries in the order in which they were started, its bytes, `data`.
+    """What is in a file: its entries in the order in which they were started, its bytes, `data`.
 
     `unknown` counts records of entries that weren't open; `damage` says why the file couldn't be read to its end, if so.
     """
 
-    extra: str
     entries: tuple[Entry, ...]
     data: Bytes
     unknown: int
@@ -99,14 +98,12 @@ def read(path: Path) -> Log:
     """Return the log in a file; raises `FormatError` where it's none, or larger than is read."""
     if path.stat().st_size > MOST_BYTES:
         raise FormatError(
-            f"{path.name} has {path.stat().st_size} bytes and logs of more than {MOST_BYTES} aren't read; "
-            "cut out the part with the tests, as WPILib's and other tools can"
+            f"{path.name} has {path.stat().st_size} bytes; logs of more than {MOST_BYTES} aren't read. Cut out the "
+            "part with the tests, with WPILib's or another tool"
         )
     data = path.read_bytes()
     if len(data) < _HEADER.size or not data.startswith(MAGIC):
-        raise FormatError(
-            f"{path.name} is no WPILib data log: its first bytes are others, or it is cut short"
-        )
+        raise FormatError(f"{path.name} isn't a WPILib data log: its first bytes differ, or it is cut short")
     _, version, length = _HEADER.unpack_from(data)
     if version >> 8 != 1:
         raise FormatError(
@@ -115,9 +112,8 @@ def read(path: Path) -> Log:
     begin = _HEADER.size + length
     if begin > len(data):
         raise FormatError(f"{path.name} is a data log that is cut short in its header")
-    extra = data[_HEADER.size : begin].decode("utf-8", "replace")
     records, damage = _records(data, begin)
-    return _log(extra, records, damage, path.name)
+    return _log(records, damage, path.name)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -195,13 +191,13 @@ class _Open:
     last: int = field(default=2**62)
 
 
-def _log(extra: str, records: _Records, damage: str, name: str) -> Log:
+def _log(records: _Records, damage: str, name: str) -> Log:
     order = np.argsort(records.numbers, kind="stable")
     sorted_numbers = records.numbers[order]
     of_control = order[: np.searchsorted(sorted_numbers, 1)]
     entries: list[Entry] = []
     taken = 0
-    for each in _opened(records, of_control, name):
+    for each in _open_entries(records, of_control, name):
         begin, end = np.searchsorted(sorted_numbers, [each.number, each.number + 1])
         members = order[begin:end]
         members = members[np.searchsorted(members, each.first) : np.searchsorted(members, each.last)]
@@ -219,10 +215,10 @@ def _log(extra: str, records: _Records, damage: str, name: str) -> Log:
             )
         )
     unknown = len(order) - len(of_control) - taken
-    return Log(extra=extra, entries=tuple(entries), data=records.data, unknown=unknown, damage=damage)
+    return Log(entries=tuple(entries), data=records.data, unknown=unknown, damage=damage)
 
 
-def _opened(records: _Records, of_control: NDArray[np.intp], name: str) -> list[_Open]:
+def _open_entries(records: _Records, of_control: NDArray[np.intp], name: str) -> list[_Open]:
     """The entries that control records start, finish and tell of."""
     opened: list[_Open] = []
     now: dict[int, _Open] = {}
@@ -241,7 +237,7 @@ def _opened(records: _Records, of_control: NDArray[np.intp], name: str) -> list[
             now[number] = _Open(number=number, name=texts[0], type=texts[1], metadata=metadata, first=k)
             opened.append(now[number])
         if len(opened) > MOST_ENTRIES:
-            raise FormatError(f"{name} starts more than {MOST_ENTRIES} entries; logs of so many aren't read")
+            raise FormatError(f"{name} starts more than {MOST_ENTRIES} entries; such logs aren't read")
     return opened
 
 

@@ -9,9 +9,10 @@ import numpy as np
 from servobench.core.channels import Array, measurable
 from servobench.core.errors import MissingInformation, UsageError
 from servobench.core.finding import Finding
+from servobench.core.rounding import count_text
 from servobench.recordings.formats.columns import TIME_NAMES, heading, time_unit
 from servobench.recordings.formats.mapping import Mapping, assign
-from servobench.recordings.formats.roles import ColumnSpec, Role, plain_name, quantity_of, recognised
+from servobench.recordings.formats.roles import ColumnSpec, Role, plain_name, quantity_of, recognise
 from servobench.recordings.formats.times import TimeBase, time_base
 from servobench.recordings.recording import Recording, Series, Source
 
@@ -41,7 +42,7 @@ class ChannelDescription:
     times: int | None
 
 
-@dataclass(frozen=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, repr=False)
 class Description:
     """What is in a recording, and what stands between it and an identification.
 
@@ -57,6 +58,22 @@ class Description:
     mapping: Mapping
     missing: tuple[str, ...]
     findings: tuple[Finding, ...]
+
+    def __str__(self) -> str:
+        """What is in the recording, line by line: its channels, what was recognised, and what has to be said first."""
+        lines = [f"{self.name}: {count_text(len(self.channels), 'channel')}"]
+        for each in self.channels:
+            ends = "" if each.minimum is None else f", {each.minimum:.6g} to {each.maximum:.6g}"
+            lines.append(f"  {each.name} in {each.unit or '?'}: {count_text(each.samples, 'sample')}{ends}")
+        for role in ("time", "input", "output"):
+            lines.append(f"  {role}: {getattr(self.mapping, role) or 'not recognised'}")
+        lines += [f"- {finding.sentence}" for finding in self.findings]
+        return "\n".join([*lines, *(f"- missing: {sentence}" for sentence in self.missing)])
+
+    def __repr__(self) -> str:
+        """The recording in one line."""
+        channels = ", ".join(each.name for each in self.channels)
+        return f"<Description {self.name}: {channels}; {len(self.missing)} to be said>"
 
 
 def describe(recording: Recording) -> Description:
@@ -76,19 +93,19 @@ def describe(recording: Recording) -> Description:
         source=recording.source,
         channels=channels,
         time_bases=tuple(time_base(t) for t in different),
-        mapping=_known(recording),
+        mapping=_complete_mapping(recording),
         missing=missing,
         findings=findings,
     )
 
 
-def shown_channels(recording: Recording, most: int = 4) -> tuple[str, ...]:
+def channels_to_show(recording: Recording, most: int = 4) -> tuple[str, ...]:
     """Return the names of the channels to look at: input and output where they are known, or else what they may be.
 
     What may be the input is in a unit of voltage or duty, what may be the output in one of position or speed; where no unit is
     known either, the first channels that change are shown.
     """
-    known = _known(recording)
+    known = _complete_mapping(recording)
     times = None if known.time is None else ColumnSpec.parse(known.time).column
     named: list[str] = []
     for given, quantities in ((known.input, {"voltage", "duty"}), (known.output, {"position", "speed"})):
@@ -118,21 +135,21 @@ def _changes(values: Array) -> bool:
     return len(finite) > 0 and bool(finite.min() < finite.max())
 
 
-def _known(recording: Recording) -> Mapping:
+def _complete_mapping(recording: Recording) -> Mapping:
     """What is known or recognised of time, input and output."""
     return Mapping(
         time=_time_column(recording),
-        input=_known_role(recording, "input", recording.input),
-        output=_known_role(recording, "output", recording.output),
+        input=_role_channel(recording, "input", recording.input),
+        output=_role_channel(recording, "output", recording.output),
         reference=recording.reference,
         chain=recording.chain,
     )
 
 
-def _known_role(recording: Recording, role: Role, known: str | None) -> str | None:
+def _role_channel(recording: Recording, role: Role, known: str | None) -> str | None:
     if known is not None:
         return str(ColumnSpec(column=known, unit=recording[known].channel.unit))
-    candidates = recognised(recording, role)
+    candidates = recognise(recording, role)
     return (
         str(ColumnSpec(column=candidates[0].name, unit=candidates[0].unit)) if len(candidates) == 1 else None
     )

@@ -19,7 +19,7 @@ from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding, info
 from servobench.recordings.formats import text_table
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.columns import quoted, recording_of
+from servobench.recordings.formats.columns import quote, recording_of
 from servobench.recordings.formats.lvm_segments import MARK, File, Segment, later
 from servobench.recordings.formats.times import GAP, time_base
 from servobench.recordings.recording import Recording, Source
@@ -32,11 +32,12 @@ class Lvm:
     """LabVIEW measurement files: read, and not written, as their rows have no place for what a recording knows."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".lvm",)
+    by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a LabVIEW measurement file."""
         try:
-            return text_table.decoded(head[: len(head) // 2 * 2], path.name)[0].startswith(MARK)
+            return text_table.decode(head[: len(head) // 2 * 2], path.name)[0].startswith(MARK)
         except FormatError:
             return False
 
@@ -44,7 +45,7 @@ class Lvm:
         """Return a recording for each run of segments that go on; raises `FormatError` where the file can't be read."""
         data = path.read_bytes()
         text_table.check_lines(data, path.name)
-        text, findings = text_table.decoded(data, path.name)
+        text, findings = text_table.decode(data, path.name)
         file = File.read(text, path.name)
         segments = [segment for segment in file.segments(path.name) if segment.columns]
         if not segments:
@@ -60,7 +61,7 @@ class Lvm:
     def write(self, recordings: tuple[Recording, ...], path: Path) -> NoReturn:
         """Raise `UsageError`: rows of a LabVIEW measurement file can't hold what a recording knows."""
         raise UsageError(
-            f"{path.name}: LabVIEW measurement files are read and not written; write .tdms, .mat or .csv instead"
+            f"{path.name}: LabVIEW measurement files can't be written; write .tdms, .mat or .csv instead"
         )
 
 
@@ -68,7 +69,7 @@ def _runs(segments: Sequence[Segment]) -> list[list[Segment]]:
     """The segments by recording, those that go on moved to where they do."""
     runs: list[list[Segment]] = []
     for segment in segments:
-        moved = _going_on(runs[-1], segment) if runs else None
+        moved = _continue_run(runs[-1], segment) if runs else None
         if moved is None:
             runs.append([segment])
         else:
@@ -76,7 +77,7 @@ def _runs(segments: Sequence[Segment]) -> list[list[Segment]]:
     return runs
 
 
-def _going_on(run: Sequence[Segment], segment: Segment) -> Segment | None:
+def _continue_run(run: Sequence[Segment], segment: Segment) -> Segment | None:
     """The segment with its times after those of a run, by X0 or else by the clock; None where it doesn't go on."""
     first, last = run[0], run[-1]
     if [each.heading for each in last.columns] != [each.heading for each in segment.columns]:
@@ -118,10 +119,11 @@ def _about_runs(segments: Sequence[Segment], runs: Sequence[Sequence[Segment]]) 
     if len(segments) == 1:
         return []
     if len(runs) == 1:
-        sentence = (
-            f"The file's {len(segments)} segments go on where the one before ends: they are one recording."
-        )
+        sentence = f"The file's {len(segments)} segments follow on from each other: they are one recording."
         return [info("segments-joined", sentence)]
-    begins = quoted([str(run[0].rows[0]) for run in runs])
-    sentence = f"The file's {len(segments)} segments don't all go on where the one before ends, or have other channels: they "
+    begins = quote([str(run[0].rows[0]) for run in runs])
+    sentence = (
+        f"The file's {len(segments)} segments don't all follow on from each other, or have different "
+        "channels: they "
+    )
     return [info("segments-apart", f"{sentence}are {len(runs)} recordings, which begin in rows {begins}.")]

@@ -66,7 +66,9 @@ class File:
         lines = _without_special_blocks(text.split("\n"))
         end = next((k for k, line in enumerate(lines) if line.strip().startswith(_END)), None)
         if not text.startswith(MARK) or end is None:
-            raise FormatError(f"{name} is no LabVIEW measurement file: it lacks a header that ends in {_END}")
+            raise FormatError(
+                f"{name} isn't a LabVIEW measurement file: it lacks a header that ends in {_END}"
+            )
         # The header is written with the separator that it names, and a tab where it names none.
         fields = {
             match[1].lower(): match[2].strip()
@@ -136,7 +138,7 @@ def _segment(
             f"{name}: row {row} names no channels; expected X_Value, a name for each channel and Comment"
         )
     if len(places) > LARGEST_TABLE:
-        raise FormatError(f"{name}: {len(places)} channels; more than {LARGEST_TABLE} are no recording")
+        raise FormatError(f"{name}: {len(places)} channels; expected at most {LARGEST_TABLE} in a recording")
     lines = [(k, file.lines[k]) for k in range(names_at + 1, until) if file.lines[k].strip()]
     rows = np.array([k + file.first for k, _ in lines], dtype=np.int64)
     table, findings = _numbers([line for _, line in lines], rows, file, places)

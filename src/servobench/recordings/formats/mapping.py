@@ -16,11 +16,11 @@ from servobench.core import toml
 from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
-from servobench.recordings.formats.choice import Chosen, chosen, spec_of
+from servobench.recordings.formats.choice import Choice, choose, spec_of
 from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
 from servobench.recordings.formats.supply import constant, motor_voltage
-from servobench.recordings.formats.timing import seconds, timed
-from servobench.recordings.formats.unreadable import weighed
+from servobench.recordings.formats.timing import assign_times, seconds
+from servobench.recordings.formats.unreadable import demote_unused
 from servobench.recordings.formats.usable import usable
 from servobench.recordings.recording import Recording, Series
 
@@ -53,18 +53,18 @@ def assign(
     """
     if time is not None and sample_time is not None:
         raise UsageError(
-            f"both a time column ({time}) and a sample time ({sample_time}) are given; say one of them"
+            f"both a time column ({time}) and a sample time ({sample_time}) are given; give one of them"
         )
     volts = constant(supply, recording)
     asked: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
     asked |= {"reference": reference} if reference is not None else {}
     asked |= {"supply": supply} if supply is not None and volts is None else {}
     asked |= {"current": current} if current is not None else {}
-    roles, before = _chosen_and_timed(recording, asked, spec_of(time, recording), sample_time)
+    roles, before = _choose_and_time(recording, asked, spec_of(time, recording), sample_time)
     taken, about_samples = usable(recording.name, {role: roles.series[role] for role in ("input", "output")})
     result = replace(
         recording,
-        series=_merged(recording.series, [*roles.others, *taken.values()]),
+        series=_merge(recording.series, [*roles.others, *taken.values()]),
         input=taken["input"].channel.name,
         output=taken["output"].channel.name,
         reference=roles.name("reference") or recording.reference,
@@ -84,11 +84,11 @@ def _with_turn(recording: Recording, counts_per_rev: float) -> Recording:
     name, symbol = series.channel.name, series.channel.unit or ""
     if unit(symbol).si not in {"counts", "counts/s"}:
         raise UsageError(
-            f"{counts_per_rev:g} counts in a turn are said, but the output `{name}` is in {symbol}; say `output={name}:counts` "
-            "where it holds counts, and leave them out where it doesn't"
+            f"{counts_per_rev:g} counts per turn are given, but the output `{name}` is in {symbol}; say "
+            f"`output={name}:counts` if it holds counts, otherwise leave them out"
         )
     channel = replace(series.channel, counts_per_rev=counts_per_rev)
-    return replace(recording, series=_merged(recording.series, [replace(series, channel=channel)]))
+    return replace(recording, series=_merge(recording.series, [replace(series, channel=channel)]))
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -113,7 +113,7 @@ class _Roles:
         return self.series[role].channel.name if role in self.series else None
 
 
-def _chosen_and_timed(
+def _choose_and_time(
     recording: Recording,
     asked: dict[Role, str | ColumnSpec | None],
     time: ColumnSpec | None,
@@ -121,16 +121,16 @@ def _chosen_and_timed(
 ) -> tuple[_Roles, list[Finding]]:
     """The series of the roles, and the findings of the recording that still hold; raises `MissingInformation`."""
     missing: list[str] = []
-    parts: dict[Role, Chosen] = {}
+    parts: dict[Role, Choice] = {}
     for role, given in asked.items():
         taken = [each.series.channel.name for each in parts.values()]
-        part = chosen(recording, role, spec_of(given, recording), taken)
+        part = choose(recording, role, spec_of(given, recording), taken)
         if isinstance(part, str):
             missing.append(part)
         else:
             parts[role] = part
     series = {role: part.series for role, part in parts.items()}
-    placed = timed(recording, series, time, sample_time)
+    placed = assign_times(recording, series, time, sample_time)
     if isinstance(placed, str):
         missing.append(placed)
     if missing or isinstance(placed, str):
@@ -139,7 +139,7 @@ def _chosen_and_timed(
     _check_differ(recording, with_times)
     replaced = any(each.t is not series[role].t for role, each in with_times.items())
     before = [each for each in recording.findings if not (replaced and each.code.startswith("time-"))]
-    before = weighed(before, (each.channel.name for each in series.values()))
+    before = demote_unused(before, (each.channel.name for each in series.values()))
     about_roles = [finding for part in parts.values() for finding in part.findings]
     if "current" in with_times:
         with_times["current"], told = _armature_current(recording, with_times["current"])
@@ -152,10 +152,10 @@ def _armature_current(recording: Recording, series: Series) -> tuple[Series, Fin
     name = series.channel.name
     if name != ARMATURE_CURRENT and ARMATURE_CURRENT in recording:
         raise UsageError(
-            f"{recording.name}: `{name}` is to be the current, but there is a channel `{ARMATURE_CURRENT}`; take that one, or "
-            "rename it"
+            f"{recording.name}: `{name}` is named as the current, but there is a channel `{ARMATURE_CURRENT}`; use "
+            "that one, or rename it"
         )
-    told = f"`{name}` is the armature's current, as said; it goes by the name `{ARMATURE_CURRENT}`."
+    told = f"`{name}` is the armature's current, as requested; it is called `{ARMATURE_CURRENT}`."
     channel = replace(series.channel, name=ARMATURE_CURRENT)
     return replace(series, channel=channel), info("current-named", told)
 
@@ -211,21 +211,23 @@ class Mapping:
                 f'{os.fspath(path)}: {_EACH} is {several!r}; expected tables such as [{_EACH}."name of a recording"]'
             )
         each = {
-            name: cls(**_checked(f"{path}, [{_EACH}.{json.dumps(name)}]", table, _OWN))
+            name: cls(**_check(f"{path}, [{_EACH}.{json.dumps(name)}]", table, _OWN))
             for name, table in several.items()
         }
-        return cls(**_checked(os.fspath(path), content, (*_OWN, _CHOICES)), each=each)
+        return cls(**_check(os.fspath(path), content, (*_OWN, _CHOICES)), each=each)
 
     def toml(self) -> str:
         """Return the mapping as the text of a TOML file, without what it doesn't say."""
-        lines = [f"{name} = {toml_value(value)}\n" for name, value in self._said().items() if name != "each"]
+        lines = [
+            f"{name} = {toml_value(value)}\n" for name, value in self._settings().items() if name != "each"
+        ]
         for name, own in self.each.items():
             lines.append(f"\n[{_EACH}.{toml_value(name)}]\n{own.toml()}")
         return "".join(lines)
 
-    def overridden_by(self, other: Mapping) -> Mapping:
+    def override_with(self, other: Mapping) -> Mapping:
         """Return the mapping with all that another one says in place of what this one does."""
-        said = other._said()
+        said = other._settings()
         if {"time", "sample_time"} & said.keys():  # the one takes the place of the other
             said = {"time": None, "sample_time": None, **said}
         return replace(self, **said)
@@ -233,9 +235,9 @@ class Mapping:
     def of(self, name: str) -> Mapping:
         """Return what holds for the recording of that name."""
         own = self.each.get(name, Mapping())
-        return replace(self, recordings=(), each={}).overridden_by(own)
+        return replace(self, recordings=(), each={}).override_with(own)
 
-    def assigned(self, recording: Recording) -> Recording:
+    def assign_to(self, recording: Recording) -> Recording:
         """Return the recording with roles, units and times as this mapping says; raises what `assign` does."""
         own = self.of(recording.name)
         return assign(
@@ -251,7 +253,7 @@ class Mapping:
             chain=own.chain,
         )
 
-    def _said(self) -> dict[str, Any]:
+    def _settings(self) -> dict[str, Any]:
         """What the mapping says, by name."""
         known = {field.name: getattr(self, field.name) for field in fields(self)}
         return {name: value for name, value in known.items() if value not in (None, "", (), {})}
@@ -260,7 +262,7 @@ class Mapping:
 _OWN = tuple(each.name for each in fields(Mapping) if each.name not in {_CHOICES, "each"})
 
 
-def _checked(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
+def _check(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[str, Any]:
     """The entries of a mapping, each of the type that it has to have; raises an error that says where and what was expected."""
     for key, value in content.items():
         if key not in known:
@@ -308,7 +310,7 @@ def toml_value(value: object) -> str:
     return repr(value)
 
 
-def _merged(before: Sequence[Series], new: Iterable[Series]) -> tuple[Series, ...]:
+def _merge(before: Sequence[Series], new: Iterable[Series]) -> tuple[Series, ...]:
     """The series of a recording with new ones in place of those of the same name, or behind them."""
     by_name = {series.channel.name: series for series in new}
     kept = tuple(by_name.pop(series.channel.name, series) for series in before)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, final
 
@@ -13,23 +14,23 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info
-from servobench.recordings.formats import matfile, metadata, objectstore
+from servobench.recordings.formats import matfile, metadata
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.formats.columns import (
     LARGEST_TABLE,
+    LARGEST_WHOLE,
     Column,
     heading,
     printable,
-    quoted,
+    quote,
     recording_of,
 )
-from servobench.recordings.formats.matfile import Matrix, Skipped, Variable
+from servobench.recordings.formats.matfile import Matrix, SkippedVariable, Variable
 from servobench.recordings.formats.matobjects import Objects, objects
 from servobench.recordings.recording import Recording, Series, Source
 
 _OURS = "servobench"  # the variable with all that a recording knows beside its samples
 _MOST_CHANNELS = 100  # of one matrix
-_LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
 _KEYWORDS = frozenset(
     {
         "break",
@@ -60,6 +61,7 @@ class Mat:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".mat",)
+    by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a MAT file; version 4, which has no mark, must end in .mat too."""
@@ -86,38 +88,17 @@ class Mat:
         taken = {_OURS}
         for recording in recordings:
             struct = _identifier(recording.name, taken) if len(recordings) > 1 else ""
-            columns, names = _columns(recording, set() if struct else taken)
-            described.append(
-                {
-                    "recording": metadata.described(recording),
-                    "samples": [
-                        [f"{struct}.{name}".lstrip(".") if name else None for name in pair] for pair in names
-                    ],
-                }
-            )
-            content.update({struct: columns} if struct else columns)
+            names = set() if struct else taken
+            table = metadata.table_of(recording, partial(_identifiers, taken=names))
+            described.append({"struct": struct, **table.description})
+            content.update({struct: table.columns} if struct else table.columns)
         text = metadata.as_text({"schema": metadata.SCHEMA, "recordings": described})
         with path.open("wb") as file:
             savemat(file, {**content, _OURS: text}, do_compression=True, oned_as="column")
 
 
-def _columns(recording: Recording, taken: set[str]) -> tuple[dict[str, Array], list[tuple[str, str | None]]]:
-    """The samples by the names of their variables, and for each channel the names of its values and its times."""
-    columns: dict[str, Array] = {}
-    values = [_identifier(series.channel.name, taken) for series in recording.series]
-    times: dict[bytes, str] = {}
-    names: list[tuple[str, str | None]] = []
-    for series, name in zip(recording.series, values, strict=True):
-        columns[name] = series.values
-        if series.t is None:
-            names.append((name, None))
-            continue
-        key = series.t.tobytes()
-        if key not in times:
-            times[key] = _identifier("t", taken)
-            columns[times[key]] = series.t
-        names.append((name, times[key]))
-    return columns, names
+def _identifiers(names: Sequence[str], taken: set[str]) -> list[str]:
+    return [_identifier(name, taken) for name in names]
 
 
 def _identifier(name: str, taken: set[str]) -> str:
@@ -134,20 +115,17 @@ def _identifier(name: str, taken: set[str]) -> str:
 
 
 def _own(text: str, found: Iterable[Variable], name: str) -> tuple[Recording, ...]:
-    described = metadata.from_text(text, name)
     vectors = {each.name: each.value for each in found if isinstance(each.value, np.ndarray)}
-    recordings = []
+
+    def recording(one: Any) -> Recording:
+        struct = f"{one['struct']}." if one.get("struct") else ""
+        return metadata.recording_of_table(one, lambda label: _vector(vectors[f"{struct}{label}"]), name)
+
+    described = metadata.from_text(text, name)
     try:
-        for one in described["recordings"]:
-            samples = [
-                (_vector(vectors[values]), None if times is None else _vector(vectors[times]))
-                for values, times in one["samples"]
-            ]
-            recordings.append((one["recording"], samples))
-    except (KeyError, TypeError, ValueError) as error:
-        why = f"what its variable `{_OURS}` says of the others isn't so ({error!r})"
-        raise FormatError(f"{name}: {why}") from None
-    return tuple(metadata.restored(description, samples, name) for description, samples in recordings)
+        return tuple(recording(one) for one in described["recordings"])
+    except (KeyError, TypeError, AttributeError) as error:
+        raise FormatError(f"{name}: what its variable `{_OURS}` says isn't so ({error!r})") from None
 
 
 def _vector(matrix: Matrix) -> Array:
@@ -159,14 +137,16 @@ def _vector(matrix: Matrix) -> Array:
 def _foreign(found: Sequence[Variable], path: Path) -> Recording:
     columns: list[Column] = []
     findings: list[Finding] = []
-    skipped: list[tuple[str, Skipped]] = []
+    skipped: list[tuple[str, SkippedVariable]] = []
     for variable in found:
         value = variable.value
-        channels: list[Column] | Skipped = value if isinstance(value, Skipped) else Skipped(what="text")
+        channels: list[Column] | SkippedVariable = (
+            value if isinstance(value, SkippedVariable) else SkippedVariable(what="text")
+        )
         if isinstance(value, np.ndarray):
             channels, told = _channels(variable.name, value)
             findings.extend(told)
-        if isinstance(channels, Skipped):
+        if isinstance(channels, SkippedVariable):
             skipped.append((variable.name, channels))
         else:
             columns.extend(channels)
@@ -178,25 +158,23 @@ def _foreign(found: Sequence[Variable], path: Path) -> Recording:
     if not count:
         why = "".join(f" {each.sentence}" for each in held.findings)
         raise FormatError(
-            f"{path.name} has no variables that are vectors of numbers; it has {quoted(left_out) or 'none'}.{why}"
+            f"{path.name} has no variables that are vectors of numbers; it has {quote(left_out) or 'none'}.{why}"
         )
     if count > LARGEST_TABLE:
-        raise FormatError(
-            f"{path.name} has {count} columns; more than {LARGEST_TABLE} are no set of channels"
-        )
+        raise FormatError(f"{path.name} has {count} columns; expected at most {LARGEST_TABLE} channels")
     if left_out:
-        sentence = f"Variables that aren't numbers in columns aren't read: {quoted(left_out)}."
+        sentence = f"Variables that aren't numbers in columns aren't read: {quote(left_out)}."
         findings.append(info("variable-skipped", sentence))
     source = Source(name=path.name, format="mat")
     findings.extend(held.findings)
     recording = recording_of(columns, name=path.stem, source=source, findings=findings)
     named = {each.channel.name for each in recording.series}
-    return replace(recording, series=(*recording.series, *_renamed(held.series, named)))
+    return replace(recording, series=(*recording.series, *_rename(held.series, named)))
 
 
 def _objects(path: Path, names: Sequence[str]) -> Objects:
     """What is in the objects of a file, which are read only where there are some."""
-    return objects(path, names) if names and objectstore.is_there(path) else Objects()
+    return objects(path, names) if names and matfile.has_objects(path) else Objects()
 
 
 def _within(name: str, taken: set[str]) -> bool:
@@ -204,7 +182,7 @@ def _within(name: str, taken: set[str]) -> bool:
     return any(each == name or each.startswith((f"{name}.", f"{name}_")) for each in taken)
 
 
-def _renamed(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
+def _rename(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
     """The series, those whose names are taken with a number behind."""
     for each in series:
         name, number = (plain := printable(each.channel.name)), 1
@@ -215,17 +193,17 @@ def _renamed(series: Iterable[Series], taken: set[str]) -> Iterator[Series]:
         yield replace(each, channel=replace(each.channel, name=name))
 
 
-def _channels(name: str, matrix: Matrix) -> tuple[list[Column] | Skipped, list[Finding]]:
+def _channels(name: str, matrix: Matrix) -> tuple[list[Column] | SkippedVariable, list[Finding]]:
     """The columns that a matrix is, and what is to be known of that."""
     shape = " x ".join(map(str, matrix.shape))
     long = [size for size in matrix.shape if size != 1]
     if not matrix.size:
-        return Skipped(what="empty"), []
+        return SkippedVariable(what="empty"), []
     if len(long) > 2 or (len(long) == 2 and min(long) > _MOST_CHANNELS):
-        return Skipped(what=shape), []
+        return SkippedVariable(what=shape), []
     values = np.array(matrix, dtype=np.float64)
     findings = []
-    if matrix.dtype.kind in "iu" and np.abs(values).max() >= _LARGEST_WHOLE:
+    if matrix.dtype.kind in "iu" and np.abs(values).max() >= LARGEST_WHOLE:
         findings.append(
             info("integer-rounded", f"`{name}` has whole numbers too large to be kept to the last digit.")
         )

@@ -1,45 +1,29 @@
-"""The variables in a MAT file of versions 4, 5 and 7.3.
+"""The variables in a MAT file of versions 4 and 5, by SciPy, and 7.3, by h5py.
 
-Versions 4 and 5 are read here rather than by SciPy so that a damaged or hostile file can't cost more memory than it has bytes
-to fill, and so that a variable which has no place in a recording costs only itself.
-Source: MathWorks, "MAT-File Format": level 5 in its first chapter, level 4 in its appendix.
+Source: MathWorks, "MAT-File Format", on what a file of each version begins with.
 """
 
 from __future__ import annotations
 
-import mmap
-import struct
-import zlib
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import prod
 from pathlib import Path
-from typing import Any, Literal, NoReturn, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
 
-from servobench.core.errors import FormatError
-from servobench.recordings.formats.unpacking import most_bytes
+from servobench.recordings.formats.extras import format_errors
 
 Matrix: TypeAlias = NDArray[Any]
-Order: TypeAlias = Literal["<", ">"]
 
-NUMERIC = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 9: "f8", 12: "i8", 13: "u8"}
-_TEXT = {1: "utf-8", 2: "utf-8", 4: "utf-16", 16: "utf-8", 17: "utf-16", 18: "utf-32"}
-_MATRIX, _COMPRESSED = 14, 15
-_CELL, _STRUCT, _CHAR, _OPAQUE = 1, 2, 4, 17
-_NUMBERS = range(6, 16)
-_OTHER = {_CELL: "a cell array", 3: "an object", 5: "a sparse matrix", 16: "a function", _OPAQUE: "an object"}
-_COMPLEX = 0x0800
 _DEEPEST = 16  # structs inside structs
-_SAVE_PLAIN = "If it is sound, save it without compression (save -v7 -nocompression)"
-_HEAP = b"GCOL\x01\0\0\0"  # what a heap of texts in HDF5 begins with
-_LEVEL_4 = ("f8", "f4", "i4", "i2", "u2", "u1")
+_NAMELESS = "None"  # what SciPy calls each object, whose name it keeps inside
 
 
 @dataclass(frozen=True, kw_only=True)
-class Skipped:
+class SkippedVariable:
     """`what` a variable is that has no numbers for a recording; where it `is_object` it may hold some all the same."""
 
     what: str
@@ -51,29 +35,15 @@ class Variable:
     """A variable, or a field of a struct (`name` `a.b`, in an array of structs `a_2.b`), its `value` as MATLAB orients it."""
 
     name: str
-    value: Matrix | str | Skipped
+    value: Matrix | str | SkippedVariable
 
 
 def variables(path: Path) -> tuple[Variable, ...]:
     """Return the variables in a file; raises `FormatError` where it's no MAT file, or damaged."""
     with path.open("rb") as file:
         head = file.read(128)
-        data = b"" if is_level_7(head) else head + file.read()
-    most = most_bytes(path)
-    if is_level_7(head):
-        read = _level_7(path, most)
-    else:
-        read = _level_5(data, most) if is_level_5(head) else _level_4(data)
-    try:
-        found = tuple(read)
-    except (struct.error, zlib.error, ValueError, OverflowError) as error:
-        raise FormatError(f"{path.name} is no MAT file, or a damaged one: {error}") from None
-    numbers = sum(each.value.size for each in found if isinstance(each.value, np.ndarray))
-    if 8 * numbers > most:
-        raise FormatError(
-            f"{path.name} has {numbers} numbers; of a file of its size no more than {most // 8} are read. {_SAVE_PLAIN}"
-        )
-    return found
+    with format_errors(path.name, "MAT"):
+        return tuple(_level_7(path) if is_level_7(head) else _level_4_or_5(path))
 
 
 def is_level_7(head: bytes) -> bool:
@@ -87,77 +57,113 @@ def is_level_5(head: bytes) -> bool:
 
 
 def is_level_4(head: bytes) -> bool:
-    """Return whether a file that begins like this may be a MAT file of version 4, which has no mark of its own."""
+    """Return whether a file that begins like this may be a MAT file of version 4, which has no mark of its own.
+
+    Its first five integers say how the numbers are stored, the size of the first variable, and the length of its name.
+    """
+    for order in ("<i4", ">i4"):
+        if len(head) > 20:
+            stored, rows, columns, imaginary, letters = np.frombuffer(head, order, 5).tolist()
+            if 0 <= stored < 5000 and min(rows, columns) > 0 and imaginary in (0, 1) and 1 < letters <= 64:
+                return head[20:21].isalpha()
+    return False
+
+
+def has_objects(path: Path) -> bool:
+    """Return whether a file has a place where objects are kept."""
+    with path.open("rb") as file:
+        head = file.read(128)
+    if is_level_7(head):
+        import h5py
+
+        with h5py.File(path, "r") as file_7:
+            return "#subsystem#" in file_7
+    return head[116:124].strip(b"\0 ") != b""
+
+
+def import_mat_io() -> Any:
+    """Return mat-io; raises `ImportError` where it isn't installed."""
+    with warnings.catch_warnings():
+        # mat-io 1.0 sets an option that pandas 3 has by default and tells on.
+        warnings.filterwarnings("ignore", message="The 'future.infer_string' option is deprecated")
+        import matio
+    return matio
+
+
+def _level_4_or_5(path: Path) -> Iterator[Variable]:
+    from scipy.io import loadmat
+
+    with warnings.catch_warnings():
+        warnings.simplefilter(
+            "ignore"
+        )  # on objects of one name, and on variables that can't be read: see `_values`
+        content = loadmat(path)
+    for name, value in content.items():
+        if name == _NAMELESS:
+            for each in _object_names(path, value, set(content)):
+                yield Variable(name=each, value=SkippedVariable(what="an object", is_object=True))
+        elif not name.startswith("__"):
+            yield from _values(name, value, 0)
+
+
+def _object_names(path: Path, last: Any, others: set[str]) -> list[str]:
+    """The names of the objects in a file: SciPy has a place for the last one only, and mat-io knows them all."""
     try:
-        first = _Level4Header.read(head, 0)
-    except (struct.error, ValueError):
-        return False
-    return first.columns > 0 and first.rows > 0 and 1 < first.name_length <= 64 and head[20:21].isalpha()
+        if has_objects(path):
+            return [name for name in import_mat_io().whosmat(str(path)) if name not in others]
+    except (
+        Exception
+    ):  # it isn't installed, or the objects are damaged: `matobjects` says so, and the rest is read
+        pass
+    return [str(last.ravel()[0]["s0"], "latin-1")]
 
 
-def _damaged(why: str) -> NoReturn:
-    raise ValueError(why)
+def _values(name: str, value: Any, depth: int) -> Iterator[Variable]:
+    """The variables in a value as SciPy gives it; a text in place of an array says why it couldn't be read."""
+    from scipy.io.matlab import MatlabFunction, MatlabObject, MatlabOpaque
+    from scipy.sparse import issparse
+
+    skipped: SkippedVariable | None = None
+    if isinstance(value, MatlabOpaque):
+        skipped = SkippedVariable(what="an object", is_object=True)
+    elif isinstance(value, MatlabFunction):
+        skipped = SkippedVariable(what="a function")
+    elif isinstance(value, MatlabObject):
+        skipped = SkippedVariable(what="an object")
+    elif issparse(value):
+        skipped = SkippedVariable(what="a sparse matrix")
+    elif not isinstance(value, np.ndarray):
+        skipped = SkippedVariable(what="damaged")
+    elif value.dtype.names:
+        yield from _fields(name, value, depth + 1)
+        return
+    elif value.dtype.kind == "O":
+        skipped = SkippedVariable(what="a cell array", is_object=True)
+    elif value.dtype.kind == "c":
+        skipped = SkippedVariable(what="complex numbers")
+    elif value.dtype.kind == "U":
+        yield Variable(name=name, value="\n".join(map(str, value.ravel())))
+        return
+    yield Variable(name=name, value=skipped or value)
 
 
-@dataclass(frozen=True, kw_only=True)
-class _Level4Header:
-    """What comes before a variable of version 4: five integers, of which the first says how the numbers are stored."""
-
-    numbers: np.dtype[Any]
-    kind: int
-    rows: int
-    columns: int
-    imaginary: int
-    name_length: int
-
-    @classmethod
-    def read(cls, data: bytes, at: int) -> _Level4Header:
-        """Return the header at a place; raises `ValueError` or `struct.error` where there is none."""
-        for order in "<>":
-            # The decimal digits of the first: byte order, always 0, type of the numbers, and full, text or sparse.
-            first, rows, columns, imaginary, length = struct.unpack_from(f"{order}5i", data, at)
-            digits = divmod(first, 1000)[0], first // 100 % 10, first // 10 % 10, first % 10
-            sensible = min(rows, columns, length) >= 0 and imaginary in (0, 1)
-            if (
-                sensible
-                and digits[0] == (order == ">")
-                and digits[1] == 0
-                and digits[2] < 6
-                and digits[3] < 3
-            ):
-                numbers = np.dtype(order + _LEVEL_4[digits[2]])
-                return cls(
-                    numbers=numbers,
-                    kind=digits[3],
-                    rows=rows,
-                    columns=columns,
-                    imaginary=imaginary,
-                    name_length=length,
-                )
-        _damaged(f"no variable begins at byte {at}")
+def _fields(name: str, structs: Matrix, depth: int) -> Iterator[Variable]:
+    """The fields of a struct, or of each in an array of structs."""
+    if depth > _DEEPEST or not structs.size:
+        what = "nested too deep" if depth > _DEEPEST else "an empty struct"
+        yield Variable(name=name, value=SkippedVariable(what=what))
+        return
+    for k, struct in enumerate(structs.ravel(order="F"), 1):
+        which = f"{name}_{k}" if structs.size > 1 else name
+        for field in structs.dtype.names or ():
+            yield from _values(f"{which}.{field}", struct[field], depth)
 
 
-def _level_4(data: bytes) -> Iterator[Variable]:
-    at = 0
-    while at < len(data):
-        header = _Level4Header.read(data, at)
-        at += 20 + header.name_length
-        name = data[at - header.name_length : at].split(b"\0")[0].decode("latin-1")
-        count = header.rows * header.columns
-        if at + count * header.numbers.itemsize * (1 + header.imaginary) > len(data):
-            _damaged(f"variable {name!r} is cut short")
-        matrix = np.frombuffer(data, header.numbers, count, at).reshape(
-            (header.rows, header.columns), order="F"
-        )
-        at += count * header.numbers.itemsize * (1 + header.imaginary)
-        value: Matrix | str | Skipped = matrix
-        if header.kind == 2:
-            value = Skipped(what=_OTHER[5])
-        elif header.kind == 1:
-            value = _text_of(matrix)
-        elif header.imaginary:
-            value = Skipped(what="complex numbers")
-        yield Variable(name=name, value=value)
+def _level_7(path: Path) -> Iterator[Variable]:
+    import h5py
+
+    with h5py.File(path, "r") as file:
+        yield from _members(file, "", 0)
 
 
 def _text_of(codes: Matrix) -> str:
@@ -166,167 +172,8 @@ def _text_of(codes: Matrix) -> str:
     return "\n".join("".join(map(chr, row)) for row in known.tolist())
 
 
-def _level_5(data: bytes, most: int) -> Iterator[Variable]:
-    """Elements one after the other behind 128 bytes of header, each a variable."""
-    order: Order = "<" if data[126:128] == b"IM" else ">"
-    for _, kind, body in unpacked(data, order, most):
-        if kind != _MATRIX:
-            _damaged(f"an element of type {kind} stands where a variable should be")
-        yield from _matrix(body, order, None, 0)
-
-
-def unpacked(data: bytes, order: Order, most: int) -> Iterator[tuple[int, int, memoryview]]:
-    """Yield place, type and bytes of each element of a file of version 5, decompressed where it is compressed.
-
-    Raises `ValueError`, `struct.error` or `zlib.error` where the file is damaged, or comes to more than `most` bytes.
-    """
-    view, at, left = memoryview(data), 128, most
-    while at < len(data):
-        place = at
-        kind, body, at = element(view, at, order)
-        if kind == _COMPRESSED:
-            unpacker = zlib.decompressobj()
-            plain = unpacker.decompress(body, left)
-            left -= len(plain)
-            if left <= 0:
-                _damaged(f"its variables come to more than {most} bytes. {_SAVE_PLAIN}")
-            if not unpacker.eof:
-                _damaged("a compressed variable is cut short")
-            kind, body, _ = element(memoryview(plain), 0, order)
-        yield place, kind, body
-
-
-def element(view: memoryview, at: int, order: Order) -> tuple[int, memoryview, int]:
-    """Return the type of the element at a place, its bytes, and where the next one begins; raises as `unpacked` does."""
-    kind, size = struct.unpack_from(f"{order}2I", view, at)
-    if (
-        kind >> 16
-    ):  # a small element: its size stands in the upper half of the type, its bytes in place of the size
-        kind, size, start, end = kind & 0xFFFF, kind >> 16, at + 4, at + 8
-        if size > 4:
-            _damaged(f"a small element of {size} bytes at byte {at}")
-    else:
-        start = at + 8
-        end = start + size if kind == _COMPRESSED else start + size + -size % 8
-    body = view[start : start + size]
-    if len(body) < size:
-        _damaged(f"an element of {size} bytes is cut short after {len(body)}")
-    return kind, body, end
-
-
-def _matrix(body: memoryview, order: Order, name: str | None, depth: int) -> Iterator[Variable]:
-    """The variables in an element of type matrix; `name` is None where the element says it."""
-    if not body:
-        yield Variable(name=name or "", value=Skipped(what="empty"))
-        return
-    _, flags, at = element(body, 0, order)
-    (word,) = struct.unpack_from(f"{order}I", flags)
-    kind = word & 0xFF
-    dims: tuple[int, ...] = ()
-    if kind != _OPAQUE:  # which has no dimensions
-        _, sizes, at = element(body, at, order)
-        dims = struct.unpack(f"{order}{len(sizes) // 4}i", sizes)
-        if len(dims) < 2 or min(dims) < 0:
-            _damaged(f"a variable has the dimensions {dims}")
-    _, letters, at = element(body, at, order)
-    name = bytes(letters).decode("latin-1") if name is None else name
-    if kind == _STRUCT:
-        yield from _fields(body, at, order, name, prod(dims), depth + 1)
-    elif kind in _OTHER:
-        if name:  # without one it is where MATLAB keeps the contents of objects
-            is_object = kind in (_CELL, _OPAQUE)
-            yield Variable(name=name, value=Skipped(what=_OTHER[kind], is_object=is_object))
-    elif kind == _CHAR:
-        yield Variable(name=name, value=_text(body, at, order, dims))
-    elif kind not in _NUMBERS:
-        _damaged(f"variable {name!r} is of the unknown class {kind}")
-    elif word & _COMPLEX:
-        yield Variable(name=name, value=Skipped(what="complex numbers"))
-    elif name:
-        yield Variable(name=name, value=_values(body, at, order, dims, name))
-
-
-def _values(body: memoryview, at: int, order: Order, dims: tuple[int, ...], name: str) -> Matrix:
-    kind, numbers, _ = element(body, at, order)
-    if kind not in NUMERIC:
-        _damaged(f"the numbers of {name!r} are of the unknown type {kind}")
-    values = np.frombuffer(numbers, order + NUMERIC[kind])
-    if values.size != prod(dims):
-        _damaged(f"variable {name!r} has {values.size} numbers and the dimensions {dims}")
-    return values.reshape(dims, order="F")
-
-
-def _text(body: memoryview, at: int, order: Order, dims: tuple[int, ...]) -> str:
-    if not prod(dims):
-        return ""
-    kind, letters, _ = element(body, at, order)
-    codec = _TEXT.get(kind)
-    if codec is None:
-        _damaged(f"text of the unknown type {kind}")
-    if codec != "utf-8":
-        codec += "-le" if order == "<" else "-be"
-    text = bytes(letters).decode(codec, "replace")
-    rows = dims[0]
-    return text if rows == 1 else "\n".join(text[row::rows] for row in range(min(rows, len(text))))
-
-
-def _fields(body: memoryview, at: int, order: Order, name: str, count: int, depth: int) -> Iterator[Variable]:
-    """The fields of a struct, or of each in an array of `count` structs."""
-    _, width, at = element(body, at, order)
-    (length,) = struct.unpack(f"{order}i", width)
-    _, letters, at = element(body, at, order)
-    if length <= 0:
-        _damaged(f"the fields of {name!r} have names of {length} letters")
-    names = [
-        bytes(letters[k : k + length]).split(b"\0")[0].decode("latin-1")
-        for k in range(0, len(letters), length)
-    ]
-    if depth > _DEEPEST or not names or not count:
-        yield Variable(
-            name=name, value=Skipped(what="nested too deep" if depth > _DEEPEST else "an empty struct")
-        )
-        return
-    for k in range(count):
-        which = f"{name}_{k + 1}" if count > 1 else name
-        for field in names:
-            kind, inner, at = element(body, at, order)
-            if kind != _MATRIX:
-                _damaged(f"field {which}.{field} is of the unknown type {kind}")
-            yield from _matrix(inner, order, f"{which}.{field}", depth)
-
-
-def _level_7(path: Path, most: int) -> Iterator[Variable]:
-    import h5py
-
-    _check_heaps(path)
-    try:
-        with h5py.File(path, "r") as file:
-            yield from _members(file, "", 0, most)
-    except Exception as error:  # HDF5 tells of damage by errors of a dozen types
-        raise ValueError(str(error)) from error
-
-
-def _check_heaps(path: Path) -> None:
-    """Raise `ValueError` where a heap of texts in an HDF5 file has free space of no size: HDF5 2.0 would walk it for ever.
-
-    Source: HDF5 File Format Specification 3.0, III.E "Disk Format: Level 1E - Global Heap".
-    """
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as data:
-        heap = data.find(_HEAP)
-        while heap >= 0:
-            at, end = heap + 16, min(heap + int.from_bytes(data[heap + 8 : heap + 16], "little"), len(data))
-            while at + 16 <= end:
-                index, _, size = struct.unpack_from("<HH4xQ", data, at)
-                if index == 0:  # what is left is free
-                    if size == 0:
-                        _damaged(f"the heap at byte {heap} has free space of no size")
-                    break
-                at += 16 + size + -size % 8
-            heap = data.find(_HEAP, heap + 8)
-
-
-def _members(group: Any, name: str, depth: int, most: int) -> Iterator[Variable]:
-    """The variables in an HDF5 group, of no more than `most` bytes each.
+def _members(group: Any, name: str, depth: int) -> Iterator[Variable]:
+    """The variables in an HDF5 group.
 
     Links to elsewhere aren't followed: they may lead out of the file.
     """
@@ -337,7 +184,7 @@ def _members(group: Any, name: str, depth: int, most: int) -> Iterator[Variable]
             continue
         inner = f"{name}.{key}" if name else key
         if not isinstance(group.get(key, getlink=True), h5py.HardLink):
-            yield Variable(name=inner, value=Skipped(what="a link"))
+            yield Variable(name=inner, value=SkippedVariable(what="a link"))
             continue
         item = group[key]
         if (
@@ -346,10 +193,10 @@ def _members(group: Any, name: str, depth: int, most: int) -> Iterator[Variable]
             and h5py.check_ref_dtype(item.dtype)
             and _class(item) is None
         ):
-            for k, reference in enumerate(_checked(item, most)[()].ravel(), 1):
-                yield from _item(item.file[reference], f"{name}_{k}.{key}", depth, most)
+            for k, reference in enumerate(item[()].ravel(), 1):
+                yield from _item(item.file[reference], f"{name}_{k}.{key}", depth)
         else:
-            yield from _item(item, inner, depth, most)
+            yield from _item(item, inner, depth)
 
 
 def _class(item: Any) -> str | None:
@@ -358,35 +205,26 @@ def _class(item: Any) -> str | None:
     return said.decode("latin-1") if isinstance(said, bytes) else None
 
 
-def _item(item: Any, name: str, depth: int, most: int) -> Iterator[Variable]:
+def _item(item: Any, name: str, depth: int) -> Iterator[Variable]:
     import h5py
 
     kind = _class(item)
     if isinstance(item, h5py.Group):
         if "MATLAB_sparse" in item.attrs or kind not in (None, "struct"):
             is_object = "MATLAB_object_decode" in item.attrs
-            yield Variable(name=name, value=Skipped(what=f"of class {kind}", is_object=is_object))
+            yield Variable(name=name, value=SkippedVariable(what=f"of class {kind}", is_object=is_object))
         elif depth >= _DEEPEST:
-            yield Variable(name=name, value=Skipped(what="nested too deep"))
+            yield Variable(name=name, value=SkippedVariable(what="nested too deep"))
         else:
-            yield from _members(item, name, depth + 1, most)
+            yield from _members(item, name, depth + 1)
     elif "MATLAB_empty" in item.attrs:
-        yield Variable(name=name, value=Skipped(what="empty"))
+        yield Variable(name=name, value=SkippedVariable(what="empty"))
     elif "MATLAB_object_decode" in item.attrs or item.dtype.kind not in "biuf":
         what = "complex numbers" if item.dtype.names else f"of class {kind or item.dtype}"
         is_object = "MATLAB_object_decode" in item.attrs or kind == "cell"
-        yield Variable(name=name, value=Skipped(what=what, is_object=is_object))
+        yield Variable(name=name, value=SkippedVariable(what=what, is_object=is_object))
     elif item.is_virtual or item.external:
-        yield Variable(name=name, value=Skipped(what="kept in another file"))
+        yield Variable(name=name, value=SkippedVariable(what="kept in another file"))
     else:
-        matrix = _checked(item, most)[()].T
+        matrix = np.asarray(item[()]).T
         yield Variable(name=name, value=_text_of(np.atleast_2d(matrix)) if kind == "char" else matrix)
-
-
-def _checked(dataset: Any, most: int) -> Any:
-    """A dataset that isn't larger than it may be; only what is stored can be read, but what isn't is filled in."""
-    if dataset.size is None or 8 * dataset.size > most:
-        _damaged(
-            f"{dataset.name} says that it has {dataset.size} numbers; of a file of its size no more than {most // 8} are read"
-        )
-    return dataset

@@ -1,7 +1,6 @@
 """MATLAB's objects in a MAT file: `timeseries`, in structs and Simulink's datasets too, `timetable` and `table`.
 
-How MATLAB stores objects isn't published; the library mat-io reads them (the extra `matlab`). What a file claims is checked
-before the library may believe it.
+How MATLAB stores objects isn't published; the library mat-io reads them (the extra `matlab`).
 """
 
 from __future__ import annotations
@@ -17,8 +16,8 @@ import numpy as np
 from servobench.core.channels import Array, Channel
 from servobench.core.finding import Finding, info, warning
 from servobench.core.units import is_unit
-from servobench.recordings.formats.columns import Column, Heading, heading, quoted
-from servobench.recordings.formats.objectstore import check
+from servobench.recordings.formats.columns import Column, Heading, heading, quote
+from servobench.recordings.formats.matfile import import_mat_io
 from servobench.recordings.formats.signal_streams import (
     SAMPLE_TYPES,
     StreamedSignal,
@@ -55,33 +54,35 @@ class Objects:
 def objects(path: Path, names: Sequence[str]) -> Objects:
     """Return what the variables of those names hold, as far as it can be read; what can't is told and costs nothing else."""
     try:
-        import_library()
+        import_mat_io()
     except ImportError:
         sentence = (
-            f'Objects of MATLAB in {quoted(names)} aren\'t read, as that takes mat-io: say pip install "servobench[matlab]", or '
-            "save the data as plain vectors (x = ts.Data; t = ts.Time)."
+            f"Objects of MATLAB in {quote(names)} aren't read, as that needs mat-io: pip install "
+            '"servobench[matlab]", or save the data as plain vectors (x = ts.Data; t = ts.Time).'
         )
         return Objects(findings=(warning("object-skipped", sentence),))
     variables = sorted({name.partition(".")[0] for name in names})
     try:
-        check(path)
-        content, doubts = _loaded(path, variables)
+        content, doubts = _load(path, variables)
         series, columns, unread = _contents(content, path)
     except Exception as error:  # mat-io tells of what it can't read by errors of any type
         said = str(error).splitlines()[0][:120] if str(error) else repr(error)
-        sentence = f"Objects of MATLAB in {quoted(names)} aren't read, as they are damaged or of a kind that isn't known: {said}."
+        sentence = (
+            f"Objects of MATLAB in {quote(names)} aren't read, as they are damaged or of an unknown "
+            f"kind: {said}."
+        )
         return Objects(findings=(warning("object-skipped", sentence),))
     findings = []
     if doubts:
         findings.append(
-            warning("object-doubtful", f"The library that reads MATLAB's objects says: {doubts[0]}")
+            warning("object-doubtful", f"The library that reads MATLAB's objects reports: {doubts[0]}")
         )
     if not series and not columns:
-        sentence = f"The objects in {quoted(names)} hold no signal: only timeseries, timetable and table do."
+        sentence = f"The objects in {quote(names)} hold no signal: only timeseries, timetable and table do."
         findings.append(info("object-skipped", sentence))
     if unread:
         sentence = (
-            f"Logged signals that aren't single real numbers at even times aren't read: {quoted(unread)}."
+            f"Logged signals that aren't single real numbers at even times aren't read: {quote(unread)}."
         )
         findings.append(info("object-skipped", sentence))
     different = {each.t.tobytes(): each.t for each in series if each.t is not None}
@@ -89,20 +90,11 @@ def objects(path: Path, names: Sequence[str]) -> Objects:
     return Objects(series=tuple(series), columns=tuple(columns), findings=tuple(findings))
 
 
-def import_library() -> Any:
-    """Return mat-io; raises `ImportError` where it isn't installed."""
-    with warnings.catch_warnings():
-        # mat-io 1.0 sets an option that pandas 3 has by default and tells on.
-        warnings.filterwarnings("ignore", message="The 'future.infer_string' option is deprecated")
-        import matio
-    return matio
-
-
-def _loaded(path: Path, variables: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
+def _load(path: Path, variables: Sequence[str]) -> tuple[dict[str, Any], list[str]]:
     """The variables as mat-io reads them, and what it warns of."""
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")
-        content = import_library().load_from_mat(str(path), variable_names=list(variables))
+        content = import_mat_io().load_from_mat(str(path), variable_names=list(variables))
     return content, [" ".join(str(each.message).split())[:200] for each in told]
 
 
@@ -120,7 +112,7 @@ def _contents(content: Mapping[str, Any], path: Path) -> tuple[list[Series], lis
 
 def _walk(name: str, value: Any, depth: int) -> Iterator[Held]:
     """The channels in a value: an object, a table, or a struct or a cell array with some inside."""
-    import pandas as pd  # type: ignore[import-untyped]
+    import pandas as pd
 
     if depth > _DEEPEST:
         return
@@ -133,7 +125,7 @@ def _walk(name: str, value: Any, depth: int) -> Iterator[Held]:
     elif isinstance(getattr(value, "properties", None), dict):
         yield from _in_object(name, value, depth)
     elif is_logged_signal(value):
-        yield from _logged(name, fields(value))
+        yield from _signals(name, fields(value))
     elif isinstance(value, np.ndarray) and value.dtype.hasobject:
         items = value.ravel().tolist()
         for k, item in enumerate(items, 1):
@@ -170,7 +162,7 @@ def _properties(value: Any) -> Mapping[str, Any]:
     )
 
 
-def _logged(name: str, signal: Mapping[str, Any]) -> Iterator[StreamedSignal | UnreadSignal]:
+def _signals(name: str, signal: Mapping[str, Any]) -> Iterator[StreamedSignal | UnreadSignal]:
     """A signal that Simulink logged, called after itself or the block that it comes from."""
     name = f"{name}.{_signal_name(signal)}"
     about = fields(signal["Values"])

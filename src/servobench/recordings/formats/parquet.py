@@ -8,8 +8,7 @@ from typing import ClassVar, final
 
 from servobench.recordings.formats import arrow_table
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.parquet_pages import uncompressed_size
-from servobench.recordings.formats.unpacking import most_bytes
+from servobench.recordings.formats.extras import format_errors
 from servobench.recordings.recording import Recording
 
 _ROWS = 65536  # that are decoded at once
@@ -26,6 +25,7 @@ class Parquet:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".parquet", ".pq")
+    by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a Parquet file."""
@@ -38,17 +38,11 @@ class Parquet:
         """
         pa = arrow_table.pyarrow("pyarrow", path.name)
         pq = arrow_table.pyarrow("pyarrow.parquet", path.name)
-        data = path.read_bytes()
-        with arrow_table.told_as_format_error(path.name, "Parquet"):
-            file = pq.ParquetFile(pa.BufferReader(data), pre_buffer=False)
+        with format_errors(path.name, "Parquet"):
+            file = pq.ParquetFile(pa.BufferReader(path.read_bytes()), pre_buffer=False)
             found = arrow_table.leaves(file.schema_arrow, path.name)
             wanted = [leaf for leaf in found if not leaf.skipped]
             arrow_table.check_size(file.metadata.num_rows, len(wanted))
-            most = most_bytes(path)
-            if uncompressed_size(data, {leaf.name for leaf in wanted}) > most:
-                raise ValueError(
-                    f"its pages come to more than {most} bytes; if it is sound, write it without compression"
-                )
             batches = list(
                 file.iter_batches(batch_size=_ROWS, columns=[leaf.name for leaf in wanted], use_threads=False)
             )

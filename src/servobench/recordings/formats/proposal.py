@@ -16,7 +16,7 @@ from servobench.recordings.formats.roles import (
     may_be_supply,
     plain_name,
     quantity_of,
-    recognised,
+    recognise,
 )
 from servobench.recordings.recording import Recording
 
@@ -59,7 +59,7 @@ def proposal(
     lines = [*_head(recordings[0], command)]
     if len(names) > 1:
         lines += [
-            *_comment("Which recordings are meant; leave out what isn't wanted."),
+            *_comment("The recordings to use; remove the others."),
             f"recordings = {toml_value(names)}",
             "",
         ]
@@ -75,11 +75,12 @@ def proposal(
 def _head(recording: Recording, command: str) -> list[str]:
     source = recording.source
     return [
-        *_comment(f"What is what in {source.name} ({source.format}), as far as it can be recognised."),
+        *_comment(f"The columns of {source.name} ({source.format}), as far as they were recognised."),
         *_comment(f"Edit it, then use it: {command}"),
         *_comment(
-            "A line that begins with # says nothing: take the # away from what is right, and put in what is missing. COL is a "
-            "column's name, or its number counted from 1; UNIT is one such as V, %, rad, deg/s, rpm, counts."
+            "Lines that begin with # are comments: remove the # where a line is right, and fill in what is missing. "
+            "COL is a column's name, or its number counted from 1; UNIT is, for example, V, %, rad, deg/s, rpm, "
+            "counts."
         ),
         "",
     ]
@@ -118,15 +119,18 @@ def _time(recording: Recording, known: str | None) -> list[_Entry]:
     if known is not None:
         return [_Entry(key="time", told="The times of the samples.", value=known)]
     if any(series.t is not None for series in recording.series):
-        told = "The times come with the samples. Where they are wrong: a column in its unit, or the time between samples."
+        told = (
+            "The times come with the samples. If they are wrong, give a column with its unit, or the time "
+            "between samples."
+        )
     else:
-        told = "Which times do the samples have? No column is recognised: name one, or say the time between samples."
+        told = "No time column was recognised: name one, or give the time between samples."
     named = tuple(f"{name}:s" for name in _names(recording) if plain_name(name) in TIME_NAMES)
     return [
         _Entry(key="time", told=told, choices=named or ("COL:s",)),
         _Entry(
             key="sample_time",
-            told="Or, in place of a column, for samples that are evenly spaced:",
+            told="Or, for evenly spaced samples, instead of a column:",
             choices=("20 ms",),
         ),
     ]
@@ -139,38 +143,40 @@ def _role(recording: Recording, role: Role, known: str | None) -> _Entry:
         unit = ColumnSpec.parse(known).unit or _unit(recording, known)
         if unit is not None:
             return _Entry(key=role, told=f"{what}, in its unit ({how}).", value=known)
-        return _Entry(key=role, told=f"{what}: in which unit is `{known}`?", choices=(f"{known}:UNIT",))
-    candidates = [each.name for each in recognised(recording, role)] or _measuring(recording, _WANTED[role])
-    choices = tuple(_said(recording, name) for name in candidates) or ("COL:UNIT",)
+        return _Entry(key=role, told=f"{what}: what is the unit of `{known}`?", choices=(f"{known}:UNIT",))
+    candidates = [each.name for each in recognise(recording, role)] or _channels_of(recording, _WANTED[role])
+    choices = tuple(_column_text(recording, name) for name in candidates) or ("COL:UNIT",)
     return _Entry(key=role, told=f"{what}, in its unit ({how}): which column is it?", choices=choices)
 
 
 def _supply(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if may_be_supply(name)]
     told = (
-        "Where the input is a duty, what is it a part of? A column of the measured supply, or a constant; the motor's voltage is "
-        "then their product. Raw counts of a pulse width are a duty in the unit PWM/255, or whatever 100 % is."
+        "If the input is a duty: the supply voltage, as a column or a constant; the motor's voltage is their "
+        "product. Raw counts of a pulse width are a duty in the unit PWM/255, or whatever 100 % is."
     )
     return _Entry(
-        key="supply", told=told, choices=tuple(_said(recording, name) for name in named) or ("12 V",)
+        key="supply", told=told, choices=tuple(_column_text(recording, name) for name in named) or ("12 V",)
     )
 
 
 def _reference(recording: Recording) -> _Entry:
     named = [name for name in _names(recording) if plain_name(name) in REFERENCE_NAMES]
-    told = "In a closed loop, what the loop was told to follow."
+    told = "In a closed loop, the reference of the loop."
     if recording.reference is not None:
-        return _Entry(key="reference", told=told, value=_said(recording, recording.reference))
+        return _Entry(key="reference", told=told, value=_column_text(recording, recording.reference))
     return _Entry(
-        key="reference", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:UNIT",)
+        key="reference",
+        told=told,
+        choices=tuple(_column_text(recording, name) for name in named) or ("COL:UNIT",),
     )
 
 
 def _current(recording: Recording) -> _Entry:
-    told = "The measured current of the armature, which tells resistance and torque constant apart."
-    named = _measuring(recording, {"current"})
+    told = "The measured current of the armature, which separates resistance and torque constant."
+    named = _channels_of(recording, {"current"})
     return _Entry(
-        key="current", told=told, choices=tuple(_said(recording, name) for name in named) or ("COL:A",)
+        key="current", told=told, choices=tuple(_column_text(recording, name) for name in named) or ("COL:A",)
     )
 
 
@@ -192,7 +198,7 @@ def _chain(recording: Recording, output: str | None) -> _Entry:
     unit = (ColumnSpec.parse(output).unit or _unit(recording, output)) if output else None
     told = "What lies between the shaft and the output: stages, a device that `servobench chains` lists, or none."
     if quantity_of(unit) == "speed":
-        told += " How was this speed measured? Without an answer, a filter's lag is taken for the motor's."
+        told += " How was this speed measured? Without an answer, a filter's lag counts as the motor's."
     return _Entry(key="chain", told=told, choices=("none", "derivative | lowpass 50 rad/s", "talon-srx"))
 
 
@@ -200,7 +206,7 @@ def _names(recording: Recording) -> list[str]:
     return [series.channel.name for series in recording.series]
 
 
-def _measuring(recording: Recording, quantities: set[str]) -> list[str]:
+def _channels_of(recording: Recording, quantities: set[str]) -> list[str]:
     """The channels that measure one of some quantities, without those that are asked about as something else."""
     names = [each.channel.name for each in recording.series if quantity_of(each.channel.unit) in quantities]
     return [name for name in names if plain_name(name) not in REFERENCE_NAMES and not may_be_supply(name)]
@@ -210,7 +216,7 @@ def _unit(recording: Recording, name: str) -> str | None:
     return recording[name].channel.unit if name in recording else None
 
 
-def _said(recording: Recording, name: str) -> str:
+def _column_text(recording: Recording, name: str) -> str:
     """A column as it is said, with a place for its unit where that isn't known."""
     return str(ColumnSpec(column=name, unit=recording[name].channel.unit or "UNIT"))
 

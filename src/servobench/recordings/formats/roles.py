@@ -56,6 +56,7 @@ SUPPLY_NAMES = frozenset({
 })  # fmt: skip
 """The names of what may feed the amplifier; such a column is asked about, never taken."""
 
+_RECOGNISED: dict[Role, str] = {"input": "input-recognised", "output": "output-recognised"}
 _BOTH = frozenset({"input_voltage"})  # the motor's, unless a duty is beside it
 
 _MEASURES: dict[Role, list[str]] = {
@@ -97,7 +98,7 @@ class ColumnSpec:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recognised:
+class RoleMatch:
     """A channel, by `name`, recognised as input or output, its unit, None where nobody knows it, and the `finding` on why."""
 
     name: str
@@ -105,7 +106,7 @@ class Recognised:
     finding: Finding
 
 
-def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) -> tuple[Recognised, ...]:
+def recognise(recording: Recording, role: Role, without: Sequence[str] = ()) -> tuple[RoleMatch, ...]:
     """Return the channels whose names, and units where they have some, are those of an input or of an output.
 
     Only where there is exactly one is it sure. `without` names channels that are something else.
@@ -124,9 +125,9 @@ def recognised(recording: Recording, role: Role, without: Sequence[str] = ()) ->
         told = f"`{name}` is recognised as the {role} by its name"
         if symbol is None and role == "input" and plain_name(name) in VOLTS_BY_CONVENTION:
             symbol = "V"
-            told += ", and taken in V by convention"
+            told += ", and read in V by convention"
         sentence = f"{told}; if that is wrong say `{role}=COL:UNIT`."
-        found.append(Recognised(name=name, unit=symbol, finding=info(f"{role}-recognised", sentence)))
+        found.append(RoleMatch(name=name, unit=symbol, finding=info(_RECOGNISED[role], sentence)))
     return tuple(found)
 
 
@@ -144,7 +145,7 @@ def full_scale(symbol: str | None) -> float | None:
 
 def may_be_supply(name: str) -> bool:
     """Return whether a name is that of a supply, as `input_volts` is, which isn't the voltage of a motor."""
-    whole = "_".join(name.rpartition(".")[2].lower().replace("-", " ").replace("_", " ").split())
+    whole = _snake_case(name.rpartition(".")[2])
     return {whole, plain_name(name)} & SUPPLY_NAMES != set() and plain_name(name) not in _BOTH
 
 
@@ -152,7 +153,12 @@ def plain_name(name: str) -> str:
     """Return a name without its folder (`log.`, `NT:/arm/`) and its unit, in lower case, with underscores between words."""
     last = heading(name.rpartition(".")[2] or name).name
     last = bare_name(last.rpartition("/")[2] or last)
-    return "_".join(last.lower().replace("-", " ").replace("_", " ").split())
+    return _snake_case(last)
+
+
+def _snake_case(text: str) -> str:
+    """A text in lower case, with one underscore wherever blanks, hyphens or underscores part its words."""
+    return "_".join(re.findall(r"[^-_\s]+", text.lower()))
 
 
 def _fits(role: Role, plain: str, symbol: str | None) -> bool:
@@ -164,7 +170,7 @@ def _fits(role: Role, plain: str, symbol: str | None) -> bool:
     return what in {None, "voltage", "duty", "current", "other"} and plain in INPUT_NAMES
 
 
-def typed(text: str) -> str:
+def shell_text(text: str) -> str:
     """Return a text as it has to be typed on a command line."""
     return text if all(letter.isalnum() or letter in "_.:/%-" for letter in text) else f'"{text}"'
 
@@ -174,7 +180,7 @@ def quantity_of(symbol: str | None) -> str:
     return unit(symbol).quantity if symbol is not None and is_unit(symbol) else "other"
 
 
-def found(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Series, list[Finding]]:
+def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Series, list[Finding]]:
     """Return the series that a user names, and what is to be known of how it was found.
 
     The name decides, then the number, then a name in other case. `left` is the one channel that begins so (`left_voltage`) and
@@ -217,8 +223,8 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
         else ""
     )
     raise UnitError(
-        f"`{spec.column}`: {tail!r} is no unit that is known{hint}; known are {', '.join(_COMMON_UNITS)}, and products of them"
-        f"{turn}"
+        f"`{spec.column}`: {tail!r} isn't a known unit{hint}; known are {', '.join(_COMMON_UNITS)}, and products of "
+        f"them{turn}"
     )
 
 
@@ -251,12 +257,12 @@ def _in_other_file(
     others = load(path)
     if len(others) != 1:
         raise UsageError(f"{file} holds {len(others)} recordings; a column can come from a file with one")
-    series, findings = found(others[0], spec, role)
+    series, findings = find_series(others[0], spec, role)
     name = f"{path.stem}.{series.channel.name}"
     while name in recording:
         name += "_"
     told = f"`{name}` comes from {file} (SHA-256 {others[0].source.sha256})"
-    told += "." if series.t is None else ", with its times, which are taken to be of the same clock."
+    told += "." if series.t is None else ", with its times, assumed to come from the same clock."
     channel = replace(series.channel, name=name)
     return replace(series, channel=channel), [
         info("column-from-other-file", told),

@@ -20,7 +20,7 @@ from servobench.core.channels import Array, Channel, DeviceInfo
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.columns import quoted
+from servobench.recordings.formats.columns import quote
 from servobench.recordings.formats.times import in_words, time_findings
 from servobench.recordings.recording import Recording, Series, Source
 
@@ -40,6 +40,7 @@ class ServoBenchJson:
     """JSON of a servo bench: one recording. It is read and not written."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a JSON object with a servo's readings in it."""
@@ -51,7 +52,7 @@ class ServoBenchJson:
         try:
             content = json.loads(path.read_bytes())
         except (ValueError, RecursionError) as error:
-            raise FormatError(f"{path.name} isn't JSON, or a damaged file of it: {error}") from None
+            raise FormatError(f"{path.name} isn't JSON, or is damaged: {error}") from None
         entries = content.get("entries") if isinstance(content, dict) else None
         if not isinstance(entries, list) or not any(isinstance(entry, dict) for entry in entries):
             has = ", ".join(map(repr, list(content)[:12])) if isinstance(content, dict) else "no object"
@@ -64,20 +65,20 @@ class ServoBenchJson:
     def write(self, recordings: tuple[Recording, ...], path: Path) -> NoReturn:
         """Raise `UsageError`: a list of readings can't hold what a recording knows."""
         raise UsageError(
-            f"{path.name}: files of servo benches are read and not written; write .mcap, .mat or .csv instead"
+            f"{path.name}: files of servo benches can't be written; write .mcap, .mat or .csv instead"
         )
 
 
 def _recording(content: Mapping[str, Any], entries: Sequence[Any], path: Path) -> Recording:
     names = _names(entries)
     if _TIME not in names:
-        raise FormatError(f"{path.name}: its readings have no `{_TIME}`; they have {quoted(names)}")
+        raise FormatError(f"{path.name}: its readings have no `{_TIME}`; they have {quote(names)}")
     good = np.array([_is_reading(entry, names) for entry in entries])
     rows = np.flatnonzero(good) + 1
     findings: list[Finding] = []
     if not good.all():
         bad = np.flatnonzero(~good) + 1
-        sentence = f"Not a number for each of {quoted(names)}, left out: {in_words(bad)}."
+        sentence = f"Not a number for each of {quote(names)}, left out: {in_words(bad)}."
         findings.append(warning("row-not-numbers", sentence, rows=(int(bad[0]), int(bad[-1]))))
     values = {
         name: np.array([entries[k][name] for k in np.flatnonzero(good).tolist()], dtype=np.float64)
@@ -131,7 +132,10 @@ def _with_unit(key: str, value: object) -> str:
 def _load(values: Array, rows: NDArray[np.int64]) -> tuple[Array, list[Finding]]:
     """The load with its sign, and what is to be known of it."""
     if not len(values) or not values.any():
-        sentence = "`load` is 0 in every row: the servo didn't tell it, so it says nothing of the motor's voltage or torque."
+        sentence = (
+            "`load` is 0 in every row: the servo didn't report it, so the motor's voltage and torque "
+            "aren't known."
+        )
         return values, [info("load-zero", sentence)]
     findings = []
     whole = bool((values == np.rint(values)).all()) and values.min() >= 0 and values.max() < 2**16
@@ -142,8 +146,8 @@ def _load(values: Array, rows: NDArray[np.int64]) -> tuple[Array, list[Finding]]
         findings.append(info("load-unwrapped", sentence, rows=(int(there[0]), int(there[-1]))))
         values = np.where(wrapped, values - 2**16, values)
     sentence = (
-        "`load` is the raw number of the servo's register, for the duty it gives the motor and not for a torque: load × supply "
-        "is the motor's voltage, up to a scale that the servo's manual has."
+        "`load` is the servo's raw register for the motor's duty, not a torque: load × supply is the motor's "
+        "voltage, up to a scale given in the servo's manual."
     )
     return values, [*findings, info("load-raw", sentence)]
 
@@ -156,8 +160,8 @@ def _about_torque(on: Array, rows: NDArray[np.int64]) -> list[Finding]:
         sentence = "The servo's torque was off all the time (`torque_enable` is 0): nothing drove the motor."
     else:
         sentence = (
-            f"The servo's torque was off in {in_words(off)} (`torque_enable` is 0): there the motor was let go, and neither the "
-            "goal nor a voltage drove it. Fit the rows before and after each for themselves."
+            f"The servo's torque was off in {in_words(off)} (`torque_enable` is 0): neither the target nor a voltage "
+            "drove the motor there. Fit the rows before and after separately."
         )
     return [warning("torque-off", sentence, rows=(int(off[0]), int(off[-1])))]
 
@@ -166,21 +170,21 @@ def _about_bench(settings: Mapping[str, Any], values: Mapping[str, Array]) -> li
     findings = []
     if settings:
         told = ", ".join(f"{key} {_with_unit(key, value)}" for key, value in list(settings.items())[:12])
-        findings.append(info("bench-settings", f"The file says of its bench: {told}."))
+        findings.append(info("bench-settings", f"The file describes its bench: {told}."))
     mass, length = settings.get("mass"), settings.get("length")
     if _is_number(mass) and _is_number(length) and 0 < float(mass) * float(length) < 1e6:  # type: ignore[arg-type]
         torque = float(mass) * _GRAVITY * float(length)  # type: ignore[arg-type]
         sentence = (
-            f"A mass hangs on the shaft: gravity turns it with up to {torque:.3g} N·m, as the sine of the angle. A model without "
-            "gravity is the wrong one here."
+            f"A mass hangs on the shaft: gravity acts on it with up to {torque:.3g} N·m, proportional to the sine of "
+            "the angle. Use a model with gravity."
         )
         findings.append(info("bench-pendulum", sentence))
     if "input_volts" in values:
         findings.append(info("supply-voltage", _supply(values["input_volts"])))
     if "goal_position" in values:
         sentence = (
-            "`goal_position` is the goal of the position loop inside the servo, with its gain `kp`: taken as the input, what is "
-            "identified is the motor with that loop around it."
+            "`goal_position` is the target of the servo's internal position loop, with its gain `kp`. With it as "
+            "the input, the model describes the motor with that loop."
         )
         findings.append(info("goal-of-inner-loop", sentence))
     return findings
@@ -188,4 +192,7 @@ def _about_bench(settings: Mapping[str, Any], values: Mapping[str, Array]) -> li
 
 def _supply(volts: Array) -> str:
     span = f", here {volts.min():g} to {volts.max():g} V" if len(volts) else ""
-    return f"`input_volts` of the file, here `supply_voltage`, is the voltage of the supply{span}, and not what drives the motor."
+    return (
+        f"`input_volts` of the file, here `supply_voltage`, is the voltage of the supply{span}, not the "
+        "voltage that drives the motor."
+    )

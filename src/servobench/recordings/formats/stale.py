@@ -25,8 +25,8 @@ class Stale:
         """Return this in words for the channel of that name, whose rows have the times t (N,) [s]."""
         age = "" if t is None else f" ({1000 * self.hold * float(np.median(np.diff(t))):.0f} ms)"
         return (
-            f"`{name}` changes in {100 * self.share:.0f} % of the rows only, every {self.hold:g} rows or so{age}: "
-            "in the others it is as much older than its row."
+            f"`{name}` changes in {100 * self.share:.0f} % of the rows only, about every {self.hold:g} rows{age}: in "
+            "the others it is older than its row."
         )
 
 
@@ -48,7 +48,7 @@ def stale(values: Array) -> Stale | None:
     return Stale(hold=hold, share=share) if share < _SHARE and hold >= 2.0 and alike <= _ALIKE else None
 
 
-def refreshed_rows(values: Array, hold: float) -> NDArray[np.int64]:
+def fresh_rows(values: Array, hold: float) -> NDArray[np.int64]:
     """Return the rows of values (N,) in which they were new, where that happens every `hold` rows or so.
 
     These are the rows of each change, and in between, while nothing moves, those that come a whole number of holds after a

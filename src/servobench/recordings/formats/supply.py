@@ -44,13 +44,13 @@ def motor_voltage(recording: Recording, supply: Series | None, volts: float | No
     Raises `UsageError` where the input is no duty, or the supply has no sample that can be used.
     """
     if recording.input is None:
-        raise UsageError(f"{recording.name}: a supply belongs to an input that is a duty; name the input")
+        raise UsageError(f"{recording.name}: a supply goes with a duty; name the input")
     duty = recording[recording.input]
     symbol = duty.channel.unit or ""
     if symbol not in _DUTIES:
         raise UsageError(
-            f"{recording.name}: the input `{duty.channel.name}` is in {symbol or 'no known unit'}; a supply belongs to a duty, "
-            "in % or 1 (a fraction) or raw counts such as PWM/885: say its unit, or leave the supply out"
+            f"{recording.name}: the input `{duty.channel.name}` is in {symbol or 'no known unit'}; a supply goes "
+            "with a duty, in %, 1 (a fraction) or raw counts such as PWM/885: give its unit, or leave the supply out"
         )
     at_duty, told = _supply_at(recording, supply, volts, duty)
     name = _free_name(recording)

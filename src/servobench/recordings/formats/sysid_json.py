@@ -58,6 +58,7 @@ class SysIdJson:
     """WPILib SysId's JSON: a recording for each test. It is read and not written."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".json",)
+    by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a JSON object with a test of SysId in it."""
@@ -69,7 +70,7 @@ class SysIdJson:
         try:
             content = json.loads(path.read_bytes())
         except (ValueError, RecursionError) as error:
-            raise FormatError(f"{path.name} isn't JSON, or a damaged file of it: {error}") from None
+            raise FormatError(f"{path.name} isn't JSON, or is damaged: {error}") from None
         if not isinstance(content, dict) or content.get("sysid") is not True:
             has = ", ".join(map(repr, list(content)[:12])) if isinstance(content, dict) else "no object"
             raise FormatError(
@@ -84,9 +85,7 @@ class SysIdJson:
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> NoReturn:
         """Raise `UsageError`: four numbers a row can't hold what a recording knows."""
-        raise UsageError(
-            f"{path.name}: files of SysId are read and not written; write .mcap, .mat or .csv instead"
-        )
+        raise UsageError(f"{path.name}: SysId files can't be written; write .mcap, .mat or .csv instead")
 
 
 def _about_units(content: dict[str, Any], name: str) -> list[Finding]:
@@ -98,9 +97,7 @@ def _about_units(content: dict[str, Any], name: str) -> list[Finding]:
         )
     if units.lower() in {"rotations", "rotation"}:
         return []
-    sentence = (
-        f"Positions are in rev, as they stand in the file; it adds that a rotation is {factor:g} {units}."
-    )
+    sentence = f"Positions are in rev, as in the file, where a rotation is {factor:g} {units}."
     return [info("units-per-rotation", sentence)]
 
 
@@ -126,10 +123,10 @@ def _recording(test: str, rows: object, name: str) -> Recording:
     numbers = np.flatnonzero(good) + 1
     values = np.array([rows[k] for k in np.flatnonzero(good)], dtype=np.float64).reshape(-1, len(channels))
     with np.errstate(invalid="ignore", over="ignore"):  # a damaged file may have infinities
-        return _cleaned(test, values, numbers, channels, findings, name)
+        return _clean(test, values, numbers, channels, findings, name)
 
 
-def _cleaned(
+def _clean(
     test: str,
     values: Array,
     numbers: NDArray[np.int64],
@@ -140,7 +137,7 @@ def _cleaned(
     """The recording of rows of numbers (N, M), which stand in the rows `numbers` of the test; `findings` so far."""
     voltages = [k for k, channel in enumerate(channels) if channel.unit == "V"]
     if _first_is_of_another_test(values[:, voltages]):
-        findings.append(_told_first_row(values[0, voltages]))
+        findings.append(_first_row_finding(values[0, voltages]))
         values, numbers = values[1:], numbers[1:]
     if not len(values):
         raise FormatError(f"{name}: test {test} has no row that can be used")
@@ -177,16 +174,19 @@ def _first_is_of_another_test(voltages: Array) -> bool:
     return bool(strange.any())
 
 
-def _told_first_row(voltages: Array) -> Finding:
+def _first_row_finding(voltages: Array) -> Finding:
     said = " and ".join(f"{voltage:g} V" for voltage in voltages)
-    sentence = f"Row 1 carries {said}, which is no part of this test but what the one before ended with; it is left out."
+    sentence = f"Row 1 carries {said}, left over from the test before; it is left out."
     return info("first-row-other-test", sentence, rows=(1, 1))
 
 
 def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
     """What is to be known of voltages, velocities and positions."""
     findings = []
-    sentence = "SysId's logger notes the voltage and then sets the next one: that of a row acted until its time, not from then "
+    sentence = (
+        "SysId's logger records the voltage and then sets the next one: a row's voltage acted until its "
+        "time, not from then "
+    )
     findings.append(
         info("voltage-before-row", f"{sentence}on, and a fitted delay may come out short by one row.")
     )
@@ -199,7 +199,7 @@ def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
             sentence = (
                 f"`{channel.name}` is next to 0 but not 0 ({column[unset[0] - 1]:.4g}) in {len(unset)} rows"
             )
-            sentence += ": memory that nobody has set, no measurement."
+            sentence += ": uninitialised memory, not a measurement."
             findings.append(info("velocity-unset", sentence, rows=(int(unset[0]), int(unset[-1]))))
         if channel.unit == "rev" and (refreshed := stale(column)) is not None:
             findings.append(info("position-stale", refreshed.sentence(channel.name, values[:, 0])))

@@ -14,7 +14,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
-from servobench.recordings.formats.columns import quoted
+from servobench.recordings.formats.columns import quote
 from servobench.recordings.formats.times import GAP
 from servobench.recordings.recording import Recording, Series
 
@@ -78,8 +78,8 @@ def _runs(states: States, with_mechanism: bool) -> list[Test]:
 def split(recording: Recording, found: Sequence[Test], texts: Sequence[str]) -> tuple[Recording, ...]:
     """Return a recording for each test, with the channels that have samples in it; `texts` are the names of what named them."""
     sentence = (
-        f"The log is split by {quoted(texts)} into its tests: {quoted(test.name for test in found)}. "
-        "What lies outside them isn't read."
+        f"The log is split by {quote(texts)} into its tests: {quote(test.name for test in found)}. The rest isn't "
+        "read."
     )
     told = info("log-split", sentence)
     parts = (_part(recording, test, told) for test in found)
@@ -97,8 +97,8 @@ def _part(recording: Recording, test: Test, told: Finding) -> Recording:
     findings = [*recording.findings, told]
     if held:
         sentence = (
-            f"At the start of the test {quoted(held)} had the value that was noted last before it; as a value holds until the "
-            "next, it stands there as the first sample."
+            f"At the start of the test {quote(held)} had the value logged last before it, which is used as the "
+            "first sample: a value holds until the next one."
         )
         findings.append(info("value-held", sentence))
     return replace(recording, name=test.name, series=tuple(series), findings=tuple(findings))

@@ -24,22 +24,19 @@ from servobench.recordings.formats import metadata
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.formats.columns import (
     LARGEST_TABLE,
+    LARGEST_WHOLE,
     Column,
-    Heading,
     distinct,
     heading,
-    quoted,
+    quote,
     recording_of,
     with_unit,
 )
-from servobench.recordings.formats.extras import library
-from servobench.recordings.formats.unpacking import MOST_BYTES
+from servobench.recordings.formats.extras import format_errors, library
 from servobench.recordings.recording import Recording, Source
 
 _OURS = "servobench"  # the property of the file with all that recordings know beside their samples
-_MOST_SCALES = 100  # steps of a channel's scaling, and numbers in the table or polynomial of one
 _FRACTIONS = 2.0**64  # of a second, in a time stamp
-_LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
 
 
 @final
@@ -52,6 +49,7 @@ class Tdms:
     """
 
     suffixes: ClassVar[tuple[str, ...]] = (".tdms",)
+    by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a TDMS file."""
@@ -66,15 +64,14 @@ class Tdms:
         # From memory, where a read beyond the end gives less; from the disk npTDMS would make room for it first.
         data = io.BytesIO(path.read_bytes())
         with _quiet():
-            with _told_as_format_error(path.name):
+            with format_errors(path.name, "TDMS"):
                 file = nptdms.TdmsFile.open(data, raw_timestamps=True)
-                _check_sizes(file, len(data.getvalue()))
                 groups = {group.name: group.channels() for group in file.groups()}
                 ours = file.properties.get(_OURS)
             if isinstance(ours, str) and metadata.SCHEMA in ours:
                 return _own(ours, groups, path.name)
             recordings = [_foreign(group, channels, path) for group, channels in groups.items() if channels]
-            with _told_as_format_error(path.name):
+            with format_errors(path.name, "TDMS"):
                 cut = file.file_status.incomplete_final_segment
         return _with_something(recordings, cut, path)
 
@@ -85,12 +82,12 @@ class Tdms:
         objects: list[Any] = []
         groups = _names([recording.name for recording in recordings])
         for recording, group in zip(recordings, groups, strict=True):
-            channels, samples = _channels_to_write(recording)
-            described.append({"recording": metadata.described(recording), "group": group, "samples": samples})
+            table = metadata.table_of(recording, _names)
+            described.append({"group": group, **table.description})
             objects.append(nptdms.GroupObject(group))
             objects.extend(
-                nptdms.ChannelObject(group, each.heading.name, each.values, _unit_property(each.heading.unit))
-                for each in channels
+                nptdms.ChannelObject(group, name, values, _unit_property(table.units[name]))
+                for name, values in table.columns.items()
             )
         text = metadata.as_text({"schema": metadata.SCHEMA, "recordings": described})
         with path.open("wb") as file, nptdms.TdmsWriter(file) as writer:
@@ -111,43 +108,6 @@ def _quiet() -> Iterator[None]:
         log_manager.set_level(before)
 
 
-@contextmanager
-def _told_as_format_error(name: str) -> Iterator[None]:
-    """Around calls of npTDMS and nothing else: it tells of damage by whatever error it runs into."""
-    try:
-        yield
-    except FormatError:
-        raise
-    except Exception as error:
-        said = str(error) or type(error).__name__
-        raise FormatError(f"{name} is no TDMS file, or a damaged one: {said[:200]}") from error
-
-
-def _check_sizes(file: Any, size: int) -> None:
-    """Raise `ValueError` where a file of `size` bytes says that it has more than it can have."""
-    total = 0
-    for path, known in (("the file", file), *((each.path, each) for each in file.groups())):
-        _check_scales(path, known.properties)
-    for channel in (channel for group in file.groups() for channel in group.channels()):
-        _check_scales(channel.path, channel.properties)
-        width = getattr(channel.data_type, "size", None) or 1
-        # The scalers of DAQmx may take several channels out of the same bytes.
-        if not 0 <= len(channel) * width <= max(size, 0):
-            raise ValueError(
-                f"{channel.path} says that it has {len(channel)} values, in a file of {size} bytes"
-            )
-        total += len(channel)
-    if 8 * total > MOST_BYTES:
-        raise ValueError(f"it has {total} values; more than {MOST_BYTES // 8} aren't read")
-
-
-def _check_scales(path: str, properties: Any) -> None:
-    for key, value in properties.items():
-        counts = key == "NI_Number_Of_Scales" or (key.startswith("NI_Scale[") and key.endswith("_Size"))
-        if counts and not (isinstance(value, int | np.integer) and 0 <= value <= _MOST_SCALES):
-            raise ValueError(f"the property {key} of {path} is {value!r}; expected 0 to {_MOST_SCALES}")
-
-
 def _with_something(recordings: Sequence[Recording | str], cut: bool, path: Path) -> tuple[Recording, ...]:
     """The recordings, told that the last segment is cut short; raises `FormatError` where there are only sentences."""
     found = [each for each in recordings if isinstance(each, Recording)]
@@ -160,7 +120,7 @@ def _with_something(recordings: Sequence[Recording | str], cut: bool, path: Path
     if len(found) == 1:
         found = [replace(found[0], name=path.stem)]
     if cut:
-        sentence = "The file ends before its last segment does; it is read as far as it goes."
+        sentence = "The file ends inside its last segment; it is read up to there."
         found = [each.with_findings(info("recording-cut-short", sentence)) for each in found]
     return tuple(found)
 
@@ -169,7 +129,8 @@ def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str
     """The recording that a group is, or the sentence that says why it is none."""
     if len(channels) > LARGEST_TABLE:
         raise FormatError(
-            f"{path.name}: group {group!r} has {len(channels)} channels; more than {LARGEST_TABLE} are no recording"
+            f"{path.name}: group {group!r} has {len(channels)} channels; expected at most {LARGEST_TABLE} in a "
+            "recording"
         )
     zero = _zero(channels, path.name)
     columns: list[Column] = []
@@ -186,10 +147,10 @@ def _foreign(group: str, channels: Sequence[Any], path: Path) -> Recording | str
         else:
             columns.append(found)
     if not columns:
-        return f"group {quoted([group])} has {quoted(skipped)}"
+        return f"group {quote([group])} has {quote(skipped)}"
     if skipped:
         findings.append(
-            info("channel-skipped", f"Channels that aren't numbers aren't read: {quoted(skipped)}.")
+            info("channel-skipped", f"Channels that aren't numbers aren't read: {quote(skipped)}.")
         )
     findings.extend(_about_whole_numbers(columns, channels))
     findings.extend(_about_waveforms(columns, channels))
@@ -202,7 +163,7 @@ def _column(channel: Any, zero: int | None, name: str) -> Column | str:
     kind = getattr(channel.data_type, "__name__", "no type")
     if not len(channel):
         return "empty"
-    with _told_as_format_error(name):
+    with format_errors(name, "TDMS"):
         if kind not in {"TimeStamp", "DaqMxRawData"} and channel.data_type.nptype is None:
             return "text" if kind == "String" else kind
         values = channel[:] if kind == "TimeStamp" else np.asarray(channel[:])
@@ -245,7 +206,7 @@ def _zero(channels: Sequence[Any], name: str) -> int | None:
     starts = []
     for channel in channels:
         if getattr(channel.data_type, "__name__", "") == "TimeStamp" and len(channel):
-            with _told_as_format_error(name):
+            with format_errors(name, "TDMS"):
                 starts.append(_stamp(channel[0]))
         step = _number(channel.properties.get("wf_increment"))
         if step is not None and step > 0.0:
@@ -271,11 +232,11 @@ def _about_whole_numbers(columns: Sequence[Column], channels: Sequence[Any]) -> 
     large = [
         each.heading.name
         for each in columns
-        if each.heading.name in whole and np.abs(each.values).max() >= _LARGEST_WHOLE
+        if each.heading.name in whole and np.abs(each.values).max() >= LARGEST_WHOLE
     ]
     if not large:
         return []
-    sentence = f"Whole numbers too large to be kept to the last digit: {quoted(large)}."
+    sentence = f"Whole numbers too large to be kept to the last digit: {quote(large)}."
     return [info("integer-rounded", sentence)]
 
 
@@ -283,7 +244,7 @@ def _about_waveforms(columns: Sequence[Column], channels: Sequence[Any]) -> list
     waveforms = [column.heading.name for column in columns if column.t is not None]
     if not waveforms:
         return []
-    sentence = f"Times come from the start and increment of the waveforms {quoted(waveforms)}"
+    sentence = f"Times come from the start and increment of the waveforms {quote(waveforms)}"
     stamps = [_stamp(channel.properties.get("wf_start_time")) for channel in channels]
     starts = [each for each in stamps if each is not None]
     if len(set(starts)) > 1:
@@ -292,61 +253,31 @@ def _about_waveforms(columns: Sequence[Column], channels: Sequence[Any]) -> list
 
 
 def _names(names: Sequence[str]) -> tuple[str, ...]:
-    """Names that differ, as TDMS can hold them: without what UTF-8 doesn't have."""
-    plain, _ = distinct([name.encode("utf-8", "replace").decode("utf-8") for name in names])
+    """Names that differ, as TDMS can hold them."""
+    plain, _ = distinct([metadata.as_utf_8(name) for name in names])
     return plain
 
 
 def _unit_property(unit: str | None) -> dict[str, str]:
-    return {} if unit is None else {"unit_string": unit.encode("utf-8", "replace").decode("utf-8")}
-
-
-def _channels_to_write(recording: Recording) -> tuple[list[Column], list[list[str | None]]]:
-    """The channels of a group, times first seen first, and for each series the names of its values and its times."""
-    series = recording.series
-    times: dict[bytes, int] = {}
-    for each in series:
-        if each.t is not None:
-            times.setdefault(each.t.tobytes(), len(times))
-    labels = [f"t_{k + 1}" if k else "t" for k in range(len(times))]
-    names = _names([*labels, *(each.channel.name for each in series)])
-    values: dict[str, tuple[Array, str | None]] = {
-        names[k]: (np.frombuffer(content), "s") for content, k in times.items()
-    }
-    samples: list[list[str | None]] = []
-    for name, each in zip(names[len(times) :], series, strict=True):
-        values[name] = (each.values, each.channel.unit)
-        samples.append([name, None if each.t is None else names[times[each.t.tobytes()]]])
-    columns = [
-        Column(heading=Heading(name=name, unit=unit), values=content)
-        for name, (content, unit) in values.items()
-    ]
-    return columns, samples
+    return {} if unit is None else {"unit_string": metadata.as_utf_8(unit)}
 
 
 def _own(text: str, groups: dict[str, Sequence[Any]], name: str) -> tuple[Recording, ...]:
     """The recordings in a file of ours; raises `FormatError` where they aren't what its property says."""
+
+    def recording(one: Any) -> Recording:
+        channels = {channel.name: channel for channel in groups[one["group"]]}
+        return metadata.recording_of_table(one, lambda label: _values(channels[label], name), name)
+
     described = metadata.from_text(text, name)
-    recordings = []
     try:
-        for one in described["recordings"]:
-            channels = {channel.name: channel for channel in groups[one["group"]]}
-            samples = [
-                (_values(channels[values], name), None if times is None else _values(channels[times], name))
-                for values, times in one["samples"]
-            ]
-            recordings.append(metadata.restored(one["recording"], samples, name))
-    except (KeyError, TypeError, ValueError) as error:
-        if isinstance(error, FormatError):
-            raise
-        raise FormatError(
-            f"{name}: what its property `{_OURS}` says of its channels isn't so ({error!r})"
-        ) from None
-    return tuple(recordings)
+        return tuple(recording(one) for one in described["recordings"])
+    except (KeyError, TypeError) as error:
+        raise FormatError(f"{name}: what its property `{_OURS}` says isn't so ({error!r})") from None
 
 
 def _values(channel: Any, name: str) -> Array:
-    with _told_as_format_error(name):
+    with format_errors(name, "TDMS"):
         values = channel[:]
     if values.dtype.kind != "f":
         raise ValueError(f"{channel.name!r} has values of type {values.dtype}")

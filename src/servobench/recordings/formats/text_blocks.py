@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from servobench.core.finding import Finding, info
-from servobench.recordings.formats.columns import quoted, time_unit
+from servobench.recordings.formats.columns import quote, time_unit
 from servobench.recordings.formats.text_table import Table
 
 
@@ -42,6 +42,8 @@ def about_blocks(table: Table, found: Sequence[slice]) -> tuple[Finding, ...]:
     """Return what is to be known of a table that is several recordings."""
     if len(found) == 1:
         return ()
-    begins = quoted([str(table.rows[block.start]) for block in found])
-    sentence = f"Blank lines separate {len(found)} blocks of rows, which are a recording each; they begin in rows {begins}."
+    begins = quote([str(table.rows[block.start]) for block in found])
+    sentence = (
+        f"Blank lines separate {len(found)} blocks of rows, each a recording; they begin in rows {begins}."
+    )
     return (info("blocks-apart", sentence),)

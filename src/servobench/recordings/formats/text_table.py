@@ -18,7 +18,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.units import is_unit
-from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, heading, quoted
+from servobench.recordings.formats.columns import LARGEST_TABLE, Heading, heading, quote
 from servobench.recordings.formats.time_stamps import is_stamp, seconds_from_first
 from servobench.recordings.formats.times import in_words
 from servobench.recordings.formats.unreadable import Texts, about_columns
@@ -64,7 +64,7 @@ class Layout:
     def cells(self, line: str) -> list[str]:
         """Return the cells of a line, without the blanks and quotes around them."""
         if '"' in line:
-            return [cell.strip() for cell in _unquoted(line, self.separator).split(_UNIT_SEPARATOR)]
+            return [cell.strip() for cell in _unquote(line, self.separator).split(_UNIT_SEPARATOR)]
         if self.separator == " ":
             return line.split()
         return [cell.strip() for cell in line.split(self.separator)]
@@ -123,13 +123,13 @@ def check_lines(data: bytes, name: str, begin: int = 0) -> None:
         if ended < 0:
             row = data.count(b"\n", 0, begin) + 1
             raise FormatError(
-                f"{name}: row {row} has more than {LONGEST_LINE} characters, which no row of a table has; "
-                "is it another kind of file, or are its line ends lost?"
+                f"{name}: row {row} has more than {LONGEST_LINE} characters, too many for a row of a table; is it "
+                "another kind of file, or are its line ends lost?"
             )
         begin = ended + 1
 
 
-def decoded(data: bytes, name: str) -> tuple[str, tuple[Finding, ...]]:
+def decode(data: bytes, name: str) -> tuple[str, tuple[Finding, ...]]:
     """Return the text in the bytes of a file, its lines ended by newlines alone; raises `FormatError` where it's no text."""
     findings: tuple[Finding, ...] = ()
     try:
@@ -144,17 +144,17 @@ def decoded(data: bytes, name: str) -> tuple[str, tuple[Finding, ...]]:
     # A serial line leaves a few bytes of noise in a log; a binary file has them everywhere.
     if strange > len(text) / 100:
         raise FormatError(
-            f"{name} is no text file: {strange} of its {len(text)} characters are control characters"
+            f"{name} isn't a text file: {strange} of its {len(text)} characters are control characters"
         )
     return text.replace("\r\n", "\n").replace("\r", "\n"), findings
 
 
-def parsed(text: str, name: str, separator: str | None = None, decimal: str | None = None) -> Table:
+def parse(text: str, name: str, separator: str | None = None, decimal: str | None = None) -> Table:
     """Return the table in a text; `separator` and `decimal` are found out where they aren't given.
 
     Raises `FormatError` where there are no numbers, or where two readings make sense.
     """
-    lines = _sorted_out(text)
+    lines = _sort_lines(text)
     if lines.content and separator is None and (excel := _EXCEL.fullmatch(lines.content[0].strip())):
         separator = excel[1]
         lines = replace(lines, content=lines.content[1:], rows=lines.rows[1:])
@@ -173,7 +173,7 @@ def parsed(text: str, name: str, separator: str | None = None, decimal: str | No
     headings, about_stamps, stamped = _read_stamps(lines.content[start:], layout, headings, values, faults)
     usable = np.ones(len(values), dtype=bool)
     usable[[k for left_out in faults.rows.values() for k in left_out]] = False
-    about_cells = _about_faults(faults, lines.rows[start:], layout, int(np.isnan(values[usable]).sum()))
+    about_cells = _about_faults(faults, lines.rows[start:], layout, np.isnan(values) & usable[:, None])
     # A column without any number is one of words, which nobody takes for a channel.
     texts = {c: found for c, found in faults.texts.items() if not np.isnan(values[:, c]).all()}
     about_texts = about_columns(texts, [each.name for each in headings], len(values))
@@ -208,7 +208,7 @@ def _read_stamps(
     return tuple(new), findings, frozenset(stamped)
 
 
-def _sorted_out(text: str) -> _Lines:
+def _sort_lines(text: str) -> _Lines:
     """The lines of a text by what they are; a semicolon begins a comment only where it separates nothing."""
     lines = text.split("\n")
     bare = [line.strip() for line in lines]
@@ -235,8 +235,8 @@ def _check_quotes(lines: _Lines, name: str) -> None:
     is_open = np.fromiter((line.count('"') % 2 for line in lines.content), dtype=np.bool_)
     if is_open.sum() > max(_FEW_OPEN, _SHARE_OPEN * len(is_open)):
         raise FormatError(
-            f"{name}: a quote is opened and not closed in {in_words(lines.rows[is_open])}; "
-            "close the quotes, or export the file without them"
+            f"{name}: a quote isn't closed in {in_words(lines.rows[is_open])}; close the quotes, or export the file "
+            "without them"
         )
 
 
@@ -267,9 +267,7 @@ def _layout(content: Sequence[str], name: str, separator: str | None, decimal: s
     if best is None:
         raise FormatError(f"{name} has no rows of numbers, only text such as {sample[0].strip()[:60]!r}")
     if best.columns > LARGEST_TABLE:
-        raise FormatError(
-            f"{name} has {best.columns} columns; more than {LARGEST_TABLE} are no set of channels"
-        )
+        raise FormatError(f"{name} has {best.columns} columns; expected at most {LARGEST_TABLE} channels")
     return best
 
 
@@ -377,13 +375,13 @@ def _headings(
     if not header and layout.columns > 1:
         header = _header([each for each in comments if _are_names(each.cells, layout)], layout)
         if header:
-            sentence = f"The names of the columns are taken from a comment: {quoted(header[0].cells)}."
+            sentence = f"The names of the columns are taken from a comment: {quote(header[0].cells)}."
             findings.append(info("header-in-comment", sentence, rows=(header[0].row, header[0].row)))
     used = frozenset(each.row for each in header)
     findings.extend(_about_unused([each for each in above if each.row not in used], layout, bool(header)))
     if not header:
         names = [f"column_{number}" for number in range(1, layout.columns + 1)]
-        findings.append(info("header-missing", f"No row names the columns; they are called {quoted(names)}."))
+        findings.append(info("header-missing", f"No row names the columns; they are called {quote(names)}."))
         return tuple(Heading(name=name) for name in names), findings, used
     units = header[1].cells if len(header) > 1 else []
     return _with_units(header[0].cells, units), findings, used
@@ -438,11 +436,11 @@ def _about_unused(unused: Sequence[_Names], layout: Layout, has_header: bool) ->
         *unused, last = unused
         cells = f"{len(last.cells)} cells, the rows of numbers {layout.columns}"
         why = f"has {cells}" if len(last.cells) != layout.columns else "is neither names nor numbers"
-        sentence = f"Row {last.row} ({quoted(last.cells)}) {why}: it isn't used."
+        sentence = f"Row {last.row} ({quote(last.cells)}) {why}: it isn't used."
         findings.append(warning("header-mismatch", sentence, rows=(last.row, last.row)))
     if unused:
         rows = np.array([each.row for each in unused])
-        sentence = f"What stands above the table isn't read: {in_words(rows)}."
+        sentence = f"The text above the table isn't read: {in_words(rows)}."
         findings.append(info("preamble-skipped", sentence, rows=(int(rows[0]), int(rows[-1]))))
     return findings
 
@@ -510,16 +508,16 @@ def numbers(content: Sequence[str], layout: Layout) -> tuple[Array, Faults]:
     blocks = [np.empty((0, layout.columns))]
     for begin in range(0, len(content), _BLOCK):
         lines = content[begin : begin + _BLOCK]
-        values = _parsed_at_once(lines, layout)
-        blocks.append(_parsed_singly(lines, layout, begin, faults) if values is None else values)
+        values = _parse_at_once(lines, layout)
+        blocks.append(_parse_singly(lines, layout, begin, faults) if values is None else values)
     return np.concatenate(blocks), faults
 
 
-def _parsed_at_once(lines: Sequence[str], layout: Layout) -> Array | None:
+def _parse_at_once(lines: Sequence[str], layout: Layout) -> Array | None:
     """The numbers in rows that are all in order; None where they aren't."""
     separator = layout.separator
     if any('"' in line for line in lines):
-        lines = [_unquoted(line, separator) for line in lines]
+        lines = [_unquote(line, separator) for line in lines]
         separator = _UNIT_SEPARATOR
     if layout.trailing:
         lines = [line.rstrip(" ").removesuffix(separator * layout.trailing) for line in lines]
@@ -533,7 +531,7 @@ def _parsed_at_once(lines: Sequence[str], layout: Layout) -> Array | None:
     return values if values.shape == (len(lines), layout.columns) else None
 
 
-def _unquoted(line: str, separator: str) -> str:
+def _unquote(line: str, separator: str) -> str:
     """A line whose cells may have quotes around them, with the ASCII unit separator between the cells instead."""
     if separator == " ":
         line = line.strip().replace("\t", " ")
@@ -544,7 +542,7 @@ def _unquoted(line: str, separator: str) -> str:
     return _UNIT_SEPARATOR.join(cell.replace("\n", " ") for cell in cells)
 
 
-def _parsed_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faults) -> Array:
+def _parse_singly(lines: Sequence[str], layout: Layout, begin: int, faults: Faults) -> Array:
     """The numbers in rows (N, M), NaN where there is none, with what is wrong added to `faults`."""
     values = np.full((len(lines), layout.columns), np.nan)
     for at, line in enumerate(lines):
@@ -572,8 +570,10 @@ def _without_remark(line: str, layout: Layout) -> list[str] | None:
     return row if row is not None and all(map(layout.is_number, row)) else None
 
 
-def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: int) -> list[Finding]:
-    """A finding for each kind of thing that is wrong; `nan` is the number of NaNs in the rows that are used."""
+def _about_faults(
+    faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: NDArray[np.bool_]
+) -> list[Finding]:
+    """A finding for each kind of thing that is wrong; `nan` (N, M) are the NaNs in the rows that are used."""
     sentences = {
         "row-short": f"Fewer than {layout.columns} cells, left out:",
         "row-long": f"More than {layout.columns} cells, left out:",
@@ -594,7 +594,12 @@ def _about_faults(faults: Faults, rows: NDArray[np.int64], layout: Layout, nan: 
                 info, "rows-remark", "Comments behind the numbers, which aren't read:", rows[faults.remarks]
             )
         )
-    spelled = nan - sum(len(found) for by in faults.cells.values() for found in by.values())
-    if spelled:
-        findings.append(info("cell-nan", f"Cells that say NaN: {spelled}."))
+    spelled = nan.copy()
+    for by_column in faults.cells.values():
+        for c, found in by_column.items():
+            spelled[found, c] = False
+    if spelled.any():
+        columns = ", ".join(str(c + 1) for c in np.flatnonzero(spelled.any(axis=0))[:12])
+        where = rows[spelled.any(axis=1)]
+        findings.append(_finding(info, "cell-nan", "Cells that say NaN:", where, f", in column {columns}"))
     return findings

@@ -22,7 +22,7 @@ _STAMP = re.compile(rf"(?:{_DATE}[T ]\s*)?{_CLOCK}\s*{_ZONE}", re.IGNORECASE)
 
 def is_stamp(cell: str) -> bool:
     """Return whether a cell is a time stamp, with or without a date."""
-    return _parsed(cell) is not None
+    return _parse(cell) is not None
 
 
 def seconds_from_first(cells: Sequence[str]) -> Array:
@@ -33,7 +33,7 @@ def seconds_from_first(cells: Sequence[str]) -> Array:
     t = np.full(len(cells), np.nan)
     days, before, first = 0, 0, None
     for k, cell in enumerate(cells):
-        found = _parsed(cell)
+        found = _parse(cell)
         if found is None:
             continue
         whole, part, dated = found
@@ -47,7 +47,7 @@ def seconds_from_first(cells: Sequence[str]) -> Array:
     return t
 
 
-def _parsed(cell: str) -> tuple[int, float, bool] | None:
+def _parse(cell: str) -> tuple[int, float, bool] | None:
     """Whole seconds, the part of a second, and whether there is a date; None for what is no time stamp."""
     match = _STAMP.fullmatch(cell)
     if match is None:

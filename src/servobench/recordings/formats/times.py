@@ -75,7 +75,7 @@ def time_findings(t: Array, rows: NDArray[np.int64] | None = None) -> tuple[Find
     findings = []
     broken = ~np.isfinite(t)
     if broken.any():
-        findings.append(_finding("time-not-finite", "No time that is a finite number", rows[broken]))
+        findings.append(_finding("time-not-finite", "No finite time", rows[broken]))
     t, rows = t[~broken], rows[~broken]
     steps, later = _steps(t), rows[1:]
     if (steps == 0).any():
@@ -125,7 +125,7 @@ def in_words(rows: NDArray[np.int64], noun: str = "row") -> str:
     return f"{len(rows)} {noun}s from {first} to {last}"
 
 
-def increasing(t: Array) -> NDArray[np.bool_]:
+def keep_increasing(t: Array) -> NDArray[np.bool_]:
     """Return which samples (N,) to keep so that their times t [s] increase everywhere and as many as possible stay.
 
     Of equal times one after the other the first stays. Beyond that the samples kept are a longest increasing subsequence

@@ -14,7 +14,7 @@ from servobench.core.finding import Finding, info
 from servobench.core.units import quantity, unit
 from servobench.recordings.formats.choice import long_columns
 from servobench.recordings.formats.columns import heading, time_unit
-from servobench.recordings.formats.roles import ColumnSpec, Role, found, quantity_of, typed
+from servobench.recordings.formats.roles import ColumnSpec, Role, find_series, quantity_of, shell_text
 from servobench.recordings.formats.times import time_findings
 from servobench.recordings.recording import Recording, Series
 
@@ -37,7 +37,7 @@ def seconds(given: object) -> float:
 Timed: TypeAlias = tuple[dict[Role, Series], list[Finding]]
 
 
-def timed(
+def assign_times(
     recording: Recording,
     series: Mapping[Role, Series],
     time: ColumnSpec | None,
@@ -46,9 +46,9 @@ def timed(
     """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times."""
     if sample_time is not None:
         step = seconds(sample_time)
-        told = f"The times are {step:g} s apart, as said"
+        told = f"The times are {step:g} s apart, as requested"
         told += (
-            "; those of the file aren't used." if any(each.t is not None for each in series.values()) else "."
+            "; the file's times aren't used." if any(each.t is not None for each in series.values()) else "."
         )
         evenly = {
             role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
@@ -60,7 +60,7 @@ def timed(
     has_times = [each.t is not None for each in series.values()]
     if all(has_times or [any(each.t is not None for each in recording.series)]):
         return dict(series), []
-    sentence = "the times: say `sample_time=0.02`, in s, or whatever it is; or `time=COL:UNIT`"
+    sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"
     if len(recording.series) > 1:
         sentence += f", one of {long_columns(recording)}"
     why = [
@@ -70,21 +70,21 @@ def timed(
 
 
 def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:
-    column, findings = found(recording, spec, None)
+    column, findings = find_series(recording, spec, None)
     name = column.channel.name
     for role, each in series.items():
         if each.channel.name == name:
             raise UsageError(
-                f"{recording.name}: `{name}` is said to be the time; it can't be the {role}, too"
+                f"{recording.name}: `{name}` was named as the time, so it can't be the {role} too"
             )
     symbol = spec.unit or column.channel.unit
     if symbol is None and (symbol := time_unit(heading(name))) is not None:
         sentence = (
-            f"`{name}` is taken in {symbol} by convention; if it isn't say `time={typed(f'{name}:UNIT')}`."
+            f"`{name}` is read in {symbol} by convention; otherwise say `time={shell_text(f'{name}:UNIT')}`."
         )
         findings.append(info("time-recognised", sentence))
     if symbol is None:
-        return f"the unit of the time `{name}`: say `time={typed(f'{name}:s')}`, or :ms, or what it is"
+        return f"the unit of the time `{name}`: say `time={shell_text(f'{name}:s')}`, or :ms, or what it is"
     if quantity_of(symbol) != "time":
         raise UsageError(f"{recording.name}: the time `{name}` is in {symbol}; expected s, ms or the like")
     with np.errstate(over="ignore"):

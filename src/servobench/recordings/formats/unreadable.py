@@ -39,7 +39,10 @@ def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -
     for c, found in sorted(texts.items()):
         if found.count <= _MANY * rows:
             continue
-        sentence = f"{_begin(names[c])} has {found.count} cells of {rows} that are no numbers, such as {found.example[:40]!r}"
+        sentence = (
+            f"{_begin(names[c])} has {found.count} cells of {rows} that aren't numbers, such as "
+            f"{found.example[:40]!r}"
+        )
         if _GROUPED.fullmatch(found.example):
             sentence += ", which seems to have separators between thousands: write the numbers without them."
         else:
@@ -48,7 +51,7 @@ def about_columns(texts: Mapping[int, Texts], names: Sequence[str], rows: int) -
     return findings
 
 
-def weighed(findings: Iterable[Finding], used: Iterable[str]) -> list[Finding]:
+def demote_unused(findings: Iterable[Finding], used: Iterable[str]) -> list[Finding]:
     """Return findings of which those on columns that nobody uses (others than `used`) are only told."""
     begins = tuple(map(_begin, used))
     return [

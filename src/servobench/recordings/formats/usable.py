@@ -12,7 +12,7 @@ from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array, measura
 from servobench.core.errors import FormatError
 from servobench.core.finding import Finding, info, warning
 from servobench.recordings.formats.roles import Role
-from servobench.recordings.formats.times import in_words, increasing
+from servobench.recordings.formats.times import in_words, keep_increasing
 from servobench.recordings.recording import Series
 
 _MOST_LEFT_OUT = (
@@ -39,7 +39,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
             (keep for known, keep in checked if known is t or np.array_equal(known, t, equal_nan=True)), None
         )
         if keep is None:
-            keep = increasing(t)
+            keep = keep_increasing(t)
             checked.append((t, keep))
             findings.extend(_about_times(name, t, keep))
         _check_not_rounded(name, each, t, keep)
@@ -47,7 +47,7 @@ def usable(name: str, series: Mapping[Role, Series]) -> tuple[dict[Role, Series]
         _check_span(name, t[keep])
         finite = np.isfinite(values)
         if not finite[keep].all():
-            findings.append(_left_out(role, each.channel.name, keep & ~finite))
+            findings.append(_omission(role, each.channel.name, keep & ~finite))
         keep = keep & finite
         if keep.sum() < 2:
             raise FormatError(
@@ -79,7 +79,7 @@ def _check_span(name: str, t: Array) -> None:
         )
 
 
-def _left_out(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
+def _omission(role: Role, name: str, which: NDArray[np.bool_]) -> Finding:
     samples = np.flatnonzero(which) + 1
     sentence = f"The {role} `{name}` has no value, or an impossible one, and is left out: {in_words(samples, 'sample')}."
     # Of an input that isn't known it isn't known either what it did; an output may well come now and then.
@@ -115,9 +115,9 @@ def _check_one_run(name: str, t: Array, keep: NDArray[np.bool_]) -> None:
     far = t[k] - t[k + 1] > 0.5 * (t[k] - t[0])
     if np.mean(back) > _MOST_LEFT_OUT or (far and _longest_block(back) >= _RUN):
         raise FormatError(
-            f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at sample {k + 2}. "
-            "Several runs, or a counter that wrapped, have to be cut into one file for each; or name another column with "
-            "`time=...`"
+            f"{name}: the time goes back {len(jumps)} times, the furthest from {t[k]:g} s to {t[k + 1]:g} s at "
+            f"sample {k + 2}. Cut several runs, or a counter that wrapped, into one file each; or name another "
+            "column with `time=...`"
         )
 
 
@@ -131,8 +131,9 @@ def _check_not_rounded(name: str, series: Series, t: Array, keep: NDArray[np.boo
         return
     step = (t[keep][-1] - t[keep][0]) / (len(t) - 1)
     raise FormatError(
-        f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one before: the "
-        f"times are rounded. Where the samples are evenly spaced say so: `sample_time={step:.4g}`, in s, would be near"
+        f"{name}: {int(same.sum())} of the {len(t)} samples of `{series.channel.name}` have the same time as the one "
+        "before: the times are rounded. If the samples are evenly spaced, give their sample time, about "
+        f"`sample_time={step:.4g}` (in s)"
     )
 
 

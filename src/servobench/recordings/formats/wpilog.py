@@ -1,8 +1,4 @@
-"""WPILib's data log (.wpilog), in which each signal has its own times and a value holds until the next.
-
-A log of ours has the recording's description in the text of its header, and each channel's exact times as an entry of doubles,
-since the stamps of a log are whole microseconds.
-"""
+"""WPILib's data log (.wpilog), in which each signal has its own times and a value holds until the next."""
 
 from __future__ import annotations
 
@@ -17,18 +13,17 @@ import numpy as np
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding, info, warning
+from servobench.core.parameter_names import plain_words
 from servobench.core.units import is_unit
-from servobench.recordings.formats import datalog, metadata
+from servobench.recordings.formats import datalog
 from servobench.recordings.formats.base import FORMATS
-from servobench.recordings.formats.columns import LARGEST_TABLE, distinct, heading, quoted
+from servobench.recordings.formats.columns import LARGEST_TABLE, LARGEST_WHOLE, distinct, heading, quote
 from servobench.recordings.formats.datalog import NUMBERS, Entry, Log
-from servobench.recordings.formats.datalog_writer import Written, write
 from servobench.recordings.formats.sysid_tests import STATES, States, split, tests
 from servobench.recordings.formats.times import GAP
 from servobench.recordings.recording import Recording, Series, Source
 
 _MOST_CHANNELS = 100  # of one entry that is a list
-_LARGEST_WHOLE = 2.0**53  # from here on a float can't tell each whole number from the next
 _MANY = 0.05  # of the steps that are gaps, from which on they aren't pauses between tests
 _FEWEST = 10  # samples that it takes to say how a channel was noted
 
@@ -40,6 +35,7 @@ class WpiLog:
     """WPILib data logs. Each entry of numbers is a channel with its own times; a log of SysId is a recording for each test."""
 
     suffixes: ClassVar[tuple[str, ...]] = (".wpilog",)
+    by_library: ClassVar[bool] = False
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file begins like a data log."""
@@ -48,66 +44,17 @@ class WpiLog:
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recording in a log, or one for each test of SysId in it; raises `FormatError`."""
         log = datalog.read(path)
-        if log.extra.startswith("{") and metadata.SCHEMA in log.extra:
-            return (_own(log, path.name),)
         return _foreign(log, path)
 
     def write(self, recordings: tuple[Recording, ...], path: Path) -> None:
-        """Write a recording with all that it knows; raises `UsageError` for more than one."""
-        if len(recordings) != 1:
-            raise UsageError(
-                f"{path.name}: a data log is one recording and there are {len(recordings)}; "
-                "write each to a file of its own, or all of them to an .mcap file"
-            )
-        (recording,) = recordings
-        columns, samples = _columns(recording)
-        description = {"recording": metadata.described(recording), "samples": samples}
-        write(path, metadata.as_text({"schema": metadata.SCHEMA, **description}), columns)
-
-
-def _columns(recording: Recording) -> tuple[list[Written], list[tuple[int, int | None]]]:
-    """The entries of a recording: values, and times where no channel before has the same; and which are each channel's."""
-    columns: list[Written] = []
-    times: dict[bytes, int] = {}
-    samples: list[tuple[int, int | None]] = []
-    for series in recording.series:
-        t = np.arange(len(series.values)) / 1e6 if series.t is None else series.t
-        key = b"" if series.t is None else series.t.tobytes()
-        if series.t is not None and key not in times:
-            times[key] = len(columns)
-            name = "t" if len(times) == 1 else f"t_{len(times)}"
-            columns.append(Written(name=name, unit="s", values=series.t, t=t))
-        samples.append((len(columns), None if series.t is None else times[key]))
-        unit, name = series.channel.unit, series.channel.name
-        columns.append(Written(name=name, unit=unit, values=series.values, t=t))
-    return columns, samples
-
-
-def _own(log: Log, name: str) -> Recording:
-    """The recording in a log of ours; raises `FormatError` where its entries aren't those that the header describes."""
-    if log.damage:
-        raise FormatError(f"{name} is cut short or damaged: it ends {log.damage}")
-    description = metadata.from_text(log.extra, name)
-    try:
-        columns = [_doubles(log, entry) for entry in log.entries]
-        samples = [
-            (columns[int(values)], None if times is None else columns[int(times)])
-            for values, times in description["samples"]
-        ]
-        recording = description["recording"]
-    except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
-        raise FormatError(f"{name}: its entries aren't those that its header describes ({error!r})") from None
-    return metadata.restored(recording, samples, name)
-
-
-def _doubles(log: Log, entry: Entry) -> Array:
-    if entry.type != "double" or (entry.sizes != 8).any():
-        raise ValueError(f"entry {entry.name!r} isn't doubles")
-    return log.numbers(entry, "<f8").ravel().astype(np.float64)
+        """Raise `UsageError`: no other program than WPILib's makes them."""
+        raise UsageError(
+            f"{path.name}: data logs of WPILib aren't written; end the name in .csv, .mat or .mcap"
+        )
 
 
 def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
-    entries, told = _joined(log.entries)
+    entries, told = _join(log.entries)
     channels: list[_Channel] = []
     skipped: list[str] = []
     states: list[States] = []
@@ -120,7 +67,7 @@ def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
             skipped.append(f"{entry.name} ({entry.type if len(entry.stamps) else 'no value'})")
     if not channels:
         raise FormatError(
-            f"{path.name} is a data log without an entry of numbers; it has {quoted(skipped) or 'none'}"
+            f"{path.name} is a data log without an entry of numbers; it has {quote(skipped) or 'none'}"
         )
     if len(channels) > LARGEST_TABLE:
         raise FormatError(
@@ -138,7 +85,7 @@ def _foreign(log: Log, path: Path) -> tuple[Recording, ...]:
     return split(whole, found_tests, [each.name for each in states]) or (whole,)
 
 
-def _joined(entries: Sequence[Entry]) -> tuple[list[Entry], list[Finding]]:
+def _join(entries: Sequence[Entry]) -> tuple[list[Entry], list[Finding]]:
     """The entries, those that go on under the same name and type after they were finished as one."""
     by_name: dict[tuple[str, str], list[Entry]] = {}
     continued: dict[str, None] = {}
@@ -163,7 +110,7 @@ def _joined(entries: Sequence[Entry]) -> tuple[list[Entry], list[Finding]]:
     joined = sorted((each for alike in by_name.values() for each in alike), key=lambda each: each.first)
     if not continued:
         return joined, []
-    sentence = f"Finished in the log and started again, and taken as one channel each: {quoted(continued)}."
+    sentence = f"Finished in the log and started again, and read as one channel each: {quote(continued)}."
     return joined, [info("entry-continued", sentence)]
 
 
@@ -206,7 +153,7 @@ def _channels(log: Log, entry: Entry) -> Iterator[_Channel]:
     if back:
         fitting = fitting.at(np.argsort(stamps, kind="stable"))
     table = log.numbers(fitting, dtype, width).astype(np.float64)
-    rounded = plain == "int64" and float(np.abs(table).max()) >= _LARGEST_WHOLE
+    rounded = plain == "int64" and float(np.abs(table).max()) >= LARGEST_WHOLE
     t = fitting.stamps / 1e6
     unit, from_name = _unit(entry)
     for k in range(width):
@@ -227,7 +174,7 @@ def _unit(entry: Entry) -> tuple[str | None, bool]:
             content = {}
         said = content.get("unit", content.get("units"))
     if isinstance(said, str) and said.strip():
-        in_words = said.strip().lower().replace("_", " ").replace(" per ", "/")
+        in_words = plain_words(said.strip().lower()).replace(" per ", "/")
         for symbol in (said.strip(), in_words):
             if is_unit(symbol):
                 return symbol, False
@@ -253,10 +200,10 @@ def _about_file(log: Log, skipped: Sequence[str]) -> list[Finding]:
         sentence = f"The log is cut short or damaged: it ends {log.damage}; what came before is read."
         findings.append(warning("recording-cut-short", sentence))
     if log.unknown:
-        sentence = f"{log.unknown} records belong to no entry that was started, and are left out."
+        sentence = f"{log.unknown} records belong to no started entry and are left out."
         findings.append(warning("record-unknown", sentence))
     if skipped:
-        findings.append(info("entry-skipped", f"Entries that aren't numbers aren't read: {quoted(skipped)}."))
+        findings.append(info("entry-skipped", f"Entries that aren't numbers aren't read: {quote(skipped)}."))
     return findings
 
 
@@ -273,7 +220,7 @@ def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
         ),
         "payload-odd": (
             [f"{each.name} ({each.odd})" for each in channels if each.odd],
-            "Samples that aren't of their entry's type, or of a list of another length, are left out: {}.",
+            "Samples that don't match their entry's type or list length are left out: {}.",
         ),
         "integer-rounded": (
             [each.name for each in channels if each.rounded],
@@ -285,12 +232,12 @@ def _about_channels(channels: Sequence[_Channel]) -> list[Finding]:
         ),
         "values-on-change": (
             [each.name for each in channels if _only_changes(each)],
-            "Noted when they changed and not at even times, so that a value holds until the next and a gap is no lack of data: "
-            "{}. Each channel keeps its own times.",
+            "Logged on change, not at even times, so a value holds until the next one and a gap isn't missing "
+            "data: {}. Each channel keeps its own times.",
         ),
     }
     return [
-        info(code, sentence.format(quoted(names))) for code, (names, sentence) in sentences.items() if names
+        info(code, sentence.format(quote(names))) for code, (names, sentence) in sentences.items() if names
     ]
 
 

@@ -41,11 +41,11 @@ def armature_current(recording: Recording, t_output: Array) -> tuple[Array | Non
     current = _at(series, t_output)
     if np.isnan(current).all():
         sentence = (
-            f"{recording.name}: the current {series.channel.name!r} has no sample at the time of one of the output, so it isn't "
-            "used; record both at the same times."
+            f"{recording.name}: the current {series.channel.name!r} has no sample at the time of one of the output, "
+            "so it isn't used; record both at the same times."
         )
         return None, [info("current-at-other-times", sentence)]
-    return current, _recognised(recording, series)
+    return current, _find_current(recording, series)
 
 
 def _is_current(recording: Recording, series: Series) -> bool:
@@ -58,14 +58,16 @@ def _is_current(recording: Recording, series: Series) -> bool:
     )
 
 
-def _recognised(recording: Recording, series: Series) -> list[Finding]:
+def _find_current(recording: Recording, series: Series) -> list[Finding]:
     """A device of ours says itself which of its channels is the current; of any other file it has to be said."""
     if any(finding.code == "current-named" for finding in recording.findings):
         return []
     if recording.info is not None and recording.info.channel(series.channel.name) is not None:
         return []
     name = series.channel.name
-    sentence = f"`{name}` is recognised as the armature's current by its name and unit; if it is another one, say `current=COL`."
+    sentence = (
+        f"`{name}` is recognised as the armature's current by its name and unit; otherwise say `current=COL`."
+    )
     return [info("current-recognised", sentence)]
 
 

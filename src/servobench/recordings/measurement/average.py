@@ -10,10 +10,11 @@ from typing import ClassVar, Self
 import numpy as np
 
 from servobench.core.channels import Array
+from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive, number_text
 from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.stage_text import number_and_unit, quantity_in
 from servobench.recordings.measurement.window import Samples, edge, first_filled, slide
-from servobench.recordings.measurement.words import quantity_in
 
 
 @STAGES.member("average")
@@ -38,7 +39,14 @@ class Average:
 
     @classmethod
     def parse(cls, arguments: tuple[str, ...]) -> Self:
-        """Return the stage for a time with its unit."""
+        """Return the stage for a time with its unit; how long a number of samples takes isn't known here."""
+        number, symbol = number_and_unit("average", arguments, cls.examples)
+        if symbol in ("", "sample", "samples") and number.is_integer():
+            raise UsageError(
+                f"`average {' '.join(arguments)}`: that is a number of samples, and the stage takes a time, as the firmware may "
+                f"sample faster than the record. Multiply by the sample time of what averages: {number:g} samples of 1 ms are "
+                f"`average {number:g} ms`"
+            )
         return cls(window=quantity_in("s", "average", arguments, cls.examples))
 
     @property

@@ -101,7 +101,7 @@ class Chain:
     def __post_init__(self) -> None:
         if len(self.stages) > MOST_STAGES:
             raise UsageError(
-                f"a chain has {len(self.stages)} stages; expected at most {MOST_STAGES}: leave out what repeats itself"
+                f"a chain has {len(self.stages)} stages; expected at most {MOST_STAGES}: remove repeated ones"
             )
         if not self._passes("position") and not self._passes("speed"):
             self.yields("position")  # raises, and says which stage can't follow
@@ -125,17 +125,17 @@ class Chain:
         pieces = text.split("|")
         if len(pieces) > MOST_STAGES:
             raise UsageError(
-                f"a chain has {len(pieces)} stages; expected at most {MOST_STAGES}: leave out what repeats itself"
+                f"a chain has {len(pieces)} stages; expected at most {MOST_STAGES}: remove repeated ones"
             )
         stages: list[Stage] = []
         for piece in pieces:
             name, *words = piece.split() or [""]
             if not name:
                 raise UsageError(
-                    f"chain {text!r} has nothing between two bars; expected {_EXAMPLE!r}, for example"
+                    f"chain {text!r} has an empty stage between two bars; expected, for example, {_EXAMPLE!r}"
                 )
             if name == NONE:
-                raise UsageError(f"chain {text!r}: `{NONE}` says that nothing is in between; it stands alone")
+                raise UsageError(f"chain {text!r}: `{NONE}` means no measurement chain; use it alone")
             stages += _stages(name, tuple(words))
         return cls(tuple(stages))
 
@@ -246,7 +246,7 @@ def _stages(name: str, words: tuple[str, ...]) -> tuple[Stage, ...]:
     if name in PRESETS:
         if words:
             raise UsageError(
-                f"`{name} {' '.join(words)}`: `{name}` stands alone; where the device has other settings, write its stages out, "
+                f"`{name} {' '.join(words)}`: `{name}` takes no settings; for other settings write out its stages, "
                 f"as in `{PRESETS[name].chain}`"
             )
         return Chain.parse(PRESETS[name].chain).stages

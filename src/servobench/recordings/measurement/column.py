@@ -103,10 +103,10 @@ def finite_column(
         rows=rows,
     )
     _check_times(recording.name, role, column)
-    return column, _left_out(role, name, np.flatnonzero(~finite) + 1, len(x))
+    return column, _omission(role, name, np.flatnonzero(~finite) + 1, len(x))
 
 
-def _left_out(role: str, name: str, rows: NDArray[np.int64], total: int) -> list[Finding]:
+def _omission(role: str, name: str, rows: NDArray[np.int64], total: int) -> list[Finding]:
     if not len(rows):
         return []
     share = f"{len(rows)} of {total} rows of the {role} {name!r}"

@@ -16,7 +16,7 @@ from servobench.recordings.measurement.first_motion import FirstMotion, first_mo
 from servobench.recordings.recording import Source
 
 
-@dataclass(frozen=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False, repr=False)
 class Dataset:
     """Identification data: an input and an output, each at its own times, in SI units.
 
@@ -61,6 +61,13 @@ class Dataset:
     starts_at_rest: bool = False
     findings: tuple[Finding, ...] = ()
     """What there is to know about the data."""
+
+    def __repr__(self) -> str:
+        """The name, the units, how many samples there are, and how far apart."""
+        return (
+            f"<Dataset {self.name}: {self.input_unit} to {self.output_unit}, {len(self.y)} samples, {self.duration:.4g} s, "
+            f"chain {str(self.chain) or 'none'}>"
+        )
 
     def __post_init__(self) -> None:
         if not len(self.t_input) or not len(self.t_output):
@@ -216,12 +223,12 @@ class Dataset:
             delay=self.delay,
             hidden_delay=self.hidden_delay,
             reference_unit=self.reference_unit,
-            reference=None if self.reference is None else self.reference[self._held_at(t_input)],
+            reference=None if self.reference is None else self.reference[self._hold_indices(t_input)],
             current=None if self.current is None else self.current[keep_out],
             chain_known=self.chain_known,
             starts_at_rest=self.starts_at_rest and bool(keep_out[0]),
         )
 
-    def _held_at(self, t: Array) -> NDArray[np.int64]:
+    def _hold_indices(self, t: Array) -> NDArray[np.int64]:
         """Which value of the input held at times t (K,)."""
         return np.maximum(np.searchsorted(self.t_input, t, side="right") - 1, 0)

@@ -10,8 +10,8 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.numbers import check_positive, number_text
 from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.stage_text import quantity_in
 from servobench.recordings.measurement.window import Samples, edge, first_filled, slide
-from servobench.recordings.measurement.words import quantity_in
 
 
 @STAGES.member("delay")

@@ -28,7 +28,7 @@ class Derivative:
         """Return the stage; it takes no arguments."""
         if arguments:
             raise UsageError(
-                f"`derivative {' '.join(arguments)}`: `derivative` stands alone; join stages with `|`"
+                f"`derivative {' '.join(arguments)}`: `derivative` takes no settings; join stages with `|`"
             )
         return cls()
 
@@ -41,7 +41,7 @@ class Derivative:
         """A speed, of a position."""
         if kind != "position":
             raise UsageError(
-                "`derivative` makes a speed of a position; what it would get here is a speed already"
+                "`derivative` turns a position into a speed, and its input here is a speed already"
             )
         return "speed"
 

@@ -26,7 +26,7 @@ def hold_times(u: Array, handed: Array, held_since: Array, t: Array) -> Array | 
     """
     changes = np.flatnonzero(np.diff(u, prepend=np.nan) != 0.0)
     rows = np.flatnonzero((np.diff(held_since, prepend=np.nan) != 0.0) & (held_since <= t))
-    which, rows = _matched(handed, held_since, rows, changes)
+    which, rows = _match(handed, held_since, rows, changes)
     if not len(which) or 2 * len(which) < len(changes):
         return None
     said = held_since[rows]
@@ -35,7 +35,7 @@ def hold_times(u: Array, handed: Array, held_since: Array, t: Array) -> Array | 
     return times if bool(np.all(np.diff(times) > 0.0)) else None
 
 
-def _matched(
+def _match(
     handed: Array, held_since: Array, rows: NDArray[np.int64], changes: NDArray[np.int64]
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """The voltages that `rows` tell of, each once and in order, and the rows that tell of them."""

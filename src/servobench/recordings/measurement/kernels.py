@@ -22,7 +22,7 @@ def first_order_recursion(decay: Array, drive: Array) -> Array:
 
 
 @compiled
-def unwrapped_block(x: Array, before: float, turns: float, modulus: float) -> tuple[float, Array]:
+def unwrap_block(x: Array, before: float, turns: float, modulus: float) -> tuple[float, Array]:
     """Return the wraps so far and samples x (N,) without them; there were `turns`, and the sample `before`, until now."""
     y = np.empty(len(x))
     for k in range(len(x)):

@@ -11,8 +11,8 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive, number_text
 from servobench.recordings.measurement.base import STAGES, Kind
+from servobench.recordings.measurement.stage_text import quantity_in
 from servobench.recordings.measurement.window import first_filled
-from servobench.recordings.measurement.words import quantity_in
 
 Samples: TypeAlias = tuple[tuple[float, float], ...]  # (age [s], value), oldest first
 
@@ -55,7 +55,7 @@ class LeastSquares:
         """A speed, of a position."""
         if kind != "position":
             raise UsageError(
-                "`least_squares` makes a speed of a position; what it would get here is a speed already"
+                "`least_squares` turns a position into a speed, and its input here is a speed already"
             )
         return "speed"
 

@@ -12,7 +12,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive, number_text
 from servobench.recordings.measurement.base import STAGES, Kind
-from servobench.recordings.measurement.words import quantity_in
+from servobench.recordings.measurement.stage_text import quantity_in
 
 Discretisation: TypeAlias = Literal["euler", "zoh", "tustin"]
 

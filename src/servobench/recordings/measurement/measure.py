@@ -9,6 +9,7 @@ from typing import get_args
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
@@ -24,14 +25,14 @@ from servobench.recordings.measurement.column import (
     si_factor,
 )
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.fresh_samples import drop_repeats
 from servobench.recordings.measurement.grid import grid_step
-from servobench.recordings.measurement.refreshed import refreshed
 from servobench.recordings.measurement.scale import Scale
 from servobench.recordings.measurement.tachometer import Tachometer
-from servobench.recordings.measurement.tick_times import hidden_delay, latched, written
+from servobench.recordings.measurement.tick_times import host_delay, latch_times, write_times
 from servobench.recordings.measurement.unknown_input import without_unknown_input
 from servobench.recordings.measurement.unwrap import Unwrap
-from servobench.recordings.measurement.wraps import suspected_wraps, without_wraps
+from servobench.recordings.measurement.wraps import suspect_wraps, without_wraps
 from servobench.recordings.recording import Recording
 
 
@@ -57,19 +58,20 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
     neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than two samples of the output.
     """
+    check_type("recording", recording, Recording, "a Recording, such as load() and run() give")
     applied = Chain.parse(chain) if isinstance(chain, str) else chain or Chain()
     declared = Chain.parse(recording.chain)
     input_series, output_series = input_and_output(recording)
     driven, input_findings = finite_column(recording, input_series, "input")
-    read, read_findings = refreshed(*finite_column(recording, output_series, "output"))
+    read, read_findings = drop_repeats(*finite_column(recording, output_series, "output"))
     kind = _shaft_kind(recording, read)
     _check_chains(recording, read, kind, declared, applied)
-    asked_for, told_by_device = read.t, latched(recording, read.t)
+    asked_for, told_by_device = read.t, latch_times(recording, read.t)
     if told_by_device is not None:
         read = replace(read, t=told_by_device)
     finished, findings = _output(read.in_si(), output_series.channel, declared, applied)
     current, told = armature_current(recording, np.interp(finished.t, read.t, asked_for))
-    taken = written(recording, driven.t)
+    taken = write_times(recording, driven.t)
     data = Dataset(
         name=recording.name,
         t_input=driven.t if taken is None else taken,
@@ -86,7 +88,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
         declared=_without_conversions(declared),
         applied=_without_conversions(applied),
         delay=recording.info.delay if recording.info else 0.0,
-        hidden_delay=hidden_delay(recording, driven.t),
+        hidden_delay=host_delay(recording, driven.t),
         current=current,
         findings=(*recording.findings, *input_findings, *read_findings, *findings, *told),
         reference=_reference(recording, driven.t),
@@ -136,7 +138,7 @@ def _shaft_kind(recording: Recording, column: Column) -> Kind:
         if column.quantity == kind:
             if len(column.t) < 2:
                 raise NotIdentifiable(
-                    f"{recording.name}: the output {column.name!r} has a single sample; two are the least"
+                    f"{recording.name}: the output {column.name!r} has a single sample; expected at least two"
                 )
             return kind
     raise UsageError(
@@ -151,14 +153,14 @@ def _check_chains(recording: Recording, column: Column, kind: Kind, declared: Ch
     if kind not in _all_yields(declared):
         other = "speed" if kind == "position" else "position"
         raise UsageError(
-            f"{what}, but `{declared}`, which it is said to have come through, makes a {other}: one of the two is wrong"
+            f"{what}, but `{declared}`, its declared chain, gives a {other}: one of the two is wrong"
         )
     try:
         applied.yields(kind)
     except UsageError as error:
         raise UsageError(
-            f"{what}, so `{applied}` can't be applied to it: {error}. If that's how it was made before it was recorded, "
-            "say so as the recording's own chain"
+            f"{what}, so `{applied}` can't be applied to it: {error}. If it was recorded behind that chain, declare "
+            "it as the recording's own chain"
         ) from None
 
 
@@ -175,11 +177,11 @@ def _output(
     if channel.counts_per_rev is not None:
         check_positive(f"the encoder of {column.name!r}", channel.counts_per_rev, "counts/rev")
     automatic, at_front = _counter_stages(column, channel, applied)
-    findings = _told(column, declared, applied)
+    findings = _findings(column, declared, applied)
     if column.quantity == "position" and not any(
         isinstance(s, Unwrap) for s in (*automatic, *applied.stages)
     ):
-        findings += suspected_wraps(column, channel.counts_per_rev)
+        findings += suspect_wraps(column, channel.counts_per_rev)
     column, doubts = _through(column, (*automatic, *at_front))
     if column.unit in {"counts", "counts/s"}:
         column = counter_column(column, channel)
@@ -215,7 +217,10 @@ def _with_quantum(column: Column, channel: Channel) -> tuple[Column, list[Findin
     if step is None:
         return column, []
     turn = f" ({2.0 * np.pi / step:.6g} in a turn)" if column.unit == "rad" else ""
-    sentence = f"All values of {column.name!r} lie on a grid of {step:.6g} {column.unit}{turn}; that is taken for its resolution."
+    sentence = (
+        f"All values of {column.name!r} lie on a grid of {step:.6g} {column.unit}{turn}; that is used as "
+        "its resolution."
+    )
     return replace(column, quantum=step), [info("quantum-found", sentence)]
 
 
@@ -227,7 +232,7 @@ def _through(column: Column, stages: Sequence[Stage]) -> tuple[Column, list[Find
             column, doubts = without_wraps(column, stage)
             findings += doubts
         elif isinstance(stage, Scale):
-            column = _scaled(column, stage)
+            column = _scale(column, stage)
         else:
             is_new_speed = column.quantity == "position" and stage.yields("position") == "speed"
             unit = f"{column.unit}/s" if is_new_speed else column.unit
@@ -235,7 +240,7 @@ def _through(column: Column, stages: Sequence[Stage]) -> tuple[Column, list[Find
     return column, findings
 
 
-def _scaled(column: Column, stage: Scale) -> Column:
+def _scale(column: Column, stage: Scale) -> Column:
     if stage.unit is None:
         return column.times(stage.factor, column.unit)
     product = unit_named(f"({column.unit})*({stage.unit})")
@@ -252,7 +257,7 @@ def _without_conversions(chain: Chain) -> Chain:
     return Chain(tuple(s for s in chain.stages if not (isinstance(s, Scale) and s.unit is not None)))
 
 
-def _told(column: Column, declared: Chain, applied: Chain) -> list[Finding]:
+def _findings(column: Column, declared: Chain, applied: Chain) -> list[Finding]:
     """What the chains do that their writer may not have meant."""
     bare = [s for s in applied.stages if isinstance(s, Scale) and s.unit is None and column.unit == "counts"]
     sample_time = float(np.median(np.diff(column.t)))
@@ -263,14 +268,14 @@ def _told(column: Column, declared: Chain, applied: Chain) -> list[Finding]:
 def _scale_without_unit(stage: Scale) -> Finding:
     return info(
         "scale-without-unit",
-        f"`{stage}` has no unit, so it is taken for part of the measurement, and what is identified stays in counts. "
-        f"If it turns counts into an angle, write its unit: `{stage} rad/count`.",
+        f"`{stage}` has no unit, so it counts as part of the measurement, and the result stays in counts. If it "
+        f"turns counts into an angle, write its unit: `{stage} rad/count`.",
     )
 
 
 def _short_window(stage: Tachometer, sample_time: float) -> Finding:
     return info(
         "window-too-short",
-        f"`{stage}` looks back over less than the {sample_time:g} s between samples, where nothing can be predicted: "
+        f"`{stage}` looks back over less than the {sample_time:g} s between samples, which the model can't resolve: "
         f"the identified delay may be up to {0.5 * (sample_time - stage.window):.2g} s too small.",
     )

@@ -29,7 +29,7 @@ _WPILIB = "WPILib, SysId's FeedbackControllerPreset.h (https://github.com/wpilib
 _PHOENIX_5 = "CTRE, Phoenix 5 API, velocityMeasurementPeriod and velocityMeasurementWindow (https://api.ctr-electronics.com/phoenix)"
 _REVLIB = "REV Robotics, REVLib documentation, setMeasurementPeriod and setAverageDepth (https://codedocs.revrobotics.com)"
 _SPARK_FRAMES = (
-    "The frame with the speed comes each 20 ms unless that was changed (REVLib, setPeriodicFramePeriod): a log that asks in "
+    "The speed is sent every 20 ms unless that was changed (REVLib, setPeriodicFramePeriod): a log that samples in "
     "between is late by 10 ms on average, which `| delay 10 ms` adds."
 )
 _64_SAMPLES = (
@@ -46,8 +46,8 @@ PRESETS: dict[str, Preset] = {
             chain="tachometer 100 ms | average 63 ms",
             lag=0.0815,
             sources=(_PHOENIX_5, _WPILIB),
-            uncertain=f"{_64_SAMPLES} Period (1 to 100 ms) and samples (1 to 64) are settings; how late a bus frame "
-            "comes isn't in it.",
+            uncertain=f"{_64_SAMPLES} Period (1 to 100 ms) and samples (1 to 64) are settings; the delay of a bus "
+            "frame isn't included.",
         ),
         Preset(
             name="cancoder-5",
@@ -55,7 +55,7 @@ PRESETS: dict[str, Preset] = {
             chain="tachometer 100 ms | average 63 ms",
             lag=0.0815,
             sources=(_PHOENIX_5, _WPILIB),
-            uncertain=f"{_64_SAMPLES} Period and samples are settings; how late a bus frame comes isn't in it.",
+            uncertain=f"{_64_SAMPLES} Period and samples are settings; the delay of a bus frame isn't included.",
         ),
         Preset(
             name="phoenix-6",
@@ -63,9 +63,8 @@ PRESETS: dict[str, Preset] = {
             chain="delay 1 ms",
             lag=0.001,
             sources=(_WPILIB,),
-            uncertain="A Kalman filter whose equations aren't published; about 1 ms is what WPILib's authors saw in "
-            "tests. "
-            "The period of a signal's frames isn't in it.",
+            uncertain="A Kalman filter whose equations aren't published; WPILib's authors measured about 1 ms. The "
+            "period of a signal's frames isn't included.",
         ),
         Preset(
             name="spark-max-neo",
@@ -76,10 +75,9 @@ PRESETS: dict[str, Preset] = {
                 "REV support, quoted in WPILib's SysId, issue 258 (https://github.com/wpilibsuite/sysid/issues/258)",
                 _WPILIB,
             ),
-            uncertain="The mean of 8 samples, 32 ms apart, is written as an average over the 224 ms between the first "
-            "and the last. "
-            "What a single sample lags by isn't published; period and samples have become settings with "
-            f"later firmware. {_SPARK_FRAMES}",
+            uncertain="The mean of 8 samples, 32 ms apart, is written as an average over the 224 ms between the "
+            "first and the last. The lag of a single sample isn't published; period and samples are "
+            f"settings in later firmware. {_SPARK_FRAMES}",
         ),
         Preset(
             name="spark-max-quadrature",
@@ -87,8 +85,8 @@ PRESETS: dict[str, Preset] = {
             chain="tachometer 100 ms | average 63 ms",
             lag=0.0815,
             sources=(_REVLIB, _WPILIB),
-            uncertain=f"{_64_SAMPLES} That a sample is taken each 1 ms is WPILib's reading; period and samples are "
-            f"settings. {_SPARK_FRAMES}",
+            uncertain=f"{_64_SAMPLES} WPILib assumes a sample every 1 ms; period and samples are settings. "
+            f"{_SPARK_FRAMES}",
         ),
         Preset(
             name="venom",
@@ -99,7 +97,7 @@ PRESETS: dict[str, Preset] = {
                 _WPILIB,
                 "the maker, in WPILib's SysId, pull request 138 (https://github.com/wpilibsuite/sysid/pull/138)",
             ),
-            uncertain="How late a bus frame comes isn't in it.",
+            uncertain="The delay of a bus frame isn't included.",
         ),
         Preset(
             name="odrive",
@@ -120,9 +118,8 @@ PRESETS: dict[str, Preset] = {
             chain="lowpass 1012.4 rad/s | lowpass 1012.4 rad/s",
             lag=0.001975,
             sources=("moteus firmware, fw/motor_position.h (https://github.com/mjbots/moteus)",),
-            uncertain="A phase-locked loop with two equal poles; 400 Hz is where the gain of its position falls to "
-            "0.707, which is "
-            "2.482 times the poles' ω. The setting is another one for hall sensors.",
+            uncertain="A phase-locked loop with two equal poles; at 400 Hz its position gain falls to 0.707, which "
+            "is 2.482 times the poles' ω. The setting differs for hall sensors.",
         ),
         Preset(
             name="simplefoc",
@@ -133,8 +130,8 @@ PRESETS: dict[str, Preset] = {
                 "SimpleFOC documentation, Low-Pass velocity filter (https://docs.simplefoc.com/low_pass_filter)",
                 "SimpleFOC library, src/common/defaults.h (https://github.com/simplefoc/Arduino-FOC)",
             ),
-            uncertain="Tf is a setting that many sketches change; half a pass of the control loop, mostly below 1 ms, "
-            "isn't in it.",
+            uncertain="Tf is a setting that many sketches change; half a pass of the control loop, mostly below 1 "
+            "ms, isn't included.",
         ),
         Preset(
             name="quanser-50",
@@ -147,9 +144,8 @@ PRESETS: dict[str, Preset] = {
                 "quanser-openai-driver, whose speed is that derivative "
                 "(https://github.com/BlueRiverTech/quanser-openai-driver)",
             ),
-            uncertain="50 rad/s is the courseware's figure and is a block that anybody can change; `derivative` stands"
-            " for half of the "
-            "time between the samples of the log, which is that of the filter only where every sample was logged.",
+            uncertain="50 rad/s is the courseware's value, in a block that anybody can change; `derivative` adds "
+            "half the sample time of the log, which is the filter's only if every sample was logged.",
         ),
         Preset(
             name="beckhoff-el5032",

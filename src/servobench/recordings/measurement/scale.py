@@ -11,7 +11,7 @@ from servobench.core.errors import UnitError, UsageError
 from servobench.core.numbers import number_text
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.base import STAGES, Kind
-from servobench.recordings.measurement.words import number_and_unit
+from servobench.recordings.measurement.stage_text import number_and_unit
 
 
 @STAGES.member("scale")

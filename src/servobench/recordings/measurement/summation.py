@@ -54,7 +54,7 @@ def summations(data: Dataset) -> Iterator[Summation]:
     if steps.max() > _LOST * data.sample_time:
         return
     regular = bool(np.ptp(steps) < _REGULAR * data.sample_time)
-    for speed, reach, how in _unfiltered(data):
+    for speed, reach, how in _undo_filter(data):
         if reach == 1:
             yield from _once(data, speed[1:] * steps[: len(speed) - 1], how)
             if regular:
@@ -63,7 +63,7 @@ def summations(data: Dataset) -> Iterator[Summation]:
             yield from _backward(data, data.sample_time * speed, how)
 
 
-def _unfiltered(data: Dataset) -> Iterator[tuple[Array, int, str]]:
+def _undo_filter(data: Dataset) -> Iterator[tuple[Array, int, str]]:
     """The speed before its declared low-pass, over how many samples it is a sum, and what was undone, in words."""
     stages = data.declared.linear.stages
     if stages and isinstance(stages[0], Derivative):
@@ -109,7 +109,7 @@ def _central(data: Dataset, increments: Array, how: str) -> Iterator[Summation]:
     if found is not None:
         counts, quantum = found
         yield Summation(
-            data=_position(data, _interleaved(counts), quantum),
+            data=_position(data, _interleave(counts), quantum),
             how="from the sample before to the next one (if it was taken over the last two instead, the delay is "
             f"{data.sample_time:.3g} s smaller){how}",
         )
@@ -120,9 +120,7 @@ def _backward(data: Dataset, increments: Array, how: str) -> Iterator[Summation]
     found = whole_counts(increments[2:], data.position_unit)
     if found is not None:
         counts, quantum = found
-        yield Summation(
-            data=_position(data, _interleaved(counts), quantum), how=f"from sample to sample{how}"
-        )
+        yield Summation(data=_position(data, _interleave(counts), quantum), how=f"from sample to sample{how}")
 
 
 def whole_counts(increments: Array, unit: str) -> tuple[Array, float] | None:
@@ -170,7 +168,7 @@ def _exact(low: float, high: float, unit: str) -> float | None:
 
 def _step(increments: Array) -> float | None:
     """The step of the grid that the increments and 0 lie on, as found; a few values are all that a slow encoder has."""
-    alike = _merged(np.append(increments, 0.0))
+    alike = _merge_close(np.append(increments, 0.0))
     step = grid_step(alike)
     if step is not None:
         return step
@@ -178,7 +176,7 @@ def _step(increments: Array) -> float | None:
     return float(np.diff(values).min()) if 1 < len(values) <= _FEW else None
 
 
-def _merged(x: Array) -> Array:
+def _merge_close(x: Array) -> Array:
     """Values x (N,), those that differ in the last printed digit alone made alike: the one that is nearest to 0 for each."""
     for share in (_SAME, _PRINTED):
         values, place = np.unique(x, return_inverse=True)
@@ -194,7 +192,7 @@ def _merged(x: Array) -> Array:
     return x
 
 
-def _interleaved(differences: Array) -> Array:
+def _interleave(differences: Array) -> Array:
     """The counts n (N + 2,) with n[k+2] - n[k] = differences (N,), n[0] = 0 and n[1] such that odd and even samples fit best."""
     counts = np.zeros(len(differences) + 2)
     counts[2::2] = np.cumsum(differences[::2])

@@ -10,7 +10,7 @@ from servobench.recordings.measurement.two_clocks import in_device_time
 from servobench.recordings.recording import Recording
 
 
-def written(recording: Recording, t: Array) -> Array | None:
+def write_times(recording: Recording, t: Array) -> Array | None:
     """Return when the device had taken the inputs of times t (N,) [s]; None where a recording doesn't have it of all of them.
 
     A loop that notes it has a channel `written` [s], in the count of the samples' times. Where the device keeps the time it is in
@@ -19,16 +19,16 @@ def written(recording: Recording, t: Array) -> Array | None:
     long after its sample, however late it was written. Of a device in virtual time it says nothing: there a voltage acts at its
     sample, however long the computer took.
     """
-    if _kept_by_device(recording):
+    if _device_keeps_time(recording):
         told = _device_hold_times(recording, t)
-        values = _carried_over(recording, "written", t) if told is None else told
+        values = _to_device_time(recording, "written", t) if told is None else told
     else:
-        values = _noted("written", recording, t)
+        values = _values_at("written", recording, t)
     usable = values is not None and bool(np.all(values >= t)) and bool(np.all(np.diff(values) > 0))
     return values if usable else None
 
 
-def latched(recording: Recording, t: Array) -> Array | None:
+def latch_times(recording: Recording, t: Array) -> Array | None:
     """Return when the device latched the samples of times t (M,) [s], which is when the loop asked for them or later.
 
     A device that keeps the host's time says it in a channel `latched` [s], in a count that began at another time. A sample can't
@@ -37,7 +37,7 @@ def latched(recording: Recording, t: Array) -> Array | None:
     unknown is the shortest time that an asking took. Where some sample would then have been latched after the voltage
     that answers to it, or the times don't increase, the device's count is no such clock: None, as where there is none.
     """
-    device, done = _noted("latched", recording, t), written(recording, t)
+    device, done = _values_at("latched", recording, t), write_times(recording, t)
     if device is None or done is None or not len(t):
         return None
     values = device - float(np.min(device - t))
@@ -45,29 +45,29 @@ def latched(recording: Recording, t: Array) -> Array | None:
     return values if usable else None
 
 
-def hidden_delay(recording: Recording, t: Array) -> float:
+def host_delay(recording: Recording, t: Array) -> float:
     """Return by how much a delay may be too short because nobody knows when within a call the device did it [s], on average.
 
     With the times t (N,) [s] of the samples: as long as it took to write, where the loop noted when it handed each voltage over
     and the device when it latched, or else from sample to voltage. 0 where a recording has no times of writing.
     """
-    done = written(recording, t)
-    if done is None or (_kept_by_device(recording) and _device_hold_times(recording, t) is not None):
+    done = write_times(recording, t)
+    if done is None or (_device_keeps_time(recording) and _device_hold_times(recording, t) is not None):
         return 0.0
-    if _kept_by_device(recording):
-        handed = _carried_over(recording, "handed", t)
+    if _device_keeps_time(recording):
+        handed = _to_device_time(recording, "handed", t)
     else:
-        handed = None if latched(recording, t) is None else _noted("handed", recording, t)
+        handed = None if latch_times(recording, t) is None else _values_at("handed", recording, t)
     return float(np.median(done - (t if handed is None else handed)))
 
 
-def _kept_by_device(recording: Recording) -> bool:
+def _device_keeps_time(recording: Recording) -> bool:
     return recording.info is not None and recording.info.timing == "device"
 
 
-def _carried_over(recording: Recording, name: str, t: Array) -> Array | None:
+def _to_device_time(recording: Recording, name: str, t: Array) -> Array | None:
     """A channel of the host's times (N,) [s], in the count of a device that keeps the time; None where it has no part in it."""
-    host, received = _noted(name, recording, t), _noted("received", recording, t)
+    host, received = _values_at(name, recording, t), _values_at("received", recording, t)
     if host is None or received is None or (recording.info is not None and recording.info.delay > 0):
         return None
     return in_device_time(host, received, t)
@@ -75,14 +75,14 @@ def _carried_over(recording: Recording, name: str, t: Array) -> Array | None:
 
 def _device_hold_times(recording: Recording, t: Array) -> Array | None:
     """When each voltage began to hold (N,) [s], by a device that keeps the time and says so; None where it doesn't."""
-    handed = _carried_over(recording, "handed", t)
+    handed = _to_device_time(recording, "handed", t)
     held_since, put = _at(recording, "held_since", t), _at(recording, "applied", t)
     if handed is None or held_since is None or put is None:
         return None
     return hold_times(put, handed, held_since, t)
 
 
-def _noted(name: str, recording: Recording, t: Array) -> Array | None:
+def _values_at(name: str, recording: Recording, t: Array) -> Array | None:
     """The values of a channel at the times t (N,), all finite; None where it hasn't got them, or time was virtual."""
     if recording.info is not None and recording.info.timing == "virtual":
         return None

@@ -14,7 +14,7 @@ from servobench.core.errors import UnitError, UsageError
 from servobench.core.numbers import check_positive, number_text
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.base import STAGES, Kind, Mask
-from servobench.recordings.measurement.words import number_and_unit, written_as
+from servobench.recordings.measurement.stage_text import expectation, number_and_unit
 
 _LARGEST_BITS = 53  # a float holds whole numbers up to 2^53
 _MOST_WRAPS = 2.0**53
@@ -35,7 +35,7 @@ class Unwrapped:
     ambiguous: Mask
 
 
-def unwrapped(x: Array, modulus: float) -> Unwrapped:
+def unwrap(x: Array, modulus: float) -> Unwrapped:
     """Return samples x (N,) or (N, P) without the wraps of a value that is known up to multiples of a modulus.
 
     With d = x[k] - x[k-1], wrap = -round(d/M), delta = d + wrap·M, and count = x + M·(wraps so far), which for whole numbers is
@@ -62,7 +62,7 @@ def unwrapped(x: Array, modulus: float) -> Unwrapped:
 @STAGES.member("unwrap")
 @dataclass(frozen=True, kw_only=True)
 class Unwrap:
-    """A position without its wraps: the `count` of `unwrapped`.
+    """A position without its wraps: the `count` of `unwrap`.
 
     `modulus` is in `unit`, a unit of position (`16 bit` is 65536 counts); the samples are in SI units or in counts.
     Not linear: it belongs before all else, and a prediction doesn't go through it.
@@ -93,7 +93,7 @@ class Unwrap:
         text = " ".join(arguments)
         number, symbol = number_and_unit("unwrap", arguments, cls.examples[:2])
         if not symbol:
-            raise UsageError(f"`unwrap {text}`: {written_as('a modulus with its unit', cls.examples[:2])}")
+            raise UsageError(f"`unwrap {text}`: {expectation('a modulus with its unit', cls.examples[:2])}")
         if symbol in {"bit", "bits"}:
             if not number.is_integer() or not 1 <= number <= _LARGEST_BITS:
                 raise UsageError(
@@ -120,7 +120,7 @@ class Unwrap:
     def yields(self, kind: Kind) -> Kind:
         """A position, of a position."""
         if kind != "position":
-            raise UsageError("`unwrap` needs a position; a speed has no wraps to take out")
+            raise UsageError("`unwrap` needs a position; a speed doesn't wrap")
         return kind
 
     def first_valid(self, first: int, t: Array) -> int:
@@ -148,15 +148,15 @@ class Unwrap:
         self, state: tuple[float | None, float], x: Array, dt: Array
     ) -> tuple[tuple[float, float], Array]:
         """A block of samples (N,), N at least 1."""
-        from servobench.recordings.measurement.kernels import unwrapped_block
+        from servobench.recordings.measurement.kernels import unwrap_block
 
         before, turns = state
-        turns, y = unwrapped_block(x, float(x[0] if before is None else before), turns, self.si_modulus)
+        turns, y = unwrap_block(x, float(x[0] if before is None else before), turns, self.si_modulus)
         return (float(x[-1]), turns), y
 
     def __call__(self, x: Array, t: Array) -> Array:
         """All samples at once."""
-        return unwrapped(x, self.si_modulus).count
+        return unwrap(x, self.si_modulus).count
 
     def __str__(self) -> str:
         return f"unwrap {number_text(self.modulus)} {self.unit}"

@@ -12,7 +12,7 @@ from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, refusal, warning
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.column import Column
-from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrapped
+from servobench.recordings.measurement.unwrap import Unwrap, Unwrapped, unwrap
 
 # Widths at which absolute encoders (12, 14) and counters wrap.
 _USUAL_BITS = (12, 14, 16, 24, 32)
@@ -27,7 +27,7 @@ def without_wraps(column: Column, stage: Unwrap) -> tuple[Column, list[Finding]]
         raise UsageError(
             f"`{stage}` can't unwrap {column.name!r}, which is in {column.unit} there: give the modulus in {column.unit}"
         )
-    found = unwrapped(column.x, stage.si_modulus)
+    found = unwrap(column.x, stage.si_modulus)
     doubts = [*_ambiguous_steps(column, stage, found), *_wraps_in_a_longer_range(column, stage, found)]
     return replace(column, x=found.count), doubts
 
@@ -40,8 +40,8 @@ def _ambiguous_steps(column: Column, stage: Unwrap, found: Unwrapped) -> list[Fi
     if not len(doubtful):
         return []
     sentence = (
-        f"In {len(doubtful)} places, the first of them row {doubtful[0]}, {column.name!r} goes so far from one sample to "
-        f"the next that `{stage}` can't tell which way it went; sample more often, or check the modulus."
+        f"In {len(doubtful)} places, the first of them row {doubtful[0]}, {column.name!r} changes so much between "
+        f"samples that `{stage}` can't determine the direction; sample more often, or check the modulus."
     )
     return [warning("unwrap-ambiguous", sentence, rows=(int(doubtful[0]), int(doubtful[-1])))]
 
@@ -51,13 +51,13 @@ def _wraps_in_a_longer_range(column: Column, stage: Unwrap, found: Unwrapped) ->
     if not len(jumps) or span <= stage.si_modulus * (1.0 + 1e-6):
         return []
     sentence = (
-        f"{column.name!r} spans {span:.9g} {column.unit}, more than it could with `{stage}`, and yet it has {len(jumps)} jumps "
-        f"that were taken for wraps, the first in row {jumps[0]}; check the modulus."
+        f"{column.name!r} spans {span:.9g} {column.unit}, more than `{stage}` allows, and {len(jumps)} of its jumps "
+        f"were unwrapped, the first in row {jumps[0]}; check the modulus."
     )
     return [warning("unwrap-out-of-range", sentence, rows=(int(jumps[0]), int(jumps[-1])))]
 
 
-def suspected_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]:
+def suspect_wraps(column: Column, counts_per_rev: float | None) -> list[Finding]:
     """Return a finding where a position, in SI units or in counts, seems to wrap: told, not repaired.
 
     It has to stay within one modulus (a turn, or a usual width of a counter), jump by more than half of it, and go on
@@ -67,7 +67,7 @@ def suspected_wraps(column: Column, counts_per_rev: float | None) -> list[Findin
     for stage in _usual_moduli(column.unit, counts_per_rev):
         modulus = stage.si_modulus
         if span <= modulus * (1.0 + 1e-6) and largest > 0.5 * modulus:
-            found = unwrapped(column.x, modulus)
+            found = unwrap(column.x, modulus)
             jumps = np.flatnonzero(found.wrap)
             return [_wraps(column, stage, column.rows[jumps])] if _goes_on(found.delta, jumps) else []
     return []
@@ -99,7 +99,8 @@ def _wraps(column: Column, stage: Unwrap, rows: NDArray[np.int64]) -> Finding:
     times = "once, " if len(rows) == 1 else f"{len(rows)} times, the first time "
     return refusal(
         "angle-wraps",
-        f"The position {column.name!r} jumps by about {jump} {times}in row {rows[0]}, and goes on as before: it wraps, and no "
-        f"motor's model fits an angle that does. Put `{stage}` at the front of the chain (`chain='{stage}'`).",
+        f"The position {column.name!r} jumps by about {jump} {times}in row {rows[0]} and continues as before: it "
+        f"wraps, and a motor model can't fit a wrapped angle. Put `{stage}` at the front of the chain "
+        f"(`chain='{stage}'`).",
         rows=(int(rows[0]), int(rows[-1])),
     )

@@ -2,7 +2,7 @@
 
 What is known before the first sample stands before it (`Opening`), so that a torn file can still be read; why the
 recording ended stands after the last one (`Ending`). What happened meanwhile stands between them, before the samples that it
-concerns (`Happening`).
+concerns (`RecordedEvent`).
 """
 
 from __future__ import annotations
@@ -89,23 +89,23 @@ class Ending:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Happening:
+class RecordedEvent:
     """An event of a recording and its number in it, counted from 0, so that none can be lost unnoticed."""
 
     number: int
     event: Event
 
 
-T = TypeVar("T", Opening, Ending, Happening)
+T = TypeVar("T", Opening, Ending, RecordedEvent)
 
 
-def entries(description: Opening | Ending | Happening) -> dict[str, bytes]:
+def entries(description: Opening | Ending | RecordedEvent) -> dict[str, bytes]:
     """Return a description as the entries of a metadata record."""
     texts = {key: _json(value) for key, value in asdict(description).items()}
     return {**texts, _CHECKSUM: _checksum(texts)}
 
 
-def described(kind: type[T], entries: Mapping[str, bytes]) -> T:
+def parse_description(kind: type[T], entries: Mapping[str, bytes]) -> T:
     """Return the description in the entries of a metadata record; raises `Damaged`."""
     texts = {key: value for key, value in entries.items() if key != _CHECKSUM}
     if entries.get(_CHECKSUM) != _checksum(texts):
@@ -115,13 +115,13 @@ def described(kind: type[T], entries: Mapping[str, bytes]) -> T:
         values = {key: json.loads(value) for key, value in texts.items() if key in known}
         description: T = _adapters()[kind].validate_python(values)
     except (ValidationError, ValueError, RecursionError) as error:
-        raise Damaged("a description doesn't say what it should") from error
+        raise Damaged("a description is incomplete") from error
     return description
 
 
 @cache
 def _adapters() -> Mapping[type, TypeAdapter[Any]]:
-    return {kind: TypeAdapter(kind) for kind in (Opening, Ending, Happening)}
+    return {kind: TypeAdapter(kind) for kind in (Opening, Ending, RecordedEvent)}
 
 
 def _json(value: object) -> bytes:

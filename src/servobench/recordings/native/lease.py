@@ -24,12 +24,12 @@ class HasNumber(Protocol):
 
 def hold(file: BinaryIO) -> bool:
     """Lock a file that is open for writing until it is closed; return whether that is possible where it is."""
-    return _locked(file, shared=False) is not False
+    return _lock(file, shared=False) is not False
 
 
 def share(file: HasNumber) -> bool:
     """Lock an open file beside others who share it, so that nobody can `hold` it; return whether that is possible where it is."""
-    return _locked(file, shared=True) is not False
+    return _lock(file, shared=True) is not False
 
 
 def is_held(path: str | os.PathLike[str]) -> bool:
@@ -37,12 +37,12 @@ def is_held(path: str | os.PathLike[str]) -> bool:
     try:
         # Windows and network drives lock only what may be written.
         with Path(path).open("r+b") as file:
-            return _locked(file, shared=True) is False
+            return _lock(file, shared=True) is False
     except OSError:
         return False
 
 
-def _locked(file: BinaryIO | HasNumber, *, shared: bool) -> bool | None:
+def _lock(file: BinaryIO | HasNumber, *, shared: bool) -> bool | None:
     """Take the lock without waiting for it: True, False where somebody else has it, None where there are no locks."""
     try:
         if sys.platform == "win32":

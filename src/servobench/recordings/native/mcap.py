@@ -56,7 +56,7 @@ def record(op: Op, *parts: bytes) -> bytes:
     return struct.pack("<BQ", op, sum(map(len, parts))) + b"".join(parts)
 
 
-def prefixed(content: str | bytes) -> bytes:
+def prefix_length(content: str | bytes) -> bytes:
     """Return a text, or the bytes of a map or an array, with the length before it."""
     raw = content if isinstance(content, bytes) else content.encode()
     return struct.pack("<I", len(raw)) + raw
@@ -64,13 +64,17 @@ def prefixed(content: str | bytes) -> bytes:
 
 def header(library: str) -> bytes:
     """Return the first record; no profile is claimed, as we keep to none."""
-    return record(Op.HEADER, prefixed(""), prefixed(library))
+    return record(Op.HEADER, prefix_length(""), prefix_length(library))
 
 
 def schema(number: int, name: str, definition: str) -> bytes:
     """Return the record of a message definition in the language of ROS 2."""
     return record(
-        Op.SCHEMA, struct.pack("<H", number), prefixed(name), prefixed("ros2msg"), prefixed(definition)
+        Op.SCHEMA,
+        struct.pack("<H", number),
+        prefix_length(name),
+        prefix_length("ros2msg"),
+        prefix_length(definition),
     )
 
 
@@ -79,16 +83,16 @@ def channel(number: int, schema_number: int, topic: str) -> bytes:
     return record(
         Op.CHANNEL,
         struct.pack("<HH", number, schema_number),
-        prefixed(topic),
-        prefixed("cdr"),
+        prefix_length(topic),
+        prefix_length("cdr"),
         struct.pack("<I", 0),
     )
 
 
 def metadata(name: str, entries: Mapping[str, bytes]) -> bytes:
     """Return a metadata record; the values are UTF-8 already."""
-    pairs = b"".join(prefixed(key) + prefixed(value) for key, value in entries.items())
-    return record(Op.METADATA, prefixed(name), prefixed(pairs))
+    pairs = b"".join(prefix_length(key) + prefix_length(value) for key, value in entries.items())
+    return record(Op.METADATA, prefix_length(name), prefix_length(pairs))
 
 
 def read_metadata(body: bytes) -> tuple[str, dict[str, bytes]]:
@@ -101,14 +105,14 @@ def read_metadata(body: bytes) -> tuple[str, dict[str, bytes]]:
     while pairs:
         key, pairs = _split(pairs)
         value, pairs = _split(pairs)
-        entries[_decoded(key)] = bytes(value)
-    return _decoded(name), entries
+        entries[_decode(key)] = bytes(value)
+    return _decode(name), entries
 
 
 def read_header(body: bytes) -> str:
     """Return the library that the header's body names; raises `Damaged`."""
     _, rest = _split(memoryview(body))
-    return _decoded(_split(rest)[0])
+    return _decode(_split(rest)[0])
 
 
 def row_type(columns: int) -> np.dtype[np.void]:
@@ -200,11 +204,11 @@ class Chunk:
         return record(
             Op.CHUNK_INDEX,
             struct.pack("<QQQQ", self.start, self.end, offset, len(self.record)),
-            prefixed(
+            prefix_length(
                 struct.pack("<HQ", self.number, offset + len(self.record))
             ),  # where the message index is
             struct.pack("<Q", len(self.message_index)),
-            prefixed("zstd"),
+            prefix_length("zstd"),
             struct.pack("<QQ", self.compressed_size, self.size),
         )
 
@@ -218,7 +222,7 @@ def chunk(rows: Messages) -> Chunk:
     body = record(
         Op.CHUNK,
         _CHUNK_HEAD.pack(start, end, len(raw), zlib.crc32(raw)),
-        prefixed("zstd"),
+        prefix_length("zstd"),
         struct.pack("<Q", len(packed)),
         packed,
     )
@@ -226,7 +230,7 @@ def chunk(rows: Messages) -> Chunk:
     entries["log_time"] = times
     entries["offset"] = np.arange(len(rows)) * rows.itemsize
     entries.sort(order="log_time", kind="stable")
-    index = record(Op.MESSAGE_INDEX, struct.pack("<H", number), prefixed(entries.tobytes()))
+    index = record(Op.MESSAGE_INDEX, struct.pack("<H", number), prefix_length(entries.tobytes()))
     return Chunk(
         record=body,
         message_index=index,
@@ -277,13 +281,13 @@ def statistics(
         Op.STATISTICS,
         struct.pack("<QHIIII", sum(counts.values()), schemas, len(counts), 0, metadata, chunks),
         struct.pack("<QQ", start, end),
-        prefixed(b"".join(struct.pack("<HQ", number, count) for number, count in counts.items())),
+        prefix_length(b"".join(struct.pack("<HQ", number, count) for number, count in counts.items())),
     )
 
 
 def metadata_index(offset: int, length: int, name: str) -> bytes:
     """Return the summary's pointer to a metadata record."""
-    return record(Op.METADATA_INDEX, struct.pack("<QQ", offset, length), prefixed(name))
+    return record(Op.METADATA_INDEX, struct.pack("<QQ", offset, length), prefix_length(name))
 
 
 def data_end(crc: int) -> bytes:
@@ -313,7 +317,7 @@ def _split(data: memoryview) -> tuple[memoryview, memoryview]:
     return data[4:length], data[length:]
 
 
-def _decoded(raw: memoryview) -> str:
+def _decode(raw: memoryview) -> str:
     try:
         return str(raw, "utf-8")
     except UnicodeDecodeError as error:

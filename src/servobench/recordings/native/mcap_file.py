@@ -71,8 +71,8 @@ class McapFile:
         record = mcap.metadata(name, entries)
         if len(record) > mcap.LARGEST_RECORD:
             raise UsageError(
-                f"{self.path}: the description of a recording takes {len(record)} bytes, more than {mcap.LARGEST_RECORD}; "
-                f"shorten its experiment or its list of channels"
+                f"{self.path}: the description of a recording takes {len(record)} bytes, more than "
+                f"{mcap.LARGEST_RECORD}; shorten its experiment or its list of channels"
             )
         self._metadata.append(mcap.metadata_index(self._size, len(record), name))
         self._put(record)
@@ -119,9 +119,9 @@ class McapFile:
             self._file.close()
             os.replace(self.part, self.path)
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._storage_error(error) from error
         if self.path != self._asked:
-            raise StorageError(kept_elsewhere(self._asked, self.path))
+            raise StorageError(elsewhere_text(self._asked, self.path))
 
     def abandon(self) -> None:
         """Close the part as it is: what it holds can be read. Never raises; does nothing after `close`."""
@@ -156,7 +156,7 @@ class McapFile:
         if self._failure:
             raise StorageError(self._failure)
         if self._file.closed:
-            raise UsageError(f"{self.path} is closed: nothing more is written to it")
+            raise UsageError(f"{self.path} is closed: nothing more can be written to it")
         try:
             self._file.write(data)
             self._file.flush()
@@ -166,7 +166,7 @@ class McapFile:
                 os.fsync(self._file.fileno())
                 self._synced = now
         except OSError as error:
-            raise self._failed(error) from error
+            raise self._storage_error(error) from error
         self._crc = zlib.crc32(data, self._crc)
         self._size += len(data)
 
@@ -186,7 +186,7 @@ class McapFile:
         self._file, self.part = file, part
         self.path = self._asked if path == self._absolute else path
 
-    def _failed(self, error: OSError) -> StorageError:
+    def _storage_error(self, error: OSError) -> StorageError:
         self._failure = (
             f"{self.path} can't be written any further: {error.strerror or error}; "
             f"what was written before is kept in {self.part} (servobench recover makes a whole file of it)"
@@ -197,7 +197,7 @@ class McapFile:
 def _part_of(path: Path) -> Path:
     """The file that is written until `path` is whole; raises `UsageError` where `path` can't become a file."""
     if "\0" in str(path):
-        raise UsageError(f"{str(path)!r} has a zero byte in it; give the name of a file")
+        raise UsageError(f"{str(path)!r} contains a zero byte; give the name of a file")
     if path.is_dir():
         raise UsageError(f"{path} is a folder; give the name of a file")
     if not path.parent.is_dir():
@@ -205,9 +205,12 @@ def _part_of(path: Path) -> Path:
     return path.with_name(path.name + PART)
 
 
-def being_written(part: Path) -> str:
+def busy_text(part: Path) -> str:
     """Return the sentence that a part belongs to a run that goes on, and what to do."""
-    return f"{part} is being written by a run that goes on: wait for its end, or stop it with Ctrl-C, or give another name"
+    return (
+        f"{part} is being written by a running experiment: wait until it ends, stop it with Ctrl-C, or give "
+        "another name"
+    )
 
 
 def place_beside(path: Path) -> Path:
@@ -225,11 +228,11 @@ def place_beside(path: Path) -> Path:
     raise FileNotFoundError(errno.ENOENT, "there is no folder to write in", str(path.parent))
 
 
-def kept_elsewhere(asked: Path, path: Path) -> str:
+def elsewhere_text(asked: Path, path: Path) -> str:
     """Return the sentence that a recording isn't where it was to be, and what to do."""
     return (
-        f"{asked} was removed or renamed while it was written; what was recorded is in {path} "
-        f"(servobench identify {path})"
+        f"{asked} was removed or renamed while it was written; the recording is in {path} (servobench identify "
+        f"{path})"
     )
 
 
@@ -239,10 +242,10 @@ def _new_file(part: Path) -> BinaryIO:
         return open(part, "x+b")
     except FileExistsError:
         if is_held(part):
-            raise UsageError(being_written(part)) from None
+            raise UsageError(busy_text(part)) from None
         raise UsageError(
-            f"{part} is there already, the unfinished recording of an earlier run: "
-            f"recover what it holds (servobench recover), or remove it"
+            f"{part} exists already: it is the unfinished recording of an earlier run. Recover it (servobench "
+            "recover), or remove it"
         ) from None
     except OSError as error:
         raise StorageError(f"{part} can't be written: {error.strerror or error}") from error

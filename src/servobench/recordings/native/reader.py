@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import os
 import struct
 from collections.abc import Iterator
@@ -21,14 +22,14 @@ from servobench.recordings.native.description import (
     OPENING,
     Ending,
     Group,
-    Happening,
     Opening,
-    described,
+    RecordedEvent,
+    parse_description,
 )
 from servobench.recordings.native.mcap import Damaged, Op
 from servobench.recordings.recording import Event, Recording, Series, Stopped
 
-CUT_SHORT = Stopped(reason="unknown", sentence="the file ends before it says why the recording ended")
+CUT_SHORT = Stopped(reason="unknown", sentence="the file ends before the reason why the recording ended")
 
 
 def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
@@ -40,7 +41,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     """
     path = Path(path)
     if "\0" in str(path):
-        raise FormatError(f"{str(path)!r} can't be read: it has a zero byte in it")
+        raise FormatError(f"{str(path)!r} can't be read: its name contains a zero byte")
     try:
         with open(path, "rb") as file:
             size = os.fstat(file.fileno()).st_size
@@ -62,7 +63,7 @@ def read(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
 
 
 @dataclass
-class _Unfinished:
+class _PartialRecording:
     """A recording while it is read: what it says of itself, and the rows of each group and the events so far."""
 
     opening: Opening
@@ -90,7 +91,7 @@ class _Unfinished:
         self.blocks[number].append(rows)
         self.rows[number] += len(rows)
 
-    def happen(self, happening: Happening) -> None:
+    def happen(self, happening: RecordedEvent) -> None:
         """Take an event, if it is the next one."""
         if self.ending is not None or happening.number != len(self.events):
             raise Damaged("an event is missing")
@@ -138,17 +139,17 @@ class _Unfinished:
 
 
 @dataclass
-class _Found:
+class _Scan:
     """The recordings so far, the bytes up to which everything is right, and what isn't right there, if anything."""
 
-    recordings: list[_Unfinished] = field(default_factory=list)
+    recordings: list[_PartialRecording] = field(default_factory=list)
     right: int = 0
     damage: str = ""
 
 
-def _collect(file: BinaryIO, size: int) -> _Found:
+def _collect(file: BinaryIO, size: int) -> _Scan:
     """Take what is right, up to the end of the data or the first thing that isn't."""
-    found = _Found()
+    found = _Scan()
     try:
         for op, body, end in _records(file, size):
             if op == Op.METADATA:
@@ -166,12 +167,12 @@ def _collect(file: BinaryIO, size: int) -> _Found:
     return found
 
 
-def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -> None:
+def _take(recordings: list[_PartialRecording], name: str, entries: dict[str, bytes]) -> None:
     """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's, and no matter."""
     if name == OPENING:
         if recordings and recordings[-1].ending is None:
-            raise Damaged("a recording begins before the one before has ended")
-        unfinished = _Unfinished(described(Opening, entries))
+            raise Damaged("a recording begins before the previous one has ended")
+        unfinished = _PartialRecording(parse_description(Opening, entries))
         try:
             unfinished.recording()
         except UsageError as error:
@@ -179,11 +180,11 @@ def _take(recordings: list[_Unfinished], name: str, entries: dict[str, bytes]) -
         recordings.append(unfinished)
     elif name in (HAPPENING, ENDING):
         if not recordings:
-            raise Damaged("a recording goes on that never began")
+            raise Damaged("a recording continues that never began")
         if name == HAPPENING:
-            recordings[-1].happen(described(Happening, entries))
+            recordings[-1].happen(parse_description(RecordedEvent, entries))
         else:
-            recordings[-1].end(described(Ending, entries))
+            recordings[-1].end(parse_description(Ending, entries))
 
 
 def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, int]]:
@@ -213,28 +214,43 @@ def _records(file: BinaryIO, size: int) -> Iterator[tuple[int, bytes, int]]:
 def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
     """Read up to the first record after the header; raises `FormatError` where it says that the file isn't ours."""
     if file.read(len(mcap.MAGIC)) != mcap.MAGIC:
-        raise FormatError(f"{path} is no MCAP file: its first bytes are others")
+        raise FormatError(f"{path} isn't an MCAP file: its first bytes differ")
     head = file.read(mcap.RECORD_HEAD)
     op, length = struct.unpack("<BQ", head) if len(head) == mcap.RECORD_HEAD else (0, 0)
     if op != Op.HEADER or length > min(size - file.tell(), mcap.LARGEST_RECORD):
         raise FormatError(
-            f"{path} is an MCAP file that is torn at its very beginning: nothing in it can be read"
+            f"{path} is an MCAP file that breaks off at its very beginning: nothing in it can be read"
         )
     try:
         library = mcap.read_header(file.read(length))
     except Damaged as error:
         raise FormatError(f"{path} is an MCAP file with a damaged header: {error}") from error
-    if not library.startswith("servobench ") and not opens_as_ours(file):
+    if not library.startswith("servobench ") and not _opens_as_ours(file):
         raise FormatError(
-            f"{path} is an MCAP file, but was written by {library or 'an unknown program'!r} and not by servobench; "
-            f"it can be read by servobench inspect and identify, but only servobench's own can be recovered"
+            f"{path} is an MCAP file written by {library or 'an unknown program'!r}, not by servobench; servobench "
+            "inspect and identify can read it, but only servobench's own files can be recovered"
         )
 
 
-def opens_as_ours(file: BinaryIO) -> bool:
-    """Return whether the next record begins a recording of ours, whatever the damaged header before it says; nothing is moved."""
+def is_of_others(head: bytes) -> bool:
+    """Return whether a file that begins like this is an MCAP file of another program, as its header says."""
+    file = io.BytesIO(head)
+    if file.read(len(mcap.MAGIC)) != mcap.MAGIC or len(head) < len(mcap.MAGIC) + mcap.RECORD_HEAD:
+        return False
+    op, length = struct.unpack("<BQ", file.read(mcap.RECORD_HEAD))
+    if op != Op.HEADER or length > len(head):
+        return False
+    try:
+        library = mcap.read_header(file.read(length))
+    except Damaged:
+        return False
+    return not library.startswith("servobench ") and not _opens_as_ours(file)
+
+
+def _opens_as_ours(file: BinaryIO) -> bool:
+    """Return whether the next record begins a recording of ours, whatever the damaged header before it says."""
+    opening = mcap.prefix_length(OPENING)
     start = file.tell()
-    opening = mcap.prefixed(OPENING)
     head = file.read(mcap.RECORD_HEAD + len(opening))
     file.seek(start)
     return head[:1] == bytes([Op.METADATA]) and head[mcap.RECORD_HEAD :] == opening
@@ -244,7 +260,7 @@ def _cut_short(recording: Recording, damage: str, dropped: int) -> Recording:
     """The recording with a finding that says what is missing."""
     left_out = f"; the last {dropped} bytes of the file were left out" if dropped else ""
     sentence = (
-        f"the recording was cut short, as its file doesn't end as it should ({damage}); "
-        f"what came before is right{left_out}"
+        f"the recording was cut short, as its file doesn't end properly ({damage}); everything before that is "
+        f"intact{left_out}"
     )
     return recording.with_findings(warning("recording-cut-short", sentence))

@@ -8,7 +8,7 @@ from tempfile import TemporaryDirectory
 
 from servobench.core.errors import StorageError, UsageError
 from servobench.recordings.native.lease import is_held
-from servobench.recordings.native.mcap_file import PART, being_written
+from servobench.recordings.native.mcap_file import PART, busy_text
 from servobench.recordings.native.reader import read
 from servobench.recordings.native.writer import save
 from servobench.recordings.recording import Recording
@@ -22,7 +22,7 @@ def recover(path: str | os.PathLike[str], to: str | os.PathLike[str]) -> tuple[R
     copy can't be written.
     """
     if Path(to).exists():
-        raise UsageError(f"{to} is there already; give a new name for the recovered copy")
+        raise UsageError(f"{to} exists already; give a new name for the recovered copy")
     recordings = read(path)
     save(recordings, to)
     return recordings
@@ -38,20 +38,20 @@ def make_whole(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     whole = Path(path)
     part = whole.with_name(f"{whole.name}{PART}")
     if not part.exists():
-        raise UsageError(f"there is no unfinished recording {part}: nothing is to be recovered")
+        raise UsageError(f"there is no unfinished recording {part}, so there is nothing to recover")
     if is_held(part):
-        raise UsageError(being_written(part))
+        raise UsageError(busy_text(part))
     if whole.exists():
         raise UsageError(
-            f"{whole} is there as well as {part.name}: look at both (servobench inspect), and remove or rename the one that "
-            "holds less"
+            f"{whole} exists as well as {part.name}: look at both (servobench inspect), and remove or rename the one "
+            "that holds less"
         )
     with TemporaryDirectory(prefix=".", dir=whole.parent) as folder:
         new = Path(folder) / whole.name
         recordings = recover(part, new)
         if read(new) != recordings:
             raise StorageError(
-                f"{new} doesn't hold what was written to it; {part} is kept: copy it to another disk"
+                f"{new} doesn't contain what was written to it; {part} is kept: copy it to another disk"
             )
         new.replace(whole)
     part.unlink()

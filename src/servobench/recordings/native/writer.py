@@ -23,8 +23,8 @@ from servobench.recordings.native.description import (
     OPENING,
     Ending,
     Group,
-    Happening,
     Opening,
+    RecordedEvent,
     Roles,
     entries,
 )
@@ -84,8 +84,8 @@ class RecordingWriter:
         placed = sorted(name for each in together for name in each.channels)
         if placed != sorted(channel.name for channel in channels):
             raise UsageError(
-                f"{opening.name!r} has the channels {', '.join(repr(channel.name) for channel in channels)}, "
-                f"but a place to be written is given to {', '.join(map(repr, placed)) or 'none'}"
+                f"{opening.name!r} has the channels {', '.join(repr(channel.name) for channel in channels)}, but "
+                f"these channels have a place in the file: {', '.join(map(repr, placed)) or 'none'}"
             )
         groups = tuple(
             self._group(opening.name, each, number) for number, each in enumerate(together, self._next)
@@ -116,7 +116,7 @@ class RecordingWriter:
 
     def append(self, group: int, rows: Array) -> None:
         """Write rows (N, C) of one group, the place of it in `together`: the time [s], if it has times, and the values."""
-        opening = self._begun()
+        opening = self._make_opening()
         target = opening.groups[group]
         if rows.ndim != 2 or rows.shape[1] != target.columns:
             raise UsageError(f"{target.topic}: rows of shape {rows.shape}; expected (N, {target.columns})")
@@ -132,13 +132,13 @@ class RecordingWriter:
 
     def event(self, event: Event) -> None:
         """Write what happened; before the samples that it concerns, so that a torn file has no sample without it."""
-        self._begun()
-        self._file.add_metadata(HAPPENING, entries(Happening(number=self._events, event=event)))
+        self._make_opening()
+        self._file.add_metadata(HAPPENING, entries(RecordedEvent(number=self._events, event=event)))
         self._events += 1
 
     def end(self, stopped: Stopped, findings: Iterable[Finding] = ()) -> None:
         """End the recording: why it stopped, and all its findings, those that it began with among them."""
-        rows = tuple(self._file.count(group.number) for group in self._begun().groups)
+        rows = tuple(self._file.count(group.number) for group in self._make_opening().groups)
         ending = Ending(stopped=stopped, findings=tuple(findings), rows=rows, events=self._events)
         self._file.add_metadata(ENDING, entries(ending))
         self._opening = None
@@ -151,7 +151,7 @@ class RecordingWriter:
         """Leave the part as it is; never raises, and does nothing to a closed file."""
         self._file.abandon()
 
-    def _begun(self) -> Opening:
+    def _make_opening(self) -> Opening:
         if self._opening is None:
             raise UsageError(f"{self._file.path}: no recording has begun: begin() comes first")
         return self._opening
@@ -175,7 +175,7 @@ def save(recordings: Sequence[Recording], path: str | os.PathLike[str]) -> None:
         raise UsageError(f"{path}: there is no recording to write")
     with RecordingWriter(path) as writer:
         for recording in recordings:
-            groups = _shared(recording.series)
+            groups = _group_series(recording.series)
             together = [
                 Together(channels=tuple(each.channel.name for each in group), timed=group[0].t is not None)
                 for group in groups
@@ -193,7 +193,7 @@ def save(recordings: Sequence[Recording], path: str | os.PathLike[str]) -> None:
             writer.end(recording.stopped, recording.findings)
 
 
-def _shared(series: Iterable[Series]) -> list[list[Series]]:
+def _group_series(series: Iterable[Series]) -> list[list[Series]]:
     """Series in groups that share their times to the bit, or their length where they have no times."""
     groups: dict[tuple[bytes | None, int], list[Series]] = {}
     for each in series:

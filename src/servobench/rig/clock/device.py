@@ -43,14 +43,14 @@ class DeviceClock:
         found = sample.index - self._first
         if found < index:
             raise DeviceError(
-                f"the device sent sample {sample.index} where {index + self._first} or a later one was due: "
-                f"its samples don't come in order"
+                f"the device sent sample {sample.index} where {index + self._first} or a later one was due: its "
+                "samples are out of order"
             )
         # Not "<=", which lets NaN through.
         if not self._before < sample.time < math.inf:
             raise DeviceError(
-                f"the device sent sample {sample.index} with the time {sample.time:.9g} s after one with {self._before:.9g} s: "
-                f"its clock stands or went back, so that nobody can say when the samples were taken"
+                f"the device sent sample {sample.index} with the time {sample.time:.9g} s after one with "
+                f"{self._before:.9g} s: its clock stopped or went back, so the times of the samples aren't known"
             )
         self._before = sample.time
         return Tick(

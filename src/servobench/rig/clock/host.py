@@ -8,7 +8,7 @@ from typing import ClassVar
 
 from servobench.core.channels import Sample, Timing
 from servobench.rig.clock.base import Missed, Phase, Tick
-from servobench.rig.clock.waiting import waiting_by
+from servobench.rig.clock.waiting import make_waiting
 
 
 class HostClock:
@@ -56,7 +56,7 @@ class HostClock:
     ) -> None:
         self._discards = missed == "discard"
         self._keeps_phase = phase == "keep"
-        self._waiting = waiting_by(now, sleep)
+        self._waiting = make_waiting(now, sleep)
         self.start(1.0)
 
     def start(self, sample_time: float) -> None:

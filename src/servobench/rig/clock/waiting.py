@@ -155,7 +155,7 @@ class SleepWaiting:
         return now
 
 
-def waiting_by(now: Callable[[], float] | None, sleep: Callable[[float], object] | None) -> Waiting:
+def make_waiting(now: Callable[[], float] | None, sleep: Callable[[float], object] | None) -> Waiting:
     """Return the best that this system has, or one by the time that is given."""
     if now is None and sleep is None and CompiledWaiting.possible():
         return CompiledWaiting()

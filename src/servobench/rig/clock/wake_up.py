@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import microseconds, milliseconds
-from servobench.rig.clock.waiting import waiting_by
+from servobench.rig.clock.waiting import make_waiting
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -25,8 +25,8 @@ class WakeUps:
         """Return one info that says how punctual a process can be here, without a spin."""
         p50, p99, largest = (microseconds(late) for late in (self.p50, self.p99, self.largest))
         sentence = (
-            f"Before the run this computer woke the loop {p50} µs late in the median of {self.count} sleeps of "
-            f"{milliseconds(self.period)} ms, {p99} µs late in one of a hundred, and {largest} µs late at most."
+            f"Before the run this computer woke the loop late by {p50} µs (median of {self.count} sleeps of "
+            f"{milliseconds(self.period)} ms), {p99} µs (99th percentile) and {largest} µs (largest)."
         )
         return (info("wake-ups", sentence),)
 
@@ -45,9 +45,9 @@ def wake_ups(
     """
     if count < 1 or period <= 0:
         raise UsageError(
-            f"{count} sleeps of {period} s show nothing; expected at least one, of more than 0 s"
+            f"{count} sleeps of {period} s measure nothing; expected at least one, longer than 0 s"
         )
-    waiting = waiting_by(now, sleep)
+    waiting = make_waiting(now, sleep)
     step = round(period * 1e9)
     deadline = waiting.now()
     late = []

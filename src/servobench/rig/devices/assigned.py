@@ -39,7 +39,7 @@ class AssignedSettings(Settings):
 
 @DEVICES.member(NAME)
 class Assigned:
-    """A simulated motor that belongs to somebody, as `servobench lab --assess` assigns it; it doesn't tell its parameters.
+    """A simulated motor that belongs to somebody, as `servobench lab assess` assigns it; it doesn't tell its parameters.
 
     It behaves as the twin with these parameters does. Raises `UsageError` for a secret that can't be read, or that others can.
     """
@@ -54,7 +54,7 @@ class Assigned:
         except ValidationError as error:
             # Told by the names alone: what pydantic says would show the values.
             names = ", ".join(sorted({".".join(map(str, each["loc"])) for each in error.errors()}))
-            raise UsageError(f"{NAME}: the twin can't have what `shared` says of {names}") from None
+            raise UsageError(f"{NAME}: the twin has no settings {names}, which `shared` gives") from None
         self._twin = Twin(chosen)
         self._noise_seed = own.noise_seed
 

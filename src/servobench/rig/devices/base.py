@@ -1,4 +1,7 @@
-"""The kind `devices`: what turns a voltage into motion, and counts it."""
+"""The kind `devices`: what turns a voltage into motion, and counts it.
+
+A member is a class that `DEVICES.member(name)` decorates; `info.name` is that name.
+"""
 
 from __future__ import annotations
 
@@ -10,9 +13,10 @@ from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import numpy as np
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.errors import UsageError
-from servobench.core.finding import lowered
+from servobench.core.finding import lower_first
 from servobench.core.registry import Registry
 from servobench.recordings.recording import Stopped
 
@@ -36,7 +40,8 @@ class Device(Protocol):
 
     Each tick of a run is one `read` and then one `write`, all by one thread. Where a call doesn't return in time, other threads
     call `write` with 0 V and `stop` beside it, as a motor that runs on is worse than two calls at once; a device that can't bear
-    that raises an error then. Any method but `stop` may raise `DeviceError`.
+    that raises an error then. Any method but `stop` may raise `DeviceError`; outside of a `with` statement `start`, `read` and
+    `write` do, and say so. A device that moves nothing has a class variable `drives` that is False.
     """
 
     Settings: ClassVar[type[Any]]
@@ -46,7 +51,7 @@ class Device(Protocol):
 
     @property
     def info(self) -> DeviceInfo:
-        """What the device is."""
+        """What the device is, before it is connected, too; it has the channels `voltage` and `counts` at least."""
         ...
 
     def __enter__(self) -> Self:
@@ -60,13 +65,17 @@ class Device(Protocol):
         ...
 
     def start(self, sample_time: float, seed: int | None) -> None:
-        """Prepare a run with that sample time [s]; the motor is at rest; a seed makes simulated noise repeatable."""
+        """Prepare a run with that sample time [s]; the motor is at rest; a seed makes simulated noise repeatable.
+
+        May be called again for another run. Raises `UsageError` for a sample time that isn't finite and above 0.
+        """
         ...
 
     def read(self) -> Sample:
         """Latch and return the inputs at t_k; waits for the tick where the device is its own time base.
 
-        Raises `RunEnded` where there is nothing more to come.
+        The first sample of a run has the index 0. Raises `RunEnded` where there is nothing more to come, `UsageError` before
+        `start`.
         """
         ...
 
@@ -117,7 +126,7 @@ def value_text(value: object) -> str:
 def error_text(error: BaseException) -> str:
     """Return an error that a device's call raised, for a sentence: as Python shows it, a request to end in words."""
     if isinstance(error, KeyboardInterrupt):
-        return f"the call was broken off by {error.args[0] if error.args else 'Ctrl-C'}"
+        return f"the call was interrupted by {error.args[0] if error.args else 'Ctrl-C'}"
     return repr(error)
 
 
@@ -126,7 +135,7 @@ def finite_voltage(device: str, voltage: object) -> float:
     # No comparison with a limit catches NaN: min(max(nan, -15), 15) is 15 or NaN, by the order of the arguments.
     value = voltage_or_nan(voltage)
     if not math.isfinite(value):
-        raise UsageError(f"{device}: {value_text(voltage)} is no voltage; expected a finite number in V")
+        raise UsageError(f"{device}: {value_text(voltage)} isn't a voltage; expected a finite number in V")
     return value
 
 
@@ -139,6 +148,7 @@ def connect(name: str, **settings: object) -> Device:
     `settings` are the device's own, numbers in SI units or texts with a unit: `connect("twin", coulomb_torque="0.8 mN·m")`.
     Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
     """
+    check_type("name", name, str, 'the name of a device, such as "twin"')
     from pydantic import ValidationError
 
     device = DEVICES[name]
@@ -160,7 +170,7 @@ def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ..
     Raises `UnknownName`, which lists the devices.
     """
     return tuple(
-        f"its setting {key!r} is missing: {lowered(field.description or 'servobench devices lists them').rstrip('.')}"
+        f"its setting {key!r} is missing: {lower_first(field.description or 'servobench devices lists them').rstrip('.')}"
         for key, field in DEVICES[name].Settings.model_fields.items()
         if field.is_required() and key not in settings
     )

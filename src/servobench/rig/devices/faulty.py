@@ -63,7 +63,7 @@ class Faulty:
         """What the device says of itself, its faults among its settings."""
         info = self.device.info
         for fault in self._faults:
-            info = fault.shown(info)
+            info = fault.info_shown(info)
         if not self._faults:
             return info
         told = "; ".join(map(text_of, self._faults))
@@ -98,7 +98,7 @@ class Faulty:
             # Each has its own chance, so that none changes what another does.
             random = np.random.default_rng(None if chance is None else (chance, place))
             injection = fault.begin(_Run(source, random))
-            read, write = partial(injection.read, read), partial(_written, injection, write)
+            read, write = partial(injection.read, read), partial(_write_voltage, injection, write)
         self.device.start(sample_time, seed)
         self._read, self._write = read, write
 
@@ -123,14 +123,14 @@ def with_faults(device: Device, tables: Sequence[Mapping[str, Any]]) -> Device:
     return Faulty(device, [fault_from(table) for table in tables]) if tables else device
 
 
-def injected(info: DeviceInfo | None) -> tuple[Finding, ...]:
+def injection_findings(info: DeviceInfo | None) -> tuple[Finding, ...]:
     """Return the finding that faults were injected, by what a device says of itself; empty where there were none."""
     told = dict(info.settings).get(SETTING) if info else None
     if not told:
         return ()
     sentence = (
-        f"Faults were injected on purpose: {told}. What is odd in this recording comes from them; "
-        f"run the experiment without them before you trust a figure."
+        f"Faults were injected on purpose: {told}. They may explain anything odd in this recording; run the "
+        "experiment without them before you trust a result."
     )
     return (warning("faults-injected", sentence),)
 
@@ -152,7 +152,7 @@ class _Source:
 
     def read(self) -> Sample:
         delay, self._delay = self._delay, 0.0
-        sample = self._latched(delay) if delay > 0 else self.device.read()
+        sample = self._latch(delay) if delay > 0 else self.device.read()
         if self._first is None:
             self._first = sample
         # By the samples' numbers, as their times may scatter; a host counts reads, so that there it is the time.
@@ -160,7 +160,7 @@ class _Source:
         self.now = sample.time - self._first.time if self._by_host else number * self.sample_time
         return sample
 
-    def _latched(self, delay: float) -> Sample:
+    def _latch(self, delay: float) -> Sample:
         """The sample that a read gets which takes that long; where time is computed, the ticks in between go by."""
         if self._by_host or not isinstance(self.device, Simulated):
             self._sleep(delay)
@@ -191,7 +191,7 @@ class _Run:
         return self._source.now + self.sample_time
 
 
-def _written(injection: Injection, put: Put, voltage: float) -> float:
+def _write_voltage(injection: Injection, put: Put, voltage: float) -> float:
     return injection.write(voltage, put)
 
 
@@ -203,6 +203,6 @@ def _check(fault: Fault, device: Device) -> None:
     # Of a fault with settings that have to be given, what is asked for stands for it: only its kind matters here.
     able = [name for name in FAULTS.names() if FAULTS[name].model_construct().unsupported(device) is None]
     raise UsageError(
-        f"the device {device.info.name!r} can't have the fault {FAULTS.name_of(fault)!r}: {reason}; "
-        f"faults that it can have: {', '.join(able)}"
+        f"the device {device.info.name!r} can't have the fault {FAULTS.name_of(fault)!r}: {reason}; possible faults: "
+        f"{', '.join(able)}"
     )

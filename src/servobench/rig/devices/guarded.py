@@ -22,13 +22,13 @@ from servobench.rig.devices.guard.faults import (
     faults_found,
     no_voltage,
     not_stopped,
-    saturated,
-    starved,
+    saturation_finding,
+    starvation_alarm,
 )
 from servobench.rig.devices.guard.lamp import Lamp
-from servobench.rig.devices.guard.measured import Answers, recordable, unusable
 from servobench.rig.devices.guard.nominal import nominal_motor
 from servobench.rig.devices.guard.rescue import Rescue, first_that_works
+from servobench.rig.devices.guard.sample_check import Answers, recordable, unusable
 from servobench.rig.devices.guard.stall import StallMonitor
 from servobench.rig.devices.guard.watchdog import Watcher
 from servobench.rig.experiment.limits import Light, Limits
@@ -143,7 +143,7 @@ class Guarded:
         """Prepare a run; raises `UsageError` while a fault is latched, and for limits that this device can't be held to."""
         if self._fault is not None:
             raise UsageError(
-                f"{self.info.name}: a fault is latched: {self._fault.sentence}; see to it, then acknowledge() it"
+                f"{self.info.name}: a fault is latched: {self._fault.sentence}; clear it, then acknowledge() it"
             )
         self._unwatch()
         self._prepare(sample_time)
@@ -157,7 +157,7 @@ class Guarded:
         """Say whether a controller answers to the samples: then the sign of the encoder is watched."""
         self._feedback = self._motion.feedback = feedback
 
-    def timed_by(self, elapsed: Callable[[], float]) -> None:
+    def set_clock(self, elapsed: Callable[[], float]) -> None:
         """Let faults of this run have the time [s] that the loop keeps, in place of that of the device's samples."""
         self._elapsed = elapsed
 
@@ -178,12 +178,14 @@ class Guarded:
         wrong = unusable(sample) if self._drives else None
         self.usable = wrong is None
         if wrong is not None:
-            return self._refused(sample, wrong)
+            return self._refuse(sample, wrong)
         motion.take(sample)
         if self._fault is not None:  # on hold, or the watchdog expired while the device was read
-            return self._told(sample)
+            return self._note_sample(sample)
         if self._fed_at is not None and motion.time - self._fed_at > self._timeout_of_samples:
-            self._trip(starved(motion.time - self._fed_at, self._timeout), self.limits.watchdog.voltage)
+            self._trip(
+                starvation_alarm(motion.time - self._fed_at, self._timeout), self.limits.watchdog.voltage
+            )
             return sample
         for check in self._checks:
             alarm = check(motion)
@@ -196,26 +198,26 @@ class Guarded:
         """Put out a voltage [V] within the limits, and return what the device puts out; raises `RunEnded` as `read` does."""
         commanded = voltage if type(voltage) is float else voltage_or_nan(voltage)
         if self._fault is not None:
-            return self._held(commanded)
+            return self._hold_output(commanded)
         u = commanded
         if not -self._largest <= u <= self._largest:
             if not math.isfinite(u):
                 self._trip(no_voltage(voltage), self.limits.terminate.voltage)
-                return self._held(commanded)
+                return self._hold_output(commanded)
             u = math.copysign(self._largest, u)
         if self._slew is not None:
-            u = self._slewed(u)
+            u = self._limit_slew(u)
         if self._fed is None and self._fresh:
             self._fed = self._now()  # the watchdog waits for the first write, too, which may hang
         with self._lock:
             answer = self._reach(self.device.write, u)
         self._writes += 1
         if self._fault is not None:  # the watchdog expired while the device took the voltage
-            return self._held(commanded)
+            return self._hold_output(commanded)
         wrong = self._answers.wrong(answer) if self._drives else None
         if wrong is not None:
             self._trip(wrong, self.limits.terminate.voltage)
-            return self._held(commanded)
+            return self._hold_output(commanded)
         applied = voltage_or_nan(answer)
         if self._fresh:
             self._fresh = False
@@ -289,7 +291,7 @@ class Guarded:
         locked = self._lock.acquire(timeout=_GRACE)
         try:
             if self._fed == fed:
-                self._latch(starved(silent, self._timeout), self.limits.watchdog.light)
+                self._latch(starvation_alarm(silent, self._timeout), self.limits.watchdog.light)
                 write = partial(self._attempt, self.limits.watchdog.voltage, locked=True)
                 first_that_works((write, self._stop_device))
         finally:
@@ -301,7 +303,7 @@ class Guarded:
         """Return what is worth knowing of the run so far: warnings of the monitors, clipping, and faults."""
         found = [finding for monitor in self._monitors for finding in monitor.findings()]
         if self._limited:
-            found.append(saturated(self._limited))
+            found.append(saturation_finding(self._limited))
         return (*found, *faults_found(self._faults, found))
 
     def _prepare(self, sample_time: float) -> None:
@@ -347,9 +349,7 @@ class Guarded:
             if isinstance(error, ServobenchError):
                 raise
             why = error.strerror or str(error) or type(error).__name__
-            raise DeviceError(
-                f"{self.info.name}: {why}; look at its cable, its port and its supply"
-            ) from error
+            raise DeviceError(f"{self.info.name}: {why}; check its cable, port and supply") from error
 
     def _put_out_start(self) -> None:
         """Put the start value out once, where the first sample is about to be latched, and let the watchdog wait from there."""
@@ -378,12 +378,12 @@ class Guarded:
         self._monitors: tuple[Monitor, ...] = tuple(monitor for monitor in made if monitor is not None)
         self._checks = tuple(monitor.check for monitor in self._monitors)
 
-    def _slewed(self, voltage: float) -> float:
+    def _limit_slew(self, voltage: float) -> float:
         """The voltage as far as the slew limit lets it go since the last sample."""
         before, most = self._motion.applied, (self._slew or 0.0) * self._motion.dt
         return min(max(voltage, before - most), before + most)
 
-    def _refused(self, sample: Sample, alarm: Alarm) -> Sample:
+    def _refuse(self, sample: Sample, alarm: Alarm) -> Sample:
         """Trip on a sample that nothing can be made of, and return it as far as it can be recorded."""
         kept = recordable(sample)
         if self._fault is None:
@@ -425,13 +425,13 @@ class Guarded:
         sentence = self._fault.sentence if self._fault else "the motor was stopped"
         raise RunEnded(Stopped(reason="fault", sentence=sentence), sample)
 
-    def _told(self, sample: Sample) -> Sample:
+    def _note_sample(self, sample: Sample) -> Sample:
         if self._ends:
             self._attempt_again()
             self._end()
         return sample
 
-    def _held(self, commanded: float) -> float:
+    def _hold_output(self, commanded: float) -> float:
         """What is put out in place of a voltage while a fault is latched."""
         if self._ends or self._silent:
             self._attempt_again()

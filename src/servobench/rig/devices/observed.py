@@ -31,7 +31,7 @@ class Observer(Protocol):
         """Take note of a call that the driving thread begins."""
         ...
 
-    def returned(self, call: Call) -> None:
+    def note_return(self, call: Call) -> None:
         """Take note that this call of the driving thread has returned, or raised."""
         ...
 
@@ -74,7 +74,7 @@ class Observed:
         try:
             self.device.__enter__()
         finally:
-            self._observer.returned(Call.OPEN)
+            self._observer.note_return(Call.OPEN)
         return self
 
     def __exit__(
@@ -85,7 +85,7 @@ class Observed:
         try:
             self.device.__exit__(kind, error, trace)
         finally:
-            self._observer.returned(Call.CLOSE)
+            self._observer.note_return(Call.CLOSE)
 
     def start(self, sample_time: float, seed: int | None) -> None:
         """Prepare a run."""
@@ -93,7 +93,7 @@ class Observed:
         try:
             self.device.start(sample_time, seed)
         finally:
-            self._observer.returned(Call.START)
+            self._observer.note_return(Call.START)
 
     def read(self) -> Sample:
         """Return the device's next sample."""
@@ -101,7 +101,7 @@ class Observed:
         try:
             return self.device.read()
         finally:
-            self._observer.returned(Call.READ)
+            self._observer.note_return(Call.READ)
 
     def write(self, voltage: float) -> float:
         """Hand the voltage [V] on, and return the device's answer."""
@@ -117,7 +117,7 @@ class Observed:
             return applied
         finally:
             if driving:
-                self._observer.returned(Call.WRITE)
+                self._observer.note_return(Call.WRITE)
 
     def stop(self) -> None:
         """Stop the device."""
@@ -129,4 +129,4 @@ class Observed:
             self._observer.output(True)
         finally:
             if driving:
-                self._observer.returned(Call.STOP)
+                self._observer.note_return(Call.STOP)

@@ -64,7 +64,7 @@ class Replay:
     """Nothing moves by what is written, so that a guard has nothing to stop."""
 
     def __init__(self, source: ReplaySettings | Recording) -> None:
-        recording = source if isinstance(source, Recording) else _chosen(source)
+        recording = source if isinstance(source, Recording) else _choose(source)
         counts = _counts(recording)
         driven = _input(recording)
         sensors = {
@@ -74,7 +74,7 @@ class Replay:
         self._track = _Track(
             t=counts.t,
             counts=counts.values,
-            applied=_held(recording, driven, counts),
+            applied=_input_at(recording, driven, counts),
             sensors={name: series.values for name, series in sensors.items()},
         )
         self._info = DeviceInfo(
@@ -152,7 +152,7 @@ class Replay:
             raise DeviceError("the replay isn't open: use it inside a with statement")
 
 
-def _chosen(settings: ReplaySettings) -> Recording:
+def _choose(settings: ReplaySettings) -> Recording:
     """The recording that the settings name."""
     from servobench.recordings.native.reader import read
 
@@ -160,7 +160,7 @@ def _chosen(settings: ReplaySettings) -> Recording:
         recordings = read(settings.file)
     except FormatError as error:
         raise FormatError(
-            f"{error}; a replay plays servobench's own files, others are converted first (servobench convert)"
+            f"{error}; a replay plays servobench's own files, so convert others first (servobench convert)"
         ) from None
     names = [recording.name for recording in recordings]
     if isinstance(settings.recording, str):
@@ -178,21 +178,19 @@ def _counts(recording: Recording) -> Series:
     """The channel that is played as an encoder."""
     name = "counts" if "counts" in recording else recording.output
     if name is None:
-        raise UsageError(
-            f"recording {recording.name!r} can't be replayed: nobody has said which channel is its output"
-        )
+        raise UsageError(f"recording {recording.name!r} can't be replayed: its output channel isn't declared")
     series = recording[name]
     if series.channel.unit not in ("counts", "count"):
         raise UsageError(
-            f"recording {recording.name!r} can't be replayed: {name!r} is in {series.channel.unit}, "
-            f"and what a device reads is the counts of an encoder"
+            f"recording {recording.name!r} can't be replayed: {name!r} is in {series.channel.unit}, and a device "
+            "reads encoder counts"
         )
     whole = np.isfinite(series.values) & (series.values == np.rint(series.values))
     if not whole.all():
         row = int(np.argmin(whole))
         raise UsageError(
             f"recording {recording.name!r} can't be replayed: in row {row + 1} {name!r} is {series.values[row]}, "
-            f"which is no number of counts"
+            "which isn't a whole number of counts"
         )
     return series
 
@@ -200,13 +198,11 @@ def _counts(recording: Recording) -> Series:
 def _input(recording: Recording) -> Series:
     """The channel that is played as what was applied."""
     if recording.input is None:
-        raise UsageError(
-            f"recording {recording.name!r} can't be replayed: nobody has said which channel is its input"
-        )
+        raise UsageError(f"recording {recording.name!r} can't be replayed: its input channel isn't declared")
     return recording[recording.input]
 
 
-def _held(recording: Recording, driven: Series, counts: Series) -> Array:
+def _input_at(recording: Recording, driven: Series, counts: Series) -> Array:
     """The input at each sample of the counts: the value that holds from that time on."""
     if _same_times(driven, counts):
         return driven.values

@@ -73,7 +73,7 @@ class TwinSettings(Settings):
     start_angle: Angle = 0.0
     """Angle of the shaft at the start; the counter isn't reset there [rad]."""
     delay: Time = 0.0
-    """Time from a write until its voltage acts, unknown to the device itself [s]."""
+    """Time from a write to its effect on the motor, unknown to the device itself [s]."""
     current_sensor: bool = True
     """Whether there is a current channel."""
     current_noise: Current = 0.0
@@ -248,11 +248,9 @@ class Twin:
 
         Raises `UsageError` beside the wall clock, where each sample is latched when it is asked for.
         """
-        plant = self._running()
+        plant = self._require_plant()
         if delay and self.settings.timing == "host":
-            raise UsageError(
-                "twin: beside the wall clock a sample can't be latched later than it is asked for"
-            )
+            raise UsageError("twin: on the wall clock a sample can't be taken later than it is requested")
         self._index += 1
         now = self._now() + delay
         i, w, theta = plant.advance_to(now)
@@ -266,10 +264,10 @@ class Twin:
 
     def write(self, voltage: float) -> float:
         """Hold a voltage [V] from now on, and return it within the amplifier's limits."""
-        plant = self._running()
+        plant = self._require_plant()
         asked = finite_voltage("twin", voltage)
         plant.act(self._amplifier.output(asked), self._now() + self.settings.delay)
-        return self._amplifier.saturated(asked)
+        return self._amplifier.saturate(asked)
 
     def stop(self) -> None:
         """Put zero volts on the motor, at once."""
@@ -283,19 +281,19 @@ class Twin:
 
     def block(self, blocked: bool) -> None:
         """Hold the shaft where it is, from the last sample on, or let it go."""
-        self._running().blocked = blocked
+        self._require_plant().blocked = blocked
 
     @property
     def state(self) -> MotorState:
         """The hidden truth: current [A], speed [rad/s] and angle [rad] at the last sample; for tests and pictures."""
-        return self._running().state
+        return self._require_plant().state
 
     def coast(self, duration: float) -> MotorState:
         """Let time pass with the voltages that were written, without sampling; proves a stop by the shaft's own motion.
 
         Returns the hidden state after the duration [s], counted from the last sample.
         """
-        plant = self._running()
+        plant = self._require_plant()
         self._coasted += duration
         return plant.advance_to(self._now() + self._coasted)
 
@@ -303,7 +301,7 @@ class Twin:
         if not self._open:
             raise DeviceError("the twin isn't connected: use it inside a with statement")
 
-    def _running(self) -> Plant:
+    def _require_plant(self) -> Plant:
         """The motor of the run that was started; raises `DeviceError` or `UsageError` where there is none."""
         self._needs_open()
         if self._plant is None:

@@ -32,7 +32,7 @@ def _writable(value: Any) -> Any:
             value.encode()
         except UnicodeEncodeError as error:
             raise ValueError(
-                f"character {error.start + 1} is half a surrogate pair, which no file can hold"
+                f"character {error.start + 1} is half a surrogate pair, which can't be stored in a file"
             ) from None
         return value
     if isinstance(value, list | tuple):
@@ -44,7 +44,7 @@ def _writable(value: Any) -> Any:
     )
 
 
-def _named(table: Mapping[str, Any]) -> Any:
+def _name_fault(table: Mapping[str, Any]) -> Any:
     """Return a fault's table as a file can hold it; raises ValueError for one without a name."""
     if not (isinstance(table.get("name"), str) and table["name"]):
         raise ValueError('has no name; expected name = "..." (see `servobench faults`)')
@@ -63,7 +63,7 @@ class DeviceChoice(Settings):
     """Name of the device."""
     settings: Annotated[Mapping[str, Any], AfterValidator(_writable)] = Field(default_factory=dict)
     """Settings of that device."""
-    faults: tuple[Annotated[Mapping[str, Any], AfterValidator(_named)], ...] = ()
+    faults: tuple[Annotated[Mapping[str, Any], AfterValidator(_name_fault)], ...] = ()
     """Faults to inject, each with its name and its settings; the faults' own models check them."""
 
 
@@ -114,7 +114,7 @@ class Experiment(Settings):
     def _has_two_samples(self) -> Self:
         if self.duration is not None and self.samples is not None and self.samples < 2:
             raise ValueError(
-                f"a duration of {self.duration:g} s holds less than two samples, {self.sample_time:g} s apart; "
+                f"a duration of {self.duration:g} s holds fewer than two samples, {self.sample_time:g} s apart; "
                 "expected a longer duration or a shorter sample time"
             )
         return self
@@ -153,8 +153,8 @@ class Experiment(Settings):
         if shortest is not None and shortest < self.sample_time * (1 - 1e-9):
             too_fast = warning(
                 "signal-too-fast",
-                f"The signal changes within {shortest:g} s, faster than the sample time of {self.sample_time:g} s: "
-                "the device can't be given what it says. Take a shorter sample time or a slower signal.",
+                f"The signal changes within {shortest:g} s, faster than the sample time of {self.sample_time:g} s, "
+                "so the device can't follow it. Use a shorter sample time or a slower signal.",
             )
         if period is not None and self.duration is not None and self.duration < period * (1 - 1e-9):
             part = info(
@@ -175,8 +175,8 @@ class Experiment(Settings):
         if abs(u[largest]) > self.limits.voltage:
             clipped = warning(
                 "signal-above-limit",
-                f"The signal asks for {u[largest]:g} V, at {t[largest]:g} s for instance; "
-                f"the limit is {self.limits.voltage:g} V, and what is beyond is clipped.",
+                f"The signal reaches {u[largest]:g} V, for example at {t[largest]:g} s; it is clipped at the limit "
+                f"of {self.limits.voltage:g} V.",
             )
         if u[largest] == 0:
             still = warning(
@@ -187,8 +187,8 @@ class Experiment(Settings):
         if slew is not None and steepest > slew * (1 + 1e-9):
             slewed = warning(
                 "signal-above-slew",
-                f"The signal changes by up to {steepest:g} V/s from one sample to the next; the limit is {slew:g} V/s, and "
-                "what is faster is clipped.",
+                f"The signal changes by up to {steepest:g} V/s from one sample to the next; it is limited to "
+                f"{slew:g} V/s.",
             )
         return clipped, still, slewed
 

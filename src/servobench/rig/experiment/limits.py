@@ -59,14 +59,14 @@ class Watchdog(Outputs):
         """Raise `UsageError` for a sample time [s] of which it can't wait for two, as a loop in real time needs."""
         if not 2 * sample_time > self.timeout:
             return
-        asked = f"limits.watchdog.timeout is {self.timeout:g} s, and has to be two samples of {sample_time:g} s at least"
+        asked = f"limits.watchdog.timeout is {self.timeout:g} s; expected at least two samples of {sample_time:g} s"
         if 2 * sample_time <= LONGEST_TIMEOUT:
             raise UsageError(
-                f"{asked}: raise it to {2 * sample_time:g} s, or take a sample time of at most {self.timeout / 2:g} s"
+                f"{asked}: raise it to {2 * sample_time:g} s, or use a sample time of at most {self.timeout / 2:g} s"
             )
         raise UsageError(
-            f"{asked}; it can be {LONGEST_TIMEOUT:g} s at most, so take a sample time of at most {LONGEST_TIMEOUT / 2:g} s "
-            f"in real time (at most {self.timeout / 2:g} s with this timeout)"
+            f"{asked}; it can't exceed {LONGEST_TIMEOUT:g} s, so use a sample time of at most "
+            f"{LONGEST_TIMEOUT / 2:g} s in real time (at most {self.timeout / 2:g} s with this timeout)"
         )
 
 
@@ -105,11 +105,11 @@ class Plausibility(Settings):
     @model_validator(mode="after")
     def _leaves_something(self) -> Self:
         if (self.gain is None) != (self.time_constant is None):
-            raise ValueError("has one of gain and time_constant; give both, or the name of a data sheet")
+            raise ValueError("has only one of gain and time_constant; give both, or the name of a data sheet")
         if self.coulomb_voltage >= self.voltage:
             raise ValueError(
-                f"friction that takes {self.coulomb_voltage:g} V holds the shaft at {self.voltage:g} V; "
-                "expected a voltage above the coulomb_voltage"
+                f"friction of {self.coulomb_voltage:g} V holds the shaft at {self.voltage:g} V; expected a voltage "
+                "above coulomb_voltage"
             )
         return self
 
@@ -160,8 +160,8 @@ class Limits(Settings):
             found.append(
                 warning(
                     "voltage-at-start",
-                    f"{self.start.voltage:g} V are put on the motor before anything drives it (limits.start.voltage): it may "
-                    "turn at once. Take 0 V, unless it has to hold a load.",
+                    f"{self.start.voltage:g} V are applied before the run starts (limits.start.voltage), so the "
+                    "motor may turn at once. Use 0 V, unless it must hold a load.",
                 )
             )
         for name in ("terminate", "watchdog"):
@@ -170,15 +170,13 @@ class Limits(Settings):
                 found.append(
                     warning(
                         "voltage-after-fault",
-                        f"After a fault {value:g} V stay on the motor (limits.{name}.voltage): it may turn on by itself. Take "
-                        "0 V, unless it has to hold a load.",
+                        f"After a fault {value:g} V stay on the motor (limits.{name}.voltage), so it may keep "
+                        "turning. Use 0 V, unless it must hold a load.",
                     )
                 )
         if self.stall is None:
             found.append(
-                info(
-                    "stall-not-watched", "Nobody watches for a shaft that is held: the winding may overheat."
-                )
+                info("stall-not-watched", "A blocked shaft isn't detected: the winding may overheat.")
             )
         return tuple(found)
 

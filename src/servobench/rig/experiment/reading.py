@@ -102,7 +102,7 @@ def load_experiment(path: str | PathLike[str]) -> Experiment:
         raise ExperimentError(f"{path}: is a directory; expected a TOML file") from None
     except (OSError, ValueError) as error:  # no permission; a zero byte in the name
         raise ExperimentError(f"{path}: can't be read: {error}") from None
-    return read_experiment(_decoded(data, str(path)), str(path))
+    return read_experiment(_decode(data, str(path)), str(path))
 
 
 def read_experiment(text: str, name: str = "experiment") -> Experiment:
@@ -110,7 +110,7 @@ def read_experiment(text: str, name: str = "experiment") -> Experiment:
 
     Raises `ExperimentError`, with a line for each mistake.
     """
-    return experiment_of(parsed(text, name), text, name)
+    return experiment_of(parse(text, name), text, name)
 
 
 def experiment_of(tables: dict[str, Any], text: str, name: str) -> Experiment:
@@ -123,7 +123,7 @@ def experiment_of(tables: dict[str, Any], text: str, name: str) -> Experiment:
     except ValidationError as error:
         raise explain(error, text, name) from None
     except RecursionError:
-        raise ExperimentError(f"{name}: arrays or tables are nested too deeply in it") from None
+        raise ExperimentError(f"{name}: its arrays or tables are nested too deeply") from None
     try:
         return Experiment(**fields)
     except ValidationError as error:
@@ -144,7 +144,7 @@ def explain(
         path = tuple(part for part in found if part != _KEY)
         line = line_of((*prefix, *path), lines)
         place = name if line is None else f"{name}:{line}"
-        where = _dotted((*prefix, *path))
+        where = _path_text((*prefix, *path))
         problems.append((line or 0, f"{place}: {where}: {sentence}" if where else f"{place}: {sentence}"))
     return ExperimentError(
         "\n".join(message for _, message in sorted(problems, key=lambda problem: problem[0]))
@@ -182,7 +182,7 @@ def _sentence(problem: ErrorDetails) -> str:
     if code == "tuple_type":
         if isinstance(problem["input"], dict) and isinstance(problem["loc"][-1], str):
             name = problem["loc"][-1]
-            return f"is one table; expected any number of them, each begun with [[{name}]] in double brackets"
+            return f"is a single table; expected a list of tables, each starting with [[{name}]] in double brackets"
         return f"{value} should be an array"
     if code == "too_short":
         least = problem["ctx"]["min_length"]
@@ -192,21 +192,21 @@ def _sentence(problem: ErrorDetails) -> str:
     return re.sub(r"^(Input|Tuple|String)\b", lambda _: value, said)
 
 
-def _dotted(path: KeyPath) -> str:
+def _path_text(path: KeyPath) -> str:
     return "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in path).removeprefix(".")
 
 
-def _decoded(data: bytes, name: str) -> str:
+def _decode(data: bytes, name: str) -> str:
     """The text in a file's bytes; a byte order mark, which some editors on Windows put before UTF-8, is no part of it."""
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         utf16 = " (it looks like UTF-16)" if data[:2] in {b"\xff\xfe", b"\xfe\xff"} else ""
-        raise ExperimentError(f"{name}:{line}: this is no UTF-8{utf16}; save the file as UTF-8") from None
+        raise ExperimentError(f"{name}:{line}: this isn't UTF-8{utf16}; save the file as UTF-8") from None
 
 
-def _written(text: str, line: int) -> str:
+def _line_text(text: str, line: int) -> str:
     """What stands in a line, and what in it is often the mistake."""
     lines = text.split("\n")
     stands = lines[line - 1].strip() if line <= len(lines) else ""
@@ -218,13 +218,13 @@ def _written(text: str, line: int) -> str:
 
 
 _OFTEN = (
-    ("[“”„‟«»‘’]", 'texts stand between straight quotes, as "text"'),
-    (r"=\s*(True|False)\b", "the words are true and false, with small letters"),
+    ("[“”„‟«»‘’]", 'texts need straight quotes, as "text"'),
+    (r"=\s*(True|False)\b", "the words are true and false, in lower case"),
     (r"=\s*[A-Za-z]", 'expected quotes around a text, as name = "text"'),
 )
 
 
-def parsed(text: str, name: str) -> dict[str, Any]:
+def parse(text: str, name: str) -> dict[str, Any]:
     """Return the tables in a TOML text; raises `ExperimentError` with file and line where it is none."""
     try:
         return toml.loads(text)
@@ -235,9 +235,9 @@ def parsed(text: str, name: str) -> dict[str, Any]:
         column = f" (column {place[2]})" if place and place[2] else " (end of the file)"
         reason = said[: place.start()] if place else said
         raise ExperimentError(
-            f"{name}:{line}: this is no TOML: {reason}{column}{_written(text, line)}"
+            f"{name}:{line}: this isn't TOML: {reason}{column}{_line_text(text, line)}"
         ) from None
     except RecursionError:
-        raise ExperimentError(f"{name}: arrays or tables are nested too deeply in it") from None
+        raise ExperimentError(f"{name}: its arrays or tables are nested too deeply") from None
     except ValueError as error:  # a number of thousands of digits
         raise ExperimentError(f"{name}: this can't be read as TOML: {error}") from None

@@ -60,8 +60,8 @@ class Account:
             findings.append(
                 info(
                     "samples-late",
-                    f"{self.late} of {self.done} samples were late, by up to {milliseconds(self.worst)} ms; "
-                    f"their actual times are recorded, and used",
+                    f"{self.late} of {self.done} samples were late, by up to {milliseconds(self.worst)} ms; their "
+                    "actual times are recorded and used",
                 )
             )
         if self.missed:
@@ -70,8 +70,8 @@ class Account:
             findings.append(
                 tell(
                     "samples-missed",
-                    f"{self.missed} of {all_ticks} samples were missed, as the computer or the device was busy elsewhere; "
-                    f"the input before each gap held through it",
+                    f"{self.missed} of {all_ticks} samples were missed, as the computer or the device was busy; the "
+                    "voltage was held during each gap",
                 )
             )
         return (*findings, *self._pace())

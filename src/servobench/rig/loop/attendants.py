@@ -129,7 +129,7 @@ class RecorderWatch:
         if self.now() - self.rows.get(RECORDER_HEARTBEAT) > RECORDER_SILENT * 1e9:
             return Stopped(
                 reason="error",
-                sentence=f"the recorder has been silent for more than {RECORDER_SILENT:g} s; the motor was stopped",
+                sentence=f"no sign of the recorder for more than {RECORDER_SILENT:g} s; the motor was stopped",
             )
         return None
 
@@ -151,7 +151,7 @@ class OperatorWatch:
             return None
         return Stopped(
             reason="interrupted",
-            sentence=f"nobody has shown for {self.timeout:g} s that they are there; the motor was stopped",
+            sentence=f"no sign of the operator for {self.timeout:g} s; the motor was stopped",
         )
 
 
@@ -166,5 +166,5 @@ class ProgramWatch:
         if not self.gone():
             return None
         return Stopped(
-            reason="interrupted", sentence="the program that started the run is gone; the motor was stopped"
+            reason="interrupted", sentence="the program that started the run has ended; the motor was stopped"
         )

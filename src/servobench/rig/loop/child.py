@@ -37,9 +37,10 @@ from servobench.rig.loop.attendants import (
     RecorderWatch,
 )
 from servobench.rig.loop.clock_steps import ClockSteps
+from servobench.rig.loop.interrupts import ignore_interrupts
 from servobench.rig.loop.last_resort import CallsInRing, LastResort
 from servobench.rig.loop.messages import NOT_CLOSED, Notice, ending_to_json, info_to_json
-from servobench.rig.loop.missed import MissedFault, MissedRule
+from servobench.rig.loop.missed_ticks import MissedFault, MissedTickRule
 from servobench.rig.loop.opening import RowMaker, opening, row_maker
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.references import References
@@ -47,7 +48,7 @@ from servobench.rig.loop.requests import requests_here
 from servobench.rig.loop.ring import LOOP_STATE, RECORDER_STATE, MessageRing, RowRing
 from servobench.rig.loop.schedule import real_time
 from servobench.rig.loop.spec import ASKED, COLUMNS, ENDED, FAILED, RECORDING, RUNNING, LoopSpec
-from servobench.rig.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stopped_by
+from servobench.rig.loop.ticks import Attendant, Drive, now_and_then, outcome, run_ticks, stop_text
 from servobench.systems.control.running import prepare
 
 WAKE_UP_TIME = 0.2  # s; how long the machine's own punctuality is tried
@@ -72,8 +73,7 @@ class ToRing:
 def main() -> int:
     """Carry out the run that standard input asks for; return the exit status."""
     logging.disable(logging.WARNING)  # the program that started this one gives the same ones
-    # Ctrl-C in a terminal reaches all its processes; the program that asked says what it means.
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    ignore_interrupts()
     spec = LoopSpec.from_line(sys.stdin.readline())
     with ExitStack() as stack:
         rows = stack.enter_context(RowRing.attach(spec.rows))
@@ -86,7 +86,7 @@ def main() -> int:
             loop.tell("failed", error=type(error).__name__, sentence=str(error))
             return error.exit_status
         except KeyboardInterrupt as interrupt:
-            loop.tell("failed", error="DeviceError", sentence=f"{stopped_by(interrupt)} before it began")
+            loop.tell("failed", error="DeviceError", sentence=f"{stop_text(interrupt)} before it began")
             return DeviceError.exit_status
         finally:
             rows.set(LOOP_STATE, ENDED)
@@ -123,7 +123,7 @@ class _Loop:
 
     def run(self) -> None:
         """Open the device, wait for the recorder, let the ticks pass, and tell how it ended."""
-        _ended_like_ctrl_c()
+        _terminate_like_ctrl_c()
         threading.Thread(target=self._await_the_end_of_input, daemon=True).start()
         experiment = read_experiment(self._spec.experiment, "the experiment")
         device = with_faults(
@@ -134,7 +134,7 @@ class _Loop:
         ending: _Ending | None = None
         try:
             with guarded:
-                ending = self._driven(experiment, guarded)
+                ending = self._drive(experiment, guarded)
         except BaseException as error:
             if ending is None:
                 raise
@@ -145,7 +145,7 @@ class _Loop:
         if ending.error is not None and not isinstance(ending.error, DeviceError):
             raise ending.error
 
-    def _driven(self, experiment: Experiment, device: Guarded) -> _Ending:
+    def _drive(self, experiment: Experiment, device: Guarded) -> _Ending:
         clock = _clock(experiment, device.info)
         opened = opening(experiment, device.info, commanded_live=True, timing=clock.timing)
         references = References(experiment.signal, experiment.sample_time)
@@ -163,12 +163,14 @@ class _Loop:
         )
 
         if self._gone.is_set():
-            raise DeviceError("the program that started the run is gone before it began; nothing was moved")
+            raise DeviceError(
+                "the program that started the run ended before the run began; the motor wasn't moved"
+            )
 
         def carry_out() -> Stopped:
             self._rows.set(LOOP_STATE, RUNNING)
             clock.start(experiment.sample_time)
-            ended = let_pass(experiment.samples, device, clock, drive, sink, attendants)
+            ended = run_ticks(experiment.samples, device, clock, drive, sink, attendants)
             if ended is None:
                 account.complete(experiment.samples)
             return ended or Stopped(
@@ -185,7 +187,7 @@ class _Loop:
     def _attendants(
         self, experiment: Experiment, device: Guarded, drive: Drive, steps: ClockSteps
     ) -> list[Attendant]:
-        every_tick = self._missed_rule(experiment, device, drive)
+        every_tick = self._make_missed_rule(experiment, device, drive)
         if device.info.timing == "device":
             every_tick.append(steps)
         guard = GuardTeller(device, self._rows, self._events)
@@ -200,11 +202,11 @@ class _Loop:
             slow.append(OperatorWatch(self._rows, self._spec.operator_timeout))
         return [*every_tick, *(now_and_then(LOOK_EVERY, experiment.sample_time, each) for each in slow)]
 
-    def _missed_rule(self, experiment: Experiment, device: Guarded, drive: Drive) -> list[Attendant]:
+    def _make_missed_rule(self, experiment: Experiment, device: Guarded, drive: Drive) -> list[Attendant]:
         """What is done about too many missed ticks: nothing, a fault that is held, or the end."""
         if self._spec.missed_go_on:
             return []
-        rule = MissedRule(experiment.sample_time)
+        rule = MissedTickRule(experiment.sample_time)
         return [MissedFault(rule, device, drive) if self._spec.when_faulted == "hold" else rule]
 
     def _await_the_recorder(self) -> None:
@@ -212,10 +214,10 @@ class _Loop:
         deadline = time.monotonic() + RECORDER_PATIENCE
         while self._spec.recorded and (state := self._rows.get(RECORDER_STATE)) != RECORDING:
             if state == FAILED:
-                raise UsageError("the recorder couldn't begin; nothing was moved")
+                raise UsageError("the recorder couldn't start; the motor wasn't moved")
             if time.monotonic() > deadline or self._gone.is_set():
                 raise DeviceError(
-                    f"the recorder wasn't there after {RECORDER_PATIENCE:g} s; nothing was moved"
+                    f"the recorder hadn't started after {RECORDER_PATIENCE:g} s; the motor wasn't moved"
                 )
             time.sleep(0.005)
 
@@ -235,7 +237,7 @@ def _clock(experiment: Experiment, info: DeviceInfo) -> Clock:
     return clock_for(info.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
 
 
-def _ended_like_ctrl_c() -> None:
+def _terminate_like_ctrl_c() -> None:
     """Let whatever asks the process to end stop the motor first."""
 
     def interrupt(number: int, frame: FrameType | None) -> None:
@@ -248,8 +250,8 @@ def _ended_like_ctrl_c() -> None:
 def _not_closed(error: BaseException) -> Finding:
     return warning(
         NOT_CLOSED,
-        f"The device could not be closed ({error_text(error)}), after it had been told to stop. Look at its driver, and unplug "
-        "it before the next run where it stays in use.",
+        f"The device could not be closed ({error_text(error)}) after a stop command. Check its driver, and unplug "
+        "the device before the next run if it stays in use.",
     )
 
 

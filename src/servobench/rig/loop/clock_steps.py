@@ -37,7 +37,7 @@ class ClockSteps:
         at, by = self.found[0]
         more = f", and {len(self.found) - 1} more times" if len(self.found) > 1 else ""
         sentence = (
-            f"The device's clock jumped by {milliseconds(by)} ms at {at:g} s{more}: by the samples' numbers no time was missing. "
-            "The times from there on are recorded as they came; identify the part before it, or repeat the run."
+            f"The device's clock jumped by {milliseconds(by)} ms at {at:g} s{more}, although no sample number was "
+            "missing. The times after that are recorded as received; identify the part before it, or repeat the run."
         )
         return (warning("clock-stepped", sentence),)

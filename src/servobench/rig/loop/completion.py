@@ -11,7 +11,7 @@ import numpy as np
 
 from servobench.core.errors import FormatError, StorageError
 from servobench.core.finding import Finding, info
-from servobench.recordings.native.mcap_file import kept_elsewhere, place_beside
+from servobench.recordings.native.mcap_file import elsewhere_text, place_beside
 from servobench.recordings.native.reader import read
 from servobench.recordings.recording import Recording
 from servobench.rig.experiment import read_experiment
@@ -25,13 +25,13 @@ from servobench.rig.loop.drain import (
     part_of,
 )
 from servobench.rig.loop.messages import ending_from_json
-from servobench.rig.loop.recording_process import Recorded, RecorderSpec
+from servobench.rig.loop.recording_process import RecorderResult, RecorderSpec
 from servobench.rig.loop.ring import RECORDER_STATE, MessageRing, RowRing
 
 CUT_SHORT = "recording-cut-short"
 
 
-def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded:
+def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> RecorderResult:
     """Write the whole file where the recorder is dead and the loop has ended: what its part holds, and the rest from the rings.
 
     Rows are told apart by their numbers, so none stands twice and what the rings have lost is counted: `rows-not-recorded`.
@@ -46,7 +46,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
     target = asked if asked.parent.is_dir() else place_beside(asked.absolute())
     if rows.get(RECORDER_STATE) and target.exists() and not part.exists():
         # It died after it had finished: what it had begun has its name already.
-        return Recorded(path=spec.path, rows=_rows_in(read(target)[0]))
+        return RecorderResult(path=spec.path, rows=_rows_in(read(target)[0]))
     new = target.with_name(f"{target.stem}-completed{target.suffix}")
     drain = Drain(
         new,
@@ -54,7 +54,7 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
         rows,
         events,
         begun=None if found is None else _opening(found),
-        row=0 if found is None else _rows_in(found) + _missed(found, ROWS_MISSED),
+        row=0 if found is None else _rows_in(found) + _count_missed(found, ROWS_MISSED),
         event=0 if found is None else _next_event(found),
     )
     try:
@@ -63,20 +63,20 @@ def complete(spec: RecorderSpec, rows: RowRing, events: MessageRing) -> Recorded
         had = drain.rows
         drain.take()
         stopped, findings = drain.ended or (SILENT, (loop_died(rows),))
-        if not drain.end(stopped, (*findings, _died(had, drain.rows))):
-            return Recorded(path=None, rows=0)
+        if not drain.end(stopped, (*findings, _death_finding(had, drain.rows))):
+            return RecorderResult(path=None, rows=0)
     finally:
         drain.abandon()
     if _rows_in(read(new)[0]) != drain.rows:
         raise StorageError(
-            f"{new} doesn't hold what was written to it; {part} is kept: copy it to another disk"
+            f"{new} doesn't contain what was written to it; {part} is kept: copy it to another disk"
         )
     os.replace(new, target)
     if found is not None or drain.rows == rows.written:  # or else it may hold what nobody could read yet
         part.unlink(missing_ok=True)
     if target != asked:
-        raise StorageError(kept_elsewhere(asked, target))
-    return Recorded(path=spec.path, rows=drain.rows)
+        raise StorageError(elsewhere_text(asked, target))
+    return RecorderResult(path=spec.path, rows=drain.rows)
 
 
 def _readable(part: Path) -> Recording | None:
@@ -111,7 +111,7 @@ def _rows_in(found: Recording) -> int:
     return len(found.series[0].values)
 
 
-def _missed(found: Recording, kind: str) -> int:
+def _count_missed(found: Recording, kind: str) -> int:
     """How many rows or events the recorder had missed itself."""
     return sum(int(json.loads(each.text)["count"]) for each in found.events if each.kind == kind)
 
@@ -119,13 +119,13 @@ def _missed(found: Recording, kind: str) -> int:
 def _next_event(found: Recording) -> int:
     """The number of the first event that isn't in a part; what the recorder says itself is none of the loop's events."""
     told = sum(each.kind not in (ROWS_MISSED, EVENTS_MISSED) for each in found.events)
-    return told + _missed(found, EVENTS_MISSED)
+    return told + _count_missed(found, EVENTS_MISSED)
 
 
-def _died(had: int, rows: int) -> Finding:
+def _death_finding(had: int, rows: int) -> Finding:
     """Nothing is lost by it; what is, is a finding of its own."""
     return info(
         "recorder-died",
-        f"the recorder died after {had} of {rows} samples; the other {rows - had} were still in memory, and are here as well. "
-        "Look for what ended it, such as too little memory, before the next run.",
+        f"the recorder died after {had} of {rows} samples; the other {rows - had} were still in memory and are "
+        "included. Find out what ended it (such as too little memory) before the next run.",
     )

@@ -27,23 +27,23 @@ EVENTS_MISSED = "events-missed"
 """The kinds of the events that the recorder itself adds: so many rows, or events, are missing here."""
 
 LOOP_DIED = "loop-died"
-"""The code of the finding that the loop's process ended without a word."""
+"""The code of the finding that the loop's process ended without a message."""
 
-SILENT = Stopped(reason="error", sentence="the loop's process ended without a word")
+SILENT = Stopped(reason="error", sentence="the loop's process ended without a message")
 
 
 def loop_died(rows: RowRing) -> Finding:
-    """Return the finding that the loop's process ended without a word, and what its ring says of the motor."""
+    """Return the finding that the loop's process ended without a message, and what its ring says of the motor."""
     if rows.get(ZERO_VOLTS):
         return info(
             LOOP_DIED,
-            "The loop's process ended without a word, at zero volts: the device had taken them, or a stop, last. Look for what "
-            "ended it before the next run.",
+            "The loop's process ended without a message, at zero volts: the device's last command was zero volts "
+            "or a stop. Find out what ended it before the next run.",
         )
     return danger(
         LOOP_DIED,
-        "The loop's process ended without a word, so that nobody put out zero volts: the motor may have gone on with its last "
-        "voltage. Switch off the supply, then look at the device's own watchdog.",
+        "The loop's process ended without a message and without writing zero volts: the motor may have kept its "
+        "last voltage. Switch off the supply, then check the device's own watchdog.",
     )
 
 
@@ -167,17 +167,17 @@ class Drain:
             lost = self._events.next - len(texts) - before
             if lost and not self.begun:
                 raise StorageError(
-                    f"{self._path}: the recorder came too late to hear which device was opened, as {lost} events had come since; "
-                    "nothing was recorded. Start it before the first command is sent"
+                    f"{self._path}: the recorder started too late, {lost} events after the device was opened; "
+                    "nothing was recorded. Start it before sending the first command"
                 )
             if lost:
-                self._told_missed(EVENTS_MISSED, before, lost)
+                self._write_missed(EVENTS_MISSED, before, lost)
             for text in texts:
-                self._happened(text)
+                self._write_event(text)
             if self._events.next == before:
                 break
 
-    def _happened(self, text: str) -> None:
+    def _write_event(self, text: str) -> None:
         """Write an event, and understand the first and the last."""
         said = json.loads(text)
         if said["kind"] == "opened" and not self.begun:
@@ -196,7 +196,7 @@ class Drain:
             rows = self._rows.read(min(MOST_ROWS, until - before))
             lost = self._rows.next - len(rows) - before
             if lost:
-                self._told_missed(ROWS_MISSED, before, lost)
+                self._write_missed(ROWS_MISSED, before, lost)
             if len(rows := self._as_long_as_asked(rows)):
                 self.append(rows[:, : self._width])
             if self._rows.next == before:
@@ -223,7 +223,7 @@ class Drain:
             text=text,
         )
 
-    def _told_missed(self, kind: str, first: int, count: int) -> None:
+    def _write_missed(self, kind: str, first: int, count: int) -> None:
         """Write that rows or events are missing here."""
         said = {"kind": kind, "first": first, "count": count}
         self.add(self._event(said, json.dumps(said)))
@@ -241,14 +241,14 @@ class Drain:
             places = ", ".join(f"{count} after the first {first}" for first, count in self._gaps)
             more = f" and {self._gap_count - GAPS_TOLD} more times" if self._gap_count > GAPS_TOLD else ""
             sentence = (
-                f"{self._rows_missed} samples were not recorded ({places}{more}), as the recorder was too far behind; the "
-                "others have their own times, and nothing stands in for those. Record to a faster disk, or more slowly."
+                f"{self._rows_missed} samples were not recorded ({places}{more}), as the recorder fell too far "
+                "behind; the others keep their own times. Record to a faster disk, or more slowly."
             )
             found.append(warning("rows-not-recorded", sentence))
         if self._events_missed:
             sentence = (
-                f"{self._events_missed} events (commands, faults) were not recorded, as more came than the recorder could "
-                "write; their effect on the samples is recorded. Send commands more slowly."
+                f"{self._events_missed} events (commands, faults) were not recorded, as they came faster than the "
+                "recorder could write; their effect on the samples is recorded. Send commands more slowly."
             )
             found.append(warning("events-not-recorded", sentence))
         return tuple(found)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import signal
 
 
-def ended_how(status: int | None) -> str:
+def exit_text(status: int | None) -> str:
     """Return the end of a process with that exit status: "with status 3", "killed by SIGSEGV (segmentation fault)"."""
     if status is None or status >= 0:
         return f"with status {status}"

@@ -42,47 +42,47 @@ def instruction(lowering: Callable[..., Lowering]) -> Callable[..., Any]:
 def load_acquire(_typing: Any, memory: Any, index: Any) -> Lowering:
     """Return memory[index], and see all that its writer had written before."""
 
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         return builder.load_atomic(builder.gep(array.data, [arguments[1]]), ordering="acquire", align=8)
 
-    return types.int64(memory, types.int64), lowered
+    return types.int64(memory, types.int64), codegen
 
 
 @instruction
 def store_release(_typing: Any, memory: Any, index: Any, value: Any) -> Lowering:
     """Set memory[index] after everything that was written before."""
 
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         array = context.make_array(signature.args[0])(context, builder, arguments[0])
         builder.store_atomic(
             arguments[2], builder.gep(array.data, [arguments[1]]), ordering="release", align=8
         )
         return context.get_dummy_value()
 
-    return types.void(memory, types.int64, types.int64), lowered
+    return types.void(memory, types.int64, types.int64), codegen
 
 
 @instruction
 def fence_release(_typing: Any) -> Lowering:
     """Let nothing that is written from here on be seen before what was written until here."""
 
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.fence("release")
         return context.get_dummy_value()
 
-    return types.void(), lowered
+    return types.void(), codegen
 
 
 @instruction
 def fence_acquire(_typing: Any) -> Lowering:
     """Finish all that is being read before anything else is read."""
 
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         builder.fence("acquire")
         return context.get_dummy_value()
 
-    return types.void(), lowered
+    return types.void(), codegen
 
 
 @instruction
@@ -96,7 +96,7 @@ def copy_word(_typing: Any, target: Any, i: Any, source: Any, j: Any) -> Lowerin
         if array.layout != "C" or array.dtype not in (types.float64, types.int64):
             raise TypingError(f"a ring takes rows of float64 or int64 that lie in one piece, not {array}")
 
-    def lowered(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
+    def codegen(context: Any, builder: Any, signature: Any, arguments: Any) -> Any:
         bits = context.get_value_type(types.int64)
         places = []
         for kind, array, index in zip(signature.args[::2], arguments[::2], arguments[1::2], strict=True):
@@ -106,11 +106,11 @@ def copy_word(_typing: Any, target: Any, i: Any, source: Any, j: Any) -> Lowerin
         builder.store_atomic(word, places[0], ordering="monotonic", align=8)
         return context.get_dummy_value()
 
-    return types.void(target, types.int64, source, types.int64), lowered
+    return types.void(target, types.int64, source, types.int64), codegen
 
 
 @compiled
-def written(memory: Memory) -> int:
+def count_written(memory: Memory) -> int:
     """Return how many records were published so far."""
     head: int = load_acquire(memory, HEAD)
     return head

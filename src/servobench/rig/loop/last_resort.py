@@ -72,7 +72,7 @@ class CallsInRing:
         else:
             self._last_resort.put_off(self._patience)
 
-    def returned(self, call: Call) -> None:
+    def note_return(self, call: Call) -> None:
         """Note that it has returned; between the calls of a run the loop is expected to go on, otherwise it may take its time."""
         if call in _RUNNING:
             self._set(self._memory, CALL, time.monotonic_ns() << 3 | Call.BETWEEN)

@@ -16,7 +16,7 @@ from servobench.rig.experiment import Experiment
 from servobench.rig.loop.process import LoopProcess
 from servobench.rig.loop.recorder import InMemory
 from servobench.rig.loop.run import LOOK_INTERVAL, WATCH_INTERVAL, Look, Progress, Watch, run
-from servobench.rig.loop.ticks import stopped_by
+from servobench.rig.loop.ticks import stop_text
 
 
 def run_live(
@@ -44,7 +44,7 @@ def run_live(
             try:
                 return loop.wait(onlooker, say=say, over=over)
             except KeyboardInterrupt as interrupt:
-                loop.stop(stopped_by(interrupt))
+                loop.stop(stop_text(interrupt))
                 onlooker = None  # what comes now is the end
                 if say is not None:
                     say("stopping the motor")
@@ -78,7 +78,7 @@ class _Onlooker:
         self._watch = watch
         self._look = look
         self._next_watch = self._next_look = time.monotonic()
-        self._seen = _Seen(loop) if look is not None else None
+        self._seen = _RowsSoFar(loop) if look is not None else None
         self._told = False
         self._shown = 0
 
@@ -86,12 +86,12 @@ class _Onlooker:
         now = time.monotonic()
         if self._watch is not None and now >= self._next_watch:
             self._next_watch = now + WATCH_INTERVAL
-            self._heed(self._watched(self._watch), "interrupted")
+            self._heed(self._call_watch(self._watch), "interrupted")
         if self._look is not None and self._seen is not None and now >= self._next_look:
             self._next_look = now + LOOK_INTERVAL
             self._heed(self._look(self._seen.so_far()), "finished")
 
-    def _watched(self, watch: Watch) -> str | None:
+    def _call_watch(self, watch: Watch) -> str | None:
         ring = self._loop.ring
         if ring.written == self._shown:  # the loop doesn't go on, so there is no progress
             return None
@@ -121,7 +121,7 @@ class _Onlooker:
             self._loop.stop(word, reason)
 
 
-class _Seen:
+class _RowsSoFar:
     """Gathers the rows so far for somebody who looks at them as a recording."""
 
     def __init__(self, loop: LoopProcess) -> None:

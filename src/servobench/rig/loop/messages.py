@@ -35,7 +35,7 @@ class Command(Settings):
     controller: AnyController | None = None
     """What turns it into a voltage from now on."""
     enabled: bool | None = None
-    """Whether the controller's voltage is let through; if not, zero volts."""
+    """Whether the controller's voltage is applied; if not, zero volts."""
     chain: str | None = None
     """Measurement chain through which the rows are to be looked at from now on; the loop passes it on."""
     acknowledge: bool = False
@@ -82,7 +82,7 @@ class Order:
 
     @property
     def enabled(self) -> bool | None:
-        """Whether the controller's voltage is let through from then on."""
+        """Whether the controller's voltage is applied from then on."""
         return self.command.enabled
 
 
@@ -139,7 +139,7 @@ def ending_from_json(told: Mapping[str, Any]) -> tuple[Stopped, tuple[Finding, .
     return stopped, _adapter(tuple[Finding, ...]).validate_python(told.get("findings", ()))
 
 
-def stopped_of(event: Notice) -> Stopped:
+def stop_reason(event: Notice) -> Stopped:
     """Return why a run ended, of the event `ended`."""
     return ending_from_json(event.about)[0]
 
@@ -150,15 +150,18 @@ def _adapter(kind: Any) -> TypeAdapter[Any]:
 
 
 def _no_number(text: str) -> float:
-    raise ValueError(f"{text} is no number that a command may hold")
+    raise ValueError(f"{text} isn't a number that a command may contain")
 
 
 def _reason(error: Exception) -> str:
     """One line about it."""
     if isinstance(error, json.JSONDecodeError):
-        return f"it is no JSON (at character {error.pos + 1}); expected an object with number, and what is to change"
+        return (
+            f"it isn't JSON (at character {error.pos + 1}); expected an object with `number` and the values "
+            "to change"
+        )
     if isinstance(error, AttributeError | TypeError):
-        return "it is no object; expected one with number, and what is to change"
+        return "it isn't an object; expected one with `number` and the values to change"
     if isinstance(error, ValidationError):
         return "; ".join(
             f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"

@@ -11,7 +11,7 @@ import numpy as np
 from servobench._version import __version__
 from servobench.core.channels import Channel, DeviceInfo, Timing
 from servobench.recordings.recording import Recording, Series, Source
-from servobench.rig.devices.faulty import injected
+from servobench.rig.devices.faulty import injection_findings
 from servobench.rig.experiment import Experiment
 from servobench.rig.loop.place import Place
 from servobench.systems.control.open_loop import OpenLoop
@@ -66,7 +66,9 @@ def opening(
         input_before=_input_before(experiment, timing),
         info=device,
         experiment=experiment.to_toml(),
-        findings=injected(device),  # from the start, so that a recording that is cut short is marked, too
+        findings=injection_findings(
+            device
+        ),  # from the start, so that a recording that is cut short is marked, too
         versions={"servobench": __version__, "python": platform.python_version(), "numpy": np.__version__},
     )
 

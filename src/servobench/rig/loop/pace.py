@@ -42,24 +42,24 @@ def pace(spans: Spans) -> tuple[Finding, ...]:
     late by the host's clock and not by its number: so much is allowed to that clock. The rest is 200 parts per million.
     Call it at the end of a run; in virtual time with `host` only where the wall clock was shown beside the simulation.
     """
-    told = dict(_told(spans))
+    told = dict(_usable_clocks(spans))
     apart = [
         abs(one - other) / max(one, other)
         for (first, one), (second, other) in combinations(told.items(), 2)
-        if abs(one - other) > _allowed(spans, {first, second}, max(one, other))
+        if abs(one - other) > _tolerance(spans, {first, second}, max(one, other))
     ]
     if not apart:
         return ()
     spoken = ", ".join(f"{span:.6g} s {by}" for by, span in told.items())
     sentence = (
-        f"The run lasted {spoken}: up to {100 * max(apart):.2g} % apart, more than a tick and two clocks of quartz can explain. "
-        "Times that are identified may be wrong by as much. See whether samples were missed, whether the device or the "
-        "simulation keeps up with its sample time, and which of the clocks is right."
+        f"The run lasted {spoken}: up to {100 * max(apart):.2g} % apart, more than a tick and two quartz clocks "
+        "explain. Identified times may be wrong by as much. Check for missed samples, whether the device or the "
+        "simulation keeps up with its sample time, and which clock is right."
     )
     return (warning("clocks-disagree", sentence, parameters=("time_constant", "gain", "delay")),)
 
 
-def _told(spans: Spans) -> Iterator[tuple[str, float]]:
+def _usable_clocks(spans: Spans) -> Iterator[tuple[str, float]]:
     """The clocks that tell anything: a device that has no time of its own may leave it at 0."""
     yield "by its ticks", spans.ticks
     if spans.device is not None and spans.device > 0:
@@ -68,7 +68,7 @@ def _told(spans: Spans) -> Iterator[tuple[str, float]]:
         yield "by the computer's clock", spans.host
 
 
-def _allowed(spans: Spans, clocks: set[str], span: float) -> float:
+def _tolerance(spans: Spans, clocks: set[str], span: float) -> float:
     allowed = spans.sample_time + 2 * QUARTZ * span
     if "by the computer's clock" in clocks:
         allowed += abs(spans.late) + (ON_ITS_WAY if spans.handed_on else 0.0)

@@ -24,7 +24,8 @@ from servobench.rig.experiment import Experiment
 from servobench.rig.loop.chatter import Chatter
 from servobench.rig.loop.completion import complete
 from servobench.rig.loop.drain import LOOP_DIED, loop_died
-from servobench.rig.loop.exit_status import ended_how
+from servobench.rig.loop.exit_status import exit_text
+from servobench.rig.loop.interrupts import hold_interrupts
 from servobench.rig.loop.messages import (
     NOT_CLOSED,
     Command,
@@ -33,7 +34,7 @@ from servobench.rig.loop.messages import (
     ending_to_json,
     info_of,
     info_to_json,
-    stopped_of,
+    stop_reason,
 )
 from servobench.rig.loop.opening import opening
 from servobench.rig.loop.recording_process import PATIENCE, Late, RecorderProcess, RecorderSpec
@@ -51,7 +52,7 @@ from servobench.rig.loop.ring import (
 )
 from servobench.rig.loop.silence import DEVICE_SILENT, Silence, silence_of, urgent
 from servobench.rig.loop.spec import ASKED, COLUMNS, FAILED, NO_RECORDER, STARTING, LoopSpec, WhenFaulted
-from servobench.rig.loop.ticks import stopped_by
+from servobench.rig.loop.ticks import stop_text
 from servobench.rig.lost_device import DeviceLost, DeviceSilent
 
 SLOTS = 65536  # rows that a reader may be behind; a minute at 1 kHz
@@ -98,7 +99,7 @@ class LoopProcess:
     ) -> None:
         if not isinstance(experiment, Experiment):
             raise UsageError(
-                f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
+                f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"
             )
         self.experiment = experiment
         self._path = None if record is None else Path(record)
@@ -143,7 +144,7 @@ class LoopProcess:
             if silence is None:
                 raise
             silence = replace(silence, zero_volts=self._zero_volts_at_the_end)
-            raise DeviceError(f"{silence.sentence}; {stopped_by(interrupt)} before it began") from None
+            raise DeviceError(f"{silence.sentence}; {stop_text(interrupt)} before it began") from None
         return self
 
     def _begin(self) -> None:
@@ -160,13 +161,13 @@ class LoopProcess:
             stack.callback(self._let_go)
             self._begun = True
             self.here()
-            self._process = self._started_loop()
+            self._process = self._start_loop()
             self._process_begun = True
-            self._recording = self._started_recorder(stack)
+            self._recording = self._start_recorder(stack)
             stack.callback(self._end)  # before the recorder's own end, which waits for this
             stack.callback(self._dismiss_the_ready)
             try:
-                self.info = self._opened()
+                self.info = self._wait_until_open()
             except KeyboardInterrupt:
                 self._silence_when_interrupted = self._silence  # the end may wake what was silent
                 raise
@@ -269,11 +270,11 @@ class LoopProcess:
         self.ring.set(RECORD_UNTIL, 0)
         self.ring.set(ROWS_KEPT, first)
         self.ring.set(RECORDER_STATE, ASKED)
-        recorder = self._taken_recorder()
+        recorder = self._take_recorder()
         recorder.begin(spec)
         return recorder
 
-    def _taken_recorder(self) -> RecorderProcess:
+    def _take_recorder(self) -> RecorderProcess:
         """The recorder that is ready, or a new one."""
         with self._readying:
             ready, self._ready = self._ready, None
@@ -305,7 +306,7 @@ class LoopProcess:
         self._listen()
         if self._ended is None and (self._undead or self._process.poll() is not None):
             self._say_its_last_word()
-        return None if self._ended is None else stopped_of(self._ended)
+        return None if self._ended is None else stop_reason(self._ended)
 
     def _say_its_last_word(self) -> None:
         """Say in place of a loop that is dead how it ended, if it didn't, for everybody who listens."""
@@ -363,7 +364,7 @@ class LoopProcess:
             over(self._at_rest())
         if self._recording is None:
             raise UsageError("this run wasn't recorded: give `record`")
-        recording = self._recorded(*self._recording, stopped, say)
+        recording = self._complete_recording(*self._recording, stopped, say)
         if self._silence is not None:
             raise DeviceSilent(self._as_known_now(self._silence).sentence, recording)
         if stopped.reason == "device_lost":
@@ -376,7 +377,7 @@ class LoopProcess:
         when = "" if ended is None or ended.tick < 0 else f" from {ended.time:.2f} s on"
         return f"the motor is stopped (zero volts{when})"
 
-    def _recorded(
+    def _complete_recording(
         self,
         recorder: RecorderProcess,
         spec: RecorderSpec,
@@ -392,7 +393,7 @@ class LoopProcess:
         if went.error:
             raise StorageError(went.error)
         if went.path is None:
-            raise DeviceError(f"{stopped.sentence}, before there was a sample; nothing was recorded")
+            raise DeviceError(f"{stopped.sentence} before the first sample; nothing was recorded")
         (recording,) = read(went.path)
         return recording
 
@@ -426,7 +427,7 @@ class LoopProcess:
             if finding.code == NOT_CLOSED or (finding.severity is Severity.DANGER and not told):
                 self._warn(finding.sentence)
 
-    def _found_danger(self) -> str:
+    def _danger_text(self) -> str:
         """What somebody has to see to at the motor, by what the loop's end and its ring say; empty for nothing."""
         if self._last_silence is not None:
             return replace(self._last_silence, zero_volts=self._confirmed).warning
@@ -460,7 +461,7 @@ class LoopProcess:
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(LOOK_INTERVAL)
 
-    def _started_recorder(self, stack: ExitStack) -> tuple[RecorderProcess, RecorderSpec] | None:
+    def _start_recorder(self, stack: ExitStack) -> tuple[RecorderProcess, RecorderSpec] | None:
         if self._path is None:
             return None
         spec = RecorderSpec(
@@ -473,7 +474,7 @@ class LoopProcess:
         )
         return stack.enter_context(RecorderProcess(spec)), spec
 
-    def _started_loop(self) -> subprocess.Popen[bytes]:
+    def _start_loop(self) -> subprocess.Popen[bytes]:
         spec = LoopSpec(
             experiment=self.experiment.to_toml(),
             rows=self.ring.name,
@@ -482,20 +483,21 @@ class LoopProcess:
             recorded=self._path is not None,
             **self._rules,
         )
-        process = subprocess.Popen(
-            # -P: nothing that lies in the user's folder is taken for a module.
-            [sys.executable, "-P", "-m", "servobench.rig.loop.child"],
-            stdin=subprocess.PIPE,
-            # A driver that prints must neither wait for a full pipe nor get into what this process puts out.
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-        )
+        with hold_interrupts():
+            process = subprocess.Popen(
+                # -P: nothing that lies in the user's folder is taken for a module.
+                [sys.executable, "-P", "-m", "servobench.rig.loop.child"],
+                stdin=subprocess.PIPE,
+                # A driver that prints must neither wait for a full pipe nor get into what this process puts out.
+                stdout=subprocess.PIPE,
+                stderr=subprocess.STDOUT,
+            )
         self._chatter = Chatter(_pipe(process.stdout), _show_chatter)
         _pipe(process.stdin).write(spec.to_line().encode())
         _pipe(process.stdin).flush()
         return process
 
-    def _opened(self) -> DeviceInfo:
+    def _wait_until_open(self) -> DeviceInfo:
         """Wait until the run begins, and return what the device is; raises what kept it from beginning."""
         deadline = time.monotonic() + START_PATIENCE
         while time.monotonic() < deadline:
@@ -504,7 +506,7 @@ class LoopProcess:
             if silence is not None and silence.too_long:
                 raise DeviceError(f"{silence.sentence}; nothing was begun")
             if self._given_up:
-                raise DeviceError("it was ended before the run began; nothing was moved")
+                raise DeviceError("it was ended before the run began; the motor wasn't moved")
             self._listen_for_a_beginning()
             if self._told_open is not None and self.ring.get(LOOP_STATE) != STARTING:
                 return info_of(self._told_open)
@@ -513,7 +515,9 @@ class LoopProcess:
                 self._listen()  # what it said last
                 raise DeviceError(self._last_words())
             self._process_waits()
-        raise DeviceError(f"the loop's process wasn't there after {START_PATIENCE:g} s; nothing was moved")
+        raise DeviceError(
+            f"the loop's process hadn't started after {START_PATIENCE:g} s; the motor wasn't moved"
+        )
 
     def _check_recorder(self) -> None:
         """Raise `StorageError` where the recorder died before it was ready, for which the loop waits before anything moves."""
@@ -549,17 +553,17 @@ class LoopProcess:
     def _last_words(self) -> str:
         """A sentence about a process that ended without one."""
         reason = f": {self._chatter.last}" if self._chatter.last else ""
-        return f"the loop's process ended without a word, {ended_how(self._process.returncode)}{reason}"
+        return f"the loop's process ended without a message, {exit_text(self._process.returncode)}{reason}"
 
     def _end_loop(self) -> None:
         """End the process, whatever it is doing, and note whether it was silent; one thread at a time, and once."""
         with self._resting:
             if not self._over_for_good:
                 self._end_asked = True
-                self._last_silence = self._ended_process()
+                self._last_silence = self._end_process()
                 self._over_for_good = True
 
-    def _ended_process(self) -> Silence | None:
+    def _end_process(self) -> Silence | None:
         """End the process; return the silence in which it was ended. The end of its input tells it that nobody is there."""
         # One that is silent now counts as a device that failed, though the end of its input may wake it.
         silence = None if self._process.poll() is not None else self._look_for_silence()
@@ -585,7 +589,7 @@ class LoopProcess:
                 self._say_its_last_word()
         self._warn_of_danger()
         self._confirmed = bool(self.ring.get(ZERO_VOLTS))
-        self._danger = self._found_danger()
+        self._danger = self._danger_text()
         self._chatter.end()
 
 

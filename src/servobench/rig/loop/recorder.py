@@ -98,8 +98,8 @@ class ToFile:
             self._blocks.put(rows, timeout=self._patience)
         except Full:
             raise StorageError(
-                f"{self._path}: the disk doesn't keep up with the run: {self.BLOCKS_BEHIND} blocks wait to be written; "
-                f"what was written before is kept beside it ({self._path.name}.part)"
+                f"{self._path}: the disk doesn't keep up with the run: {self.BLOCKS_BEHIND} blocks are waiting to be "
+                f"written; everything written so far is kept in ({self._path.name}.part)"
             ) from None
 
     def end(self, stopped: Stopped, findings: tuple[Finding, ...]) -> Recording:

@@ -52,11 +52,11 @@ SLOW = 1.0  # s; from then on whoever waits for it is told
 
 TOO_EARLY = Stopped(
     reason="error",
-    sentence="the recorder was asked to end before the run did; what came later was not recorded",
+    sentence="the recorder was asked to end before the run did; the rest was not recorded",
 )
 ENDED_EARLY = warning(
     "recorder-ended-early",
-    "The recorder was asked to end before the run did, and what came later is missing. Look for who ended its process.",
+    "The recorder was asked to end before the run did, and the rest is missing. Find out what ended its process.",
 )
 
 
@@ -104,7 +104,7 @@ class RecorderSpec:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Recorded:
+class RecorderResult:
     """How it went: the `path` of the whole file, None where there is none; how many rows it has; the `error`, if any."""
 
     path: str | None
@@ -132,7 +132,7 @@ class Signs(Protocol):
         ...
 
 
-def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs) -> Recorded:
+def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs) -> RecorderResult:
     """Record a run from its rings to its end, whatever end that is, and return how it went.
 
     Raises `ServobenchError` (`StorageError` above all) where nothing can be recorded any more: the loop was told before, by the
@@ -144,7 +144,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         drain = _drain(spec, experiment, rows, events)
         # Silence is no news yet while the next row is still to come.
         patience = max(LAST_WORDS, math.ceil(3 * experiment.sample_time / INTERVAL))
-        stopped = _followed(drain, rows, signs, patience)
+        stopped = _follow(drain, rows, signs, patience)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
         found = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
@@ -156,7 +156,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
             drain.abandon()
         raise
     rows.set(RECORDER_STATE, DONE)
-    return Recorded(path=spec.path if is_there else None, rows=drain.rows)
+    return RecorderResult(path=spec.path if is_there else None, rows=drain.rows)
 
 
 def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: MessageRing) -> Drain:
@@ -189,7 +189,7 @@ def _as_asked(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding,
     return Stopped(reason="finished", sentence=f"recorded{how_long}, as asked; the run went on"), ()
 
 
-def _followed(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped:
+def _follow(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped:
     """Write what comes until the loop says how it ended, or will never say it; return what to say then in its place.
 
     `patience` is for how many looks its last word is waited for: after it ended, after the recorder was asked to end, and where
@@ -238,7 +238,7 @@ class _Process:
         self.loop_gone = _end_of(loop)
         # Ctrl-C goes to all processes of a terminal; the loop answers it, and says so at its end.
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-        signal.signal(signal.SIGTERM, self._asked)
+        signal.signal(signal.SIGTERM, self._on_request)
         # A daemon: where the input stays open it waits for ever.
         Thread(target=self._listen, name="end of input", daemon=True).start()
 
@@ -254,7 +254,7 @@ class _Process:
         """Return whether SIGTERM came."""
         return self._wanted
 
-    def _asked(self, number: int, frame: FrameType | None) -> None:
+    def _on_request(self, number: int, frame: FrameType | None) -> None:
         self._wanted = True
 
     def _listen(self) -> None:
@@ -304,7 +304,7 @@ def main() -> int:
                 _clear_up(rows, events, spec.commands)
     except ServobenchError as error:
         status = error.exit_status
-        went = Recorded(path=None, rows=0, error=str(error))
+        went = RecorderResult(path=None, rows=0, error=str(error))
     sys.stdout.write(json.dumps(asdict(went)) + "\n")
     sys.stdout.flush()
     return status
@@ -333,7 +333,7 @@ class RecorderProcess:
     """
 
     def __init__(self, spec: RecorderSpec | None = None) -> None:
-        self._went: Recorded | None = None
+        self._went: RecorderResult | None = None
         self._errors = TemporaryFile()  # noqa: SIM115 - closed in `wait`
         self._process = subprocess.Popen(
             [sys.executable, "-P", "-m", "servobench.rig.loop.recording_process"],
@@ -385,7 +385,7 @@ class RecorderProcess:
         """Whether the process ended other than with a whole file; `wait` says why."""
         return self._process.poll() not in (None, 0)
 
-    def wait(self, timeout: float = PATIENCE, slow: Callable[[], None] | None = None) -> Recorded:
+    def wait(self, timeout: float = PATIENCE, slow: Callable[[], None] | None = None) -> RecorderResult:
         """Tell the recorder that nothing more is to come but the loop's end, wait for it, and return how it went.
 
         `slow` is called once where that takes longer than a second. After `timeout` [s] without an end it is killed. Where it
@@ -393,17 +393,17 @@ class RecorderProcess:
         """
         if self._went is None:
             try:
-                said, _ = self._communicated(timeout, slow)
+                said, _ = self._communicate(timeout, slow)
                 told = ""
             except subprocess.TimeoutExpired:
                 self._process.kill()
                 said, _ = self._process.communicate()
-                told = f"it didn't come to an end within {timeout:g} s"
+                told = f"it didn't end within {timeout:g} s"
             self._went = _went(said, self._process.returncode, told or _last_line(self._errors))
             self._errors.close()
         return self._went
 
-    def _communicated(self, timeout: float, slow: Callable[[], None] | None) -> tuple[bytes, bytes]:
+    def _communicate(self, timeout: float, slow: Callable[[], None] | None) -> tuple[bytes, bytes]:
         """What the process said to its end; raises `TimeoutExpired`, after which it may be asked again."""
         begin = min(SLOW, timeout)
         try:
@@ -419,13 +419,13 @@ def _input(process: subprocess.Popen[bytes]) -> IO[bytes]:
     return cast("IO[bytes]", process.stdin)
 
 
-def _went(said: bytes, status: int, told: str) -> Recorded:
+def _went(said: bytes, status: int, told: str) -> RecorderResult:
     """How it went, as the recorder said, or as its end says."""
     try:
-        return Recorded(**json.loads(said))
+        return RecorderResult(**json.loads(said))
     except (ValueError, TypeError):  # it had no time to say anything
         why = told or (f"it was ended by signal {-status}" if status < 0 else f"exit status {status}")
-        return Recorded(path=None, rows=0, error=f"the recorder's process died ({why})")
+        return RecorderResult(path=None, rows=0, error=f"the recorder's process died ({why})")
 
 
 def _last_line(errors: IO[bytes]) -> str:

@@ -24,19 +24,19 @@ class References:
         self._signal = signal
         self._sample_time = sample_time
         self._first_tick = begin.index if begin else 0
-        self._moved_before = self._moved_by(begin) if begin else 0
+        self._moved_before = self._shift_at(begin) if begin else 0
         self._evaluate(self._first_tick, self._moved_before, BLOCK)
 
     def at(self, tick: Tick) -> float:
         """Return the reference for a tick."""
-        moved = self._moved_by(tick)
+        moved = self._shift_at(tick)
         if moved != self._moved:
             self._evaluate(tick.index, moved, _AFRESH)
         elif not self._first <= tick.index < self._first + len(self._values):
             self._evaluate(tick.index, moved, BLOCK)
         return self._values[tick.index - self._first]
 
-    def _moved_by(self, tick: Tick) -> int:
+    def _shift_at(self, tick: Tick) -> int:
         """By how much the schedule was moved [ns]: whole ones, so that a rounding error moves nothing."""
         return round(1e9 * (tick.scheduled - tick.index * self._sample_time))
 

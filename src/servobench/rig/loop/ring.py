@@ -23,8 +23,8 @@ from servobench.rig.loop.segment import (
     WORDS,
     Memory,
     Segment,
-    attached,
-    created,
+    attach,
+    create,
     integers,
 )
 
@@ -66,7 +66,7 @@ class Ring:
     @property
     def written(self) -> int:
         """How many records were written so far."""
-        return int(self._kernels.written(self.memory))
+        return int(self._kernels.count_written(self.memory))
 
     @property
     def oldest(self) -> int:
@@ -75,11 +75,11 @@ class Ring:
 
     def get(self, word: int) -> int:
         """Return a word, such as `LOOP_STATE`, and see all that was written before it was set."""
-        return int(self._kernels.get_word(self.memory, _checked(word)))
+        return int(self._kernels.get_word(self.memory, _check_word(word)))
 
     def set(self, word: int, value: int) -> None:
         """Set a word, such as `LOOP_STATE`, to a 64-bit integer."""
-        self._kernels.set_word(self.memory, _checked(word), value)
+        self._kernels.set_word(self.memory, _check_word(word), value)
 
     def close(self) -> None:
         """Let go of the memory, and remove it where it was created here; may be called twice."""
@@ -122,12 +122,12 @@ class RowRing(Ring):
     def create(cls, columns: int, slots: int = 65536) -> RowRing:
         """Make a ring of rows of `columns` numbers; raises `UsageError` for impossible sizes, `StorageError` without memory."""
         _check_sizes("columns", columns, slots)
-        return cls(created("rows", slots, columns), is_owner=True)
+        return cls(create("rows", slots, columns), is_owner=True)
 
     @classmethod
     def attach(cls, name: str) -> RowRing:
         """Attach to another process' ring; raises `UsageError` where there is none, `FormatError` where it's no ring of rows."""
-        return cls(attached("rows", name), is_owner=False)
+        return cls(attach("rows", name), is_owner=False)
 
     def push(self, row: Sequence[float]) -> None:
         """Publish a row (columns,), over the oldest, and never wait; raises `UsageError` for another number of columns."""
@@ -183,20 +183,20 @@ class MessageRing(Ring):
     def create(cls, slots: int = 256, size: int = 8192) -> MessageRing:
         """Make a ring of texts of `size` bytes at most, rounded up to a multiple of 8; raises as `RowRing.create`."""
         _check_sizes("size", size, slots)
-        return cls(created("texts", slots, 1 + -(-size // 8)), is_owner=True)
+        return cls(create("texts", slots, 1 + -(-size // 8)), is_owner=True)
 
     @classmethod
     def attach(cls, name: str) -> MessageRing:
         """Attach to another process' ring; raises `UsageError` where there is none, `FormatError` where it's no ring of texts."""
-        return cls(attached("texts", name), is_owner=False)
+        return cls(attach("texts", name), is_owner=False)
 
     def push(self, text: str) -> None:
         """Publish a text; it never waits, and overwrites the oldest. Raises `UsageError` for one that is too long."""
         data = text.encode("utf-8", "surrogatepass")  # a file's name may hold what no text should
         if len(data) > self.size:
             raise UsageError(
-                f"a message of {len(data)} bytes is too long for ring {self.name}, which takes {self.size}: {text[:60]!r}...; "
-                "say it in fewer words, or in two messages"
+                f"a message of {len(data)} bytes is too long for ring {self.name}, which takes {self.size}: "
+                f"{text[:60]!r}...; say it in fewer words, or in two messages"
             )
         self._record[0] = len(data)
         self._text[: len(data)] = data
@@ -250,7 +250,7 @@ def _kernels() -> ModuleType:
     kernels.push_row(memory, np.zeros(1, np.int64))
     kernels.read_rows(memory, 0, np.zeros((1, 1)))
     kernels.read_rows(memory, 0, np.zeros((1, 1), np.int64))
-    kernels.set_word(memory, 0, kernels.get_word(memory, 0) + kernels.written(memory))
+    kernels.set_word(memory, 0, kernels.get_word(memory, 0) + kernels.count_written(memory))
     return kernels
 
 
@@ -274,7 +274,7 @@ def _first(ring: Ring, start: int | None) -> int:
     return start
 
 
-def _checked(word: int) -> int:
+def _check_word(word: int) -> int:
     if not 0 <= word < WORDS:
         raise UsageError(f"a ring has no word {word}; it has 0 to {WORDS - 1}")
     return word
@@ -283,6 +283,6 @@ def _checked(word: int) -> int:
 def _check_sizes(what: str, value: int, slots: int) -> None:
     """Raise `UsageError` for a ring that can't be."""
     if value < 1:
-        raise UsageError(f"a ring with {what} = {value} can't be; it needs 1 or more")
+        raise UsageError(f"a ring with {what} = {value} isn't possible; expected 1 or more")
     if slots < 2 or slots & (slots - 1):
-        raise UsageError(f"a ring can't have {slots} slots; it needs a power of two, 2 or more")
+        raise UsageError(f"a ring can't have {slots} slots; expected a power of two, 2 or more")

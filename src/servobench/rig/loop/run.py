@@ -5,8 +5,9 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TypeAlias
+from typing import Protocol, TypeAlias, runtime_checkable
 
+from servobench.core.arguments import check_type
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import DeviceError, StorageError, UsageError
 from servobench.recordings.recording import Recording, Stopped
@@ -17,12 +18,12 @@ from servobench.rig.experiment import Experiment
 from servobench.rig.loop.account import Account
 from servobench.rig.loop.clock_steps import ClockSteps
 from servobench.rig.loop.log import Log, block_of
-from servobench.rig.loop.missed import MissedRule
+from servobench.rig.loop.missed_ticks import MissedTickRule
 from servobench.rig.loop.opening import opening, row_maker
 from servobench.rig.loop.place import Place
 from servobench.rig.loop.recorder import InMemory, Recorder, ToFile
 from servobench.rig.loop.references import References
-from servobench.rig.loop.ticks import Attendant, Drive, let_pass, now_and_then, outcome, stop
+from servobench.rig.loop.ticks import Attendant, Drive, now_and_then, outcome, run_ticks, stop
 from servobench.rig.lost_device import DeviceLost
 
 WATCH_INTERVAL = 0.1  # s of the run
@@ -52,6 +53,17 @@ Look: TypeAlias = Callable[[Recording], str | None]
 """Is shown the recording so far; returns None, or the sentence with which the run is to end, as asked."""
 
 
+@runtime_checkable
+class _Runnable(Protocol):
+    """What a run needs of an experiment to begin with; the rest is looked at where it is used."""
+
+    @property
+    def signal(self) -> object: ...
+
+    @property
+    def sample_time(self) -> float: ...
+
+
 def run(
     experiment: Experiment,
     device: Device,
@@ -79,15 +91,16 @@ def run(
     recording so far, where the device fails on the way; `StorageError` where nothing more can be written, what was written being
     kept; `UsageError` before anything moves. Any other error passes through, after the file is closed.
     """
+    check_type("experiment", experiment, _Runnable, "an Experiment, such as load_experiment(FILE) gives")
     _check(experiment, device)
     if experiment.duration is None and to is None:
         raise UsageError(
-            "an endless experiment is recorded to a file, as no memory is large enough: give `to`"
+            "an endless experiment doesn't fit into memory and must be recorded to a file: give `to`"
         )
     if look is not None and device.info.timing != "virtual":
         raise UsageError(
-            f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data meanwhile would hold "
-            "its loop up: run without `look` (`until=...`), and longer"
+            f"the device {device.info.name!r} runs by {device.info.timing} time, and looking at the data during the "
+            "run would delay its loop: run longer without `look` (`until=...`)"
         )
     device = device if isinstance(device, Guarded) else Guarded(device, experiment.limits)
     keeper = _keeper(clock, device.info, experiment)
@@ -109,7 +122,7 @@ def run(
     )
     attendants = (
         *((steps,) if keeper.timing != "host" else ()),
-        MissedRule(experiment.sample_time),
+        MissedTickRule(experiment.sample_time),
         *_attendants(experiment, log, watch, look),
     )
     try:
@@ -139,11 +152,11 @@ def _check(experiment: object, device: object) -> None:
     """Raise `UsageError` where a run is asked for with something else than an experiment and a device."""
     if getattr(experiment, "signal", None) is None:  # what is like an experiment will do
         raise UsageError(
-            f"{experiment!r} is no experiment; expected an Experiment, such as load_experiment(FILE)"
+            f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"
         )
     if getattr(device, "info", None) is None:
         raise UsageError(
-            f"{device!r} is no device; expected one, such as connect('twin') in a with statement"
+            f"{device!r} isn't a device; expected one, such as connect('twin') in a with statement"
         )
 
 
@@ -157,7 +170,7 @@ def _carry_out(
 ) -> Stopped:
     """Let the ticks pass to the end of the experiment or to a fault; the device is started."""
     clock.start(experiment.sample_time)
-    ended = let_pass(experiment.samples, device, clock, drive, log, attendants)
+    ended = run_ticks(experiment.samples, device, clock, drive, log, attendants)
     if ended is None:
         log.complete(experiment.samples)
     return ended or Stopped(reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked")
@@ -171,19 +184,21 @@ def _attendants(
     attendants: list[Attendant] = []
     if watch is not None:
         attendants.append(
-            now_and_then(WATCH_INTERVAL, experiment.sample_time, lambda place: _watched(watch, place, ticks))
+            now_and_then(
+                WATCH_INTERVAL, experiment.sample_time, lambda place: _call_watch(watch, place, ticks)
+            )
         )
     if look is not None:
         every = max(1, round(LOOK_INTERVAL / experiment.sample_time))
         attendants.append(
             now_and_then(
-                LOOK_INTERVAL, experiment.sample_time, lambda place: _looked(look, log.so_far()), every
+                LOOK_INTERVAL, experiment.sample_time, lambda place: _call_look(look, log.so_far()), every
             )
         )
     return tuple(attendants)
 
 
-def _watched(watch: Watch, place: Place, ticks: int | None) -> Stopped | None:
+def _call_watch(watch: Watch, place: Place, ticks: int | None) -> Stopped | None:
     word = watch(
         Progress(
             tick=place.tick.index,
@@ -198,10 +213,10 @@ def _watched(watch: Watch, place: Place, ticks: int | None) -> Stopped | None:
         return None
     if isinstance(word, str):
         return Stopped(reason="interrupted", sentence=word)
-    raise UsageError(f"watch returned {word!r}; expected None, or the sentence with which the run is to stop")
+    raise UsageError(f"watch returned {word!r}; expected None, or a sentence saying why to stop the run")
 
 
-def _looked(look: Look, so_far: Recording) -> Stopped | None:
+def _call_look(look: Look, so_far: Recording) -> Stopped | None:
     sentence = look(so_far)
     return None if sentence is None else Stopped(reason="finished", sentence=sentence)
 
@@ -219,7 +234,7 @@ def _keeper(clock: Clock | None, device: DeviceInfo, experiment: Experiment) -> 
         return clock_for(device.timing, missed=experiment.when_late.missed, phase=experiment.when_late.phase)
     if device.timing not in ("virtual", clock.timing):
         raise UsageError(
-            f"the device {device.name!r} runs by {device.timing} time, the clock that was given keeps {clock.timing} time; "
-            f"leave the clock out"
+            f"the device {device.name!r} runs by {device.timing} time, but the given clock keeps {clock.timing} "
+            "time; leave the clock out"
         )
     return clock

@@ -42,13 +42,13 @@ class Scheduling:
     def findings(self) -> tuple[Finding, ...]:
         """Return what to know of it: one info, which says how to permit what was denied."""
         if not self.denied:
-            return (info("real-time", f"The loop ran with {_listed(self.granted)}."),)
-        ran = f"with {_listed(self.granted)} and " if self.granted else ""
+            return (info("real-time", f"The loop ran with {_list_text(self.granted)}."),)
+        ran = f"with {_list_text(self.granted)} and " if self.granted else ""
         advice = HOW_TO_PERMIT if sys.platform == "linux" else ELSEWHERE
         return (
             info(
                 "real-time-denied",
-                f"The loop ran {ran}without {_listed(self.denied)}, so that samples may be late more often; {advice}.",
+                f"The loop ran {ran}without {_list_text(self.denied)}, so samples may be late more often; {advice}.",
             ),
         )
 
@@ -69,13 +69,13 @@ def real_time(*, priority: int = PRIORITY, cpu: int | None = None) -> Scheduling
     Raises `UsageError` for a priority or a processor that can't be.
     """
     if not 1 <= priority <= 99:
-        raise UsageError(f"a real-time priority of {priority} can't be; expected 1 to 99")
+        raise UsageError(f"a real-time priority of {priority} isn't possible; expected 1 to 99")
     _freeze_garbage()
     granted, denied = ["garbage collection switched off"], []
     steps: tuple[tuple[str, Callable[[], str]], ...] = (
-        ("timers to the nanosecond", _exact_timers),
-        ("a processor of its own choice", lambda: _stay_on(cpu)),
-        ("memory kept in place", _lock_memory),
+        ("nanosecond timers", _exact_timers),
+        ("a processor of its own", lambda: _stay_on(cpu)),
+        ("memory locked", _lock_memory),
         ("real-time priority", lambda: _go_first(priority)),
     )
     for name, step in steps:
@@ -86,7 +86,7 @@ def real_time(*, priority: int = PRIORITY, cpu: int | None = None) -> Scheduling
     return Scheduling(granted=tuple(granted), denied=tuple(denied))
 
 
-def _listed(names: tuple[str, ...]) -> str:
+def _list_text(names: tuple[str, ...]) -> str:
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 
@@ -103,7 +103,7 @@ def _exact_timers() -> str:
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.prctl(_PR_SET_TIMERSLACK, ctypes.c_ulong(1), 0, 0, 0) != 0:
         raise _Denied(_last_error())
-    return "timers to the nanosecond"
+    return "nanosecond timers"
 
 
 def _stay_on(cpu: int | None) -> str:
@@ -127,13 +127,13 @@ def _lock_memory() -> str:
     import resource
 
     # Where the limit is finite, memory that is asked for later, beyond it, would be refused: the run would crash of its caution.
-    limit = _raised(resource.RLIMIT_MEMLOCK)
+    limit = _raise_limit(resource.RLIMIT_MEMLOCK)
     if limit != resource.RLIM_INFINITY and not _capable(_CAP_IPC_LOCK):
         raise _Denied(f"no more than {limit // 1024} KiB may be locked")
     libc = ctypes.CDLL(None, use_errno=True)
     if libc.mlockall(_MCL_CURRENT | _MCL_FUTURE) != 0:
         raise _Denied(_last_error())
-    return "memory kept in place"
+    return "memory locked"
 
 
 def _go_first(priority: int) -> str:
@@ -146,7 +146,7 @@ def _go_first(priority: int) -> str:
         raise _Denied(
             f"sched_rt_runtime_us leaves only {100 * share:.0f} % of a processor to real-time processes"
         )
-    permitted = _raised(resource.RLIMIT_RTPRIO)
+    permitted = _raise_limit(resource.RLIMIT_RTPRIO)
     try:
         _set_fifo(priority)
     except PermissionError as error:
@@ -168,7 +168,7 @@ def _set_fifo(priority: int) -> None:
         os.sched_setscheduler(0, os.SCHED_FIFO | os.SCHED_RESET_ON_FORK, os.sched_param(priority))
 
 
-def _raised(limit: int) -> int:
+def _raise_limit(limit: int) -> int:
     """Raise a limit of this process as far as it may itself, and return it."""
     import resource
 

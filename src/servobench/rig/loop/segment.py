@@ -75,7 +75,7 @@ class Segment(SharedMemory):
         return self.name.split("-")[2:3] != [str(os.getppid())]
 
 
-def created(kind: str, slots: int, width: int) -> Segment:
+def create(kind: str, slots: int, width: int) -> Segment:
     """Return new shared memory for `slots` records of `width` 64-bit integers, all zero; `kind` is one of `KINDS`.
 
     It is called servobench-KIND-PROCESS-RANDOM, so that a leftover can be told by its name. Raises `StorageError` where there is
@@ -99,22 +99,22 @@ def created(kind: str, slots: int, width: int) -> Segment:
     return segment
 
 
-def attached(kind: str, name: str) -> Segment:
+def attach(kind: str, name: str) -> Segment:
     """Return the shared memory of that name, which another process made and will remove.
 
     Raises `UsageError` where there is none, and `FormatError` where it isn't a ring of that kind.
     """
     try:
-        segment = _untracked(name, create=False, size=0)
+        segment = _open_untracked(name, create=False, size=0)
     except FileNotFoundError:
         raise UsageError(
             f"there is no shared memory called {name!r}: the run that made it has ended, or the name is misspelt; "
-            "take the name from a run that is still going on"
+            "use the name of a run in progress"
         ) from None
     except OSError as error:
         raise UsageError(f"shared memory {name!r} can't be attached to: {error.strerror}") from error
     except ValueError:  # nothing of size zero can be mapped
-        raise FormatError(f"shared memory {name!r} is empty, so it is no ring of servobench's") from None
+        raise FormatError(f"shared memory {name!r} is empty, so it isn't a servobench ring") from None
     try:
         _check(kind, name, segment)
     except FormatError:
@@ -129,14 +129,14 @@ def _new(kind: str, size: int) -> Segment:
         # macOS takes no longer names.
         name = f"servobench-{kind}-{os.getpid()}-{secrets.token_hex(2)}"
         try:
-            return _untracked(name, create=True, size=size)
+            return _open_untracked(name, create=True, size=size)
         except FileExistsError:
             continue
         except OSError as error:
             # To the system shared memory is a file.
             advice = "allow larger files (ulimit -f)" if error.errno == errno.EFBIG else "free some memory"
             raise StorageError(
-                f"{size} bytes of shared memory can't be had: {error.strerror or error}; {advice}, then try again"
+                f"{size} bytes of shared memory aren't available: {error.strerror or error}; {advice}, then try again"
             ) from error
 
 
@@ -150,10 +150,10 @@ def _remove_ours() -> None:
     """Remove at the end of the process what nobody came to remove, as where Ctrl-C came between two steps."""
     for name in tuple(_ours):
         with suppress(OSError):
-            _untracked(name, create=False, size=0).unlink()
+            _open_untracked(name, create=False, size=0).unlink()
 
 
-def _untracked(name: str, *, create: bool, size: int) -> Segment:
+def _open_untracked(name: str, *, create: bool, size: int) -> Segment:
     """Make or attach without Python's tracker, a process that removes at the end of another one what that has left.
 
     Before Python 3.13 who attaches is noted down as one who has to remove it, and the tracker of such a process does so at its
@@ -195,19 +195,17 @@ def _check(kind: str, name: str, segment: Segment) -> None:
     memory = integers(segment)
     if len(memory) < HEADER or memory[MAGIC] != SERVOBENCH:
         raise FormatError(
-            f"shared memory {name!r} is another program's: it doesn't begin as a ring of servobench's does"
+            f"shared memory {name!r} belongs to another program: it doesn't begin like a servobench ring"
         )
     if memory[VERSION] != LAYOUT:
         raise FormatError(
-            f"shared memory {name!r} has layout {memory[VERSION]}, and this servobench knows layout {LAYOUT}; "
-            "run both processes with the same version"
+            f"shared memory {name!r} has layout {memory[VERSION]}, and this servobench uses layout {LAYOUT}; run "
+            "both processes with the same version"
         )
     if memory[KIND] != KINDS[kind]:
         known = {number: word for word, number in KINDS.items()}
         found = known.get(int(memory[KIND]), f"records of an unknown kind ({memory[KIND]})")
-        raise FormatError(
-            f"shared memory {name!r} holds {found}, and {kind} are expected; take the other ring's name"
-        )
+        raise FormatError(f"shared memory {name!r} holds {found}; expected {kind}: use the other ring's name")
     slots, width = int(memory[SLOTS]), int(memory[WIDTH])
     if slots < 2 or slots & (slots - 1) or width < 1 or HEADER + slots * width > len(memory):
         raise FormatError(

@@ -71,8 +71,8 @@ class Silence:
         """Return the finding that this is, where it ended the run."""
         return danger(
             DEVICE_SILENT,
-            f"{self.sentence[0].upper()}{self.sentence[1:]}, and the loop's process was ended. Switch off the supply, then look "
-            "at the device, its cable and its driver.",
+            f"{self.sentence[0].upper()}{self.sentence[1:]}, and the loop's process was ended. Switch off the "
+            "supply, then check the device, its cable and its driver.",
         )
 
 

@@ -55,7 +55,7 @@ class Change(Protocol):
 
     @property
     def enabled(self) -> bool | None:
-        """Whether the controller's voltage is let through from then on."""
+        """Whether the controller's voltage is applied from then on."""
         ...
 
 
@@ -71,7 +71,7 @@ class Drive:
     ) -> None:
         self._sample_time = experiment.sample_time
         self._device = device
-        self._info = device.info.limited(experiment.limits.voltage)
+        self._info = device.info.with_limit(experiment.limits.voltage)
         self._references = references
         self._controller: Controller = experiment.controller
         self._state: State = self._controller.start(experiment.sample_time, self._info)
@@ -87,7 +87,7 @@ class Drive:
 
     @property
     def enabled(self) -> bool:
-        """Whether the controller's voltage is let through."""
+        """Whether the controller's voltage is applied."""
         return self._enabled
 
     def change(self, change: Change) -> None:
@@ -101,11 +101,11 @@ class Drive:
         reference = self._references.at(tick)
         commanded = 0.0
         if self._enabled and math.isfinite(reference) and self._device.usable:
-            commanded = self._commanded(self._controller.step(self._state, reference, tick.sample))
+            commanded = self._take_step(self._controller.step(self._state, reference, tick.sample))
         self._last = commanded
         return reference, commanded
 
-    def _commanded(self, step: object) -> float:
+    def _take_step(self, step: object) -> float:
         """Take what a controller's step returned: the next state, and the voltage [V], NaN where it is none."""
         if not (isinstance(step, tuple) and len(step) == 2):
             self.returned, self.expected = step, "the pair (state, voltage)"
@@ -139,7 +139,7 @@ class Drive:
         self._device.under_feedback(self._enabled and not isinstance(self._controller, OpenLoop))
 
 
-def let_pass(
+def run_ticks(
     ticks: int | None,
     device: Guarded,
     clock: Clock,
@@ -153,7 +153,7 @@ def let_pass(
     place, and is a fault.
     """
     if clock.timing == "host":  # otherwise the samples' own time is the run's
-        device.timed_by(clock.elapsed)
+        device.set_clock(clock.elapsed)
     due, latch = 0, _Latch(device)
     while ticks is None or due < ticks:
         tick = clock.latch(due, latch)
@@ -163,7 +163,7 @@ def let_pass(
             break
         reference, commanded = drive.voltage(tick)
         if latch.stopped is not None:
-            sink.add(_stopped_at(tick, reference, device.applied, drive.command, clock.elapsed()))
+            sink.add(_stop_place(tick, reference, device.applied, drive.command, clock.elapsed()))
             return latch.stopped
         finite = math.isfinite(reference) and math.isfinite(commanded)
         handed = clock.elapsed()
@@ -205,7 +205,7 @@ class _Latch:
             return end.sample
 
 
-def _stopped_at(tick: Tick, reference: float, applied: float, command: int, now: float) -> Place:
+def _stop_place(tick: Tick, reference: float, applied: float, command: int, now: float) -> Place:
     """The tick of a sample that ended the run: nothing was commanded; the guard's voltage [V] was put out by `now` [s]."""
     return Place(
         tick=tick,
@@ -222,10 +222,10 @@ def _stopped_at(tick: Tick, reference: float, applied: float, command: int, now:
 
 def _no_voltage(place: Place, drive: Drive) -> Alarm:
     if not math.isfinite(place.reference):
-        return Alarm("not-a-voltage", f"the signal gave {place.reference}, which is no voltage")
+        return Alarm("not-a-voltage", f"the signal gave {place.reference}, which isn't a voltage")
     return Alarm(
         "not-a-voltage",
-        f"the controller returned {value_text(drive.returned)}, which is no voltage; expected {drive.expected}",
+        f"the controller returned {value_text(drive.returned)}, which isn't a voltage; expected {drive.expected}",
     )
 
 
@@ -234,14 +234,14 @@ def now_and_then(interval: float, sample_time: float, attendant: Attendant, firs
     every = max(1, round(interval / sample_time))
     due = first
 
-    def shown(place: Place) -> Stopped | None:
+    def show(place: Place) -> Stopped | None:
         nonlocal due
         if place.tick.index < due:
             return None
         due = place.tick.index + every
         return attendant(place)
 
-    return shown
+    return show
 
 
 def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, BaseException | None]:
@@ -249,7 +249,7 @@ def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, 
     try:
         return carry_out(), None
     except KeyboardInterrupt as interrupt:
-        return Stopped(reason="interrupted", sentence=stopped_by(interrupt)), None
+        return Stopped(reason="interrupted", sentence=stop_text(interrupt)), None
     except RunEnded as end:
         return end.stopped, None
     except DeviceError as error:
@@ -260,7 +260,7 @@ def outcome(carry_out: Callable[[], Stopped], device: Device) -> tuple[Stopped, 
         stop(device)
 
 
-def stopped_by(interrupt: KeyboardInterrupt) -> str:
+def stop_text(interrupt: KeyboardInterrupt) -> str:
     """Return who stopped a run, as a sentence: the keyboard, or the request to end that stands in the interrupt."""
     return f"stopped by {interrupt}" if interrupt.args else "stopped from the keyboard"
 

@@ -18,11 +18,11 @@ class Amplifier(Settings):
     resistance: Resistance = 0.0
     """Output resistance, in series with the winding [Ω]."""
 
-    def saturated(self, command: float) -> float:
+    def saturate(self, command: float) -> float:
         """Return the command within ±limit [V], which is what an amplifier can tell of itself."""
         return max(-self.limit, min(self.limit, command))
 
     def output(self, command: float) -> float:
         """Return the voltage at the winding's end of the amplifier [V], before its series resistance."""
-        v = self.saturated(command)
+        v = self.saturate(command)
         return 0.0 if abs(v) <= self.dead_band else v - self.dead_band if v > 0 else v + self.dead_band

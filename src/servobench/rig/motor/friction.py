@@ -21,6 +21,6 @@ def direction(physics: Physics, current: float, speed: float) -> float:
     return 1.0 if torque > 0 else -1.0
 
 
-def stopped(before: float, after: float) -> bool:
+def has_stopped(before: float, after: float) -> bool:
     """Return whether a shaft that slid in a direction (±1, 0 for none) has come to rest or beyond at a speed [rad/s]."""
     return before != 0.0 and after * before < 0.0

@@ -15,7 +15,7 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Any
 
-from servobench.rig.motor.secret import keyed
+from servobench.rig.motor.secret import hash_words
 
 _PURPOSE = "servobench.individual/1"
 
@@ -73,7 +73,7 @@ def individual(secret: bytes, exercise: str, name: str) -> Individual:
 
     def part(quantity: str) -> float:
         """A number from 0 to 1, drawn for this quantity alone: who finds one out knows no other."""
-        drawn = keyed(secret, _PURPOSE, exercise, same_name(name), quantity)
+        drawn = hash_words(secret, _PURPOSE, exercise, same_name(name), quantity)
         return (int.from_bytes(drawn[:8], "big") >> 11) / 2.0**53
 
     def even(quantity: str, limits: tuple[float, float]) -> float:
@@ -93,5 +93,7 @@ def individual(secret: bytes, exercise: str, name: str) -> Individual:
         viscous_friction=damping,
         coulomb_torque=even("coulomb_voltage", COULOMB_VOLTAGE) * constant / resistance,
         start_angle=even("start_angle", START_ANGLE),
-        noise_seed=int.from_bytes(keyed(secret, _PURPOSE, exercise, same_name(name), "noise")[:16], "big"),
+        noise_seed=int.from_bytes(
+            hash_words(secret, _PURPOSE, exercise, same_name(name), "noise")[:16], "big"
+        ),
     )

@@ -130,7 +130,7 @@ def breakaway(c: Array, i: float, v: float, t_end: float) -> tuple[float, float]
 
 
 @compiled
-def switched(
+def advance_switching(
     c: Array, i: float, w: float, theta: float, v: float, t_end: float
 ) -> tuple[float, float, float]:
     """Return the state after a time t_end with a constant voltage, cut where the shaft stops, turns back or starts."""
@@ -165,7 +165,7 @@ def tick(c: Array, i: float, w: float, theta: float, v: float) -> tuple[float, f
     push = c[K] * max(abs(i), (abs(v) + c[K] * max(abs(w), abs(w_new))) / c[R])
     fastest = (push + c[B] * max(abs(w), abs(w_new)) + c[TC]) / c[J]
     if w * w_new <= 0.0 or abs(w) + abs(w_new) <= fastest * c[H]:
-        return switched(c, i, w, theta, v, c[H])
+        return advance_switching(c, i, w, theta, v, c[H])
     theta += (c[T0] * i + c[TB] * v) + (c[T1] * w - c[Q] * d)
     i = c[A00] * i + c[A01] * w + c[B0] * v + c[G] * d
     return i, w_new, theta

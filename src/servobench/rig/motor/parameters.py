@@ -97,7 +97,7 @@ QUBE_SERVO_2 = DataSheet(
         "hub_inertia": "m r²/2 with 0.0106 kg and 0.0111 m, Table 1 of the paper",
         "disc_inertia": "m r²/2 with 0.053 kg and 0.0248 m, Table 1 of the paper",
         "voltage_limit": "recommended range of the drive, ±10 V",
-        "dead_band": "not given; taken as 0",
+        "dead_band": "not given; assumed 0",
         "counts_per_rev": "512 lines, read in quadrature; section II.B of the paper",
         "counter_bits": "24-bit counter of the Q2 interface; not confirmed by a manual",
     },

@@ -32,8 +32,8 @@ class MotorState(NamedTuple):
 class Physics:
     """The coefficients of the motor's equations, in SI units: what the solvers work with.
 
-    `resistance` R [Ω] and `inductance` L [H], `motor_constant` k [V·s/rad = N·m/A], `inertia` J [kg·m²] of all that turns,
-    `viscous_friction` b [N·m·s/rad], `coulomb_torque` T_c [N·m].
+    `resistance` R [Ω] and `inductance` L [H], `motor_constant` k [V·s/rad = N·m/A], `inertia` J [kg·m²] of everything that
+    turns, `viscous_friction` b [N·m·s/rad], `coulomb_torque` T_c [N·m].
     """
 
     resistance: float

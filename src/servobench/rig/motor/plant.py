@@ -59,13 +59,13 @@ class Plant:
             whole = left > (1 - _SAME) * self._tick
             step = self._tick if whole else left
             if self.blocked:
-                self.state = self._held(step)
+                self.state = self._hold_shaft(step)
             else:
                 self.state = self._solver.advance(self.state, self._voltage, step)
                 self._disturb(step)
             self._now = time if left <= (1 + _SAME) * self._tick else self._now + step
 
-    def _held(self, step: float) -> MotorState:
+    def _hold_shaft(self, step: float) -> MotorState:
         """The state after a step [s] with the shaft held where it is: L di/dt = v - R i, without back-emf."""
         stall = self._voltage / self._physics.resistance
         if self._physics.inductance == 0.0:

@@ -42,26 +42,27 @@ def read_secret(path: Path) -> bytes:
             known = file.read(_LARGEST + 1)
     except FileNotFoundError:
         raise UsageError(
-            f"there is no secret {path}; expected the file that the motors were handed out with, as no other gives the same ones"
+            f"there is no secret {path}; expected the file used to assign the motors, as only that gives the same "
+            "ones"
         ) from None
     except OSError as error:
         raise UsageError(f"the secret {path} can't be read: {error.strerror or error}") from error
     if os.name == "posix" and mode & (stat.S_IRWXG | stat.S_IRWXO):
         raise UsageError(
-            f"the secret {path} may be read by others (mode {stat.S_IMODE(mode):03o}); if nobody has seen it, "
-            f"`chmod 600 {path}`, otherwise hand out new motors with a new secret"
+            f"the secret {path} may be read by others (mode {stat.S_IMODE(mode):03o}); run `chmod 600 {path}` if it "
+            "hasn't been read by others, otherwise assign new motors with a new secret"
         )
     if not LENGTH <= len(known) <= _LARGEST:
         length = f"more than {_LARGEST}" if len(known) > _LARGEST else str(len(known))
         raise UsageError(
             f"the secret {path} has {length} bytes; expected {LENGTH} to {_LARGEST}, random ones, as "
-            "`servobench lab EXERCISE --assess ROSTER` writes them "
+            "`servobench lab assess EXERCISE ROSTER` writes them "
             "to a file that isn't there yet"
         )
     return known
 
 
-def keyed(secret: bytes, *words: str) -> bytes:
+def hash_words(secret: bytes, *words: str) -> bytes:
     """Return 32 bytes that only who has the secret can tell: HMAC-SHA256 of the words, which are kept apart by their lengths."""
     parts = [word.encode("utf-8", "surrogatepass") for word in words]
     message = b"".join(len(part).to_bytes(4, "big") + part for part in parts)

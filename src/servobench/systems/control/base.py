@@ -15,7 +15,7 @@ class Controller(Protocol):
     """A control law; its settings are frozen, its state is a value that is passed and returned.
 
     The law learns what the voltage is limited to from the channel `voltage` of the device's description: who limits it further
-    narrows that channel (`DeviceInfo.limited`). It returns the voltage that it wants, beyond the limit too, so that whoever
+    narrows that channel (`DeviceInfo.with_limit`). It returns the voltage that it wants, beyond the limit too, so that whoever
     limits it can tell that it was.
     """
 

@@ -40,30 +40,30 @@ def pid(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple
     """u = kp (b r - y) + ∫ ki (r - y) dt + kd d/dt (c r - y), the derivative filtered."""
     new = x.copy()
     speed_before = x[SPEED]
-    dt = looked(new, p, counts, time)
+    dt = take_sample(new, p, counts, time)
     y, rate = new[TRAVEL] * p[SCALE], new[SPEED]
     if p[FOLLOWS_SPEED] != 0.0:
         if dt > 0.0 and x[SEEN] == UNDER_WAY:
             slope = (new[SPEED] - speed_before) / dt
-            new[SPEED_RATE] = lowpassed(x[SPEED_RATE], slope, x[SPEED_SLOPE], p[CUTOFF] * dt)
+            new[SPEED_RATE] = lowpass_step(x[SPEED_RATE], slope, x[SPEED_SLOPE], p[CUTOFF] * dt)
             new[SPEED_SLOPE] = slope
         y, rate = new[SPEED], new[SPEED_RATE]
     if dt > 0.0:
         slope = (reference - x[REFERENCE]) / dt
-        new[REFERENCE_RATE] = lowpassed(x[REFERENCE_RATE], slope, x[REFERENCE_SLOPE], p[CUTOFF] * dt)
+        new[REFERENCE_RATE] = lowpass_step(x[REFERENCE_RATE], slope, x[REFERENCE_SLOPE], p[CUTOFF] * dt)
         new[REFERENCE_SLOPE] = slope
     new[REFERENCE] = reference
     if x[SEEN] == ONE_SAMPLE:
-        completed(new, p, p[KP] if p[FOLLOWS_SPEED] != 0.0 else p[KD])
+        complete_switch(new, p, p[KP] if p[FOLLOWS_SPEED] != 0.0 else p[KD])
     feedback = p[KP] * (p[WEIGHT_P] * reference - y) + p[KD] * (p[WEIGHT_D] * new[REFERENCE_RATE] - rate)
-    return new, settled(new, p, dt, reference - y, feedback)
+    return new, settle_voltage(new, p, dt, reference - y, feedback)
 
 
 @compiled
 def lead(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
     """u = gain (1 + s/zero)/(1 + s/pole) (r - y), by the trapezoid rule."""
     new = x.copy()
-    dt = looked(new, p, counts, time)
+    dt = take_sample(new, p, counts, time)
     y = new[SPEED] if p[FOLLOWS_SPEED] != 0.0 else new[TRAVEL] * p[SCALE]
     error = reference - y
     if x[SEEN] != UNDER_WAY:
@@ -75,25 +75,25 @@ def lead(x: Array, p: Array, reference: float, counts: int, time: float) -> tupl
         new[LED] = ((1.0 / p[POLE] - half) * x[LED] + p[LEAD_GAIN] * rise) / (1.0 / p[POLE] + half)
     new[ERROR] = error
     if x[SEEN] == ONE_SAMPLE and p[FOLLOWS_SPEED] != 0.0:
-        completed(new, p, p[LEAD_GAIN])
-    return new, settled(new, p, dt, error, new[LED])
+        complete_switch(new, p, p[LEAD_GAIN])
+    return new, settle_voltage(new, p, dt, error, new[LED])
 
 
 @compiled
 def state_feedback(x: Array, p: Array, reference: float, counts: int, time: float) -> tuple[Array, float]:
     """u = k_r r - k_θ θ - k_ω ω + ∫ k_i (r - y) dt."""
     new = x.copy()
-    dt = looked(new, p, counts, time)
+    dt = take_sample(new, p, counts, time)
     position, speed = new[TRAVEL] * p[SCALE], new[SPEED]
     if x[SEEN] == ONE_SAMPLE:
-        completed(new, p, p[K_SPEED])
+        complete_switch(new, p, p[K_SPEED])
     y = speed if p[FOLLOWS_SPEED] != 0.0 else position
     feedback = p[K_REFERENCE] * reference - p[K_POSITION] * position - p[K_SPEED] * speed
-    return new, settled(new, p, dt, reference - y, feedback)
+    return new, settle_voltage(new, p, dt, reference - y, feedback)
 
 
 @compiled
-def looked(new: Array, p: Array, counts: int, time: float) -> float:
+def take_sample(new: Array, p: Array, counts: int, time: float) -> float:
     """Take a sample into a state: travel and filtered speed. Return the time since the sample before, 0 where there was none.
 
     A step of the counter is the shortest one that leads to its new value (half-range rule). A sample that is no later than
@@ -117,20 +117,20 @@ def looked(new: Array, p: Array, counts: int, time: float) -> float:
         # The first difference after a switch is all that is known of a speed that the filter hasn't followed.
         new[SEEN], new[SPEED] = UNDER_WAY, slope
     else:
-        new[SPEED] = lowpassed(new[SPEED], slope, new[SLOPE], p[CUTOFF] * dt)
+        new[SPEED] = lowpass_step(new[SPEED], slope, new[SLOPE], p[CUTOFF] * dt)
     new[SLOPE] = slope
     return float(dt)
 
 
 @compiled
-def lowpassed(y: float, x: float, x_before: float, h: float) -> float:
+def lowpass_step(y: float, x: float, x_before: float, h: float) -> float:
     """Return the next output of ω/(s + ω) by the trapezoid rule, with h = ω dt: the stage `lowpass`."""
     gain = 0.5 * h / (1.0 + 0.5 * h)
     return (1.0 - 0.5 * h) / (1.0 + 0.5 * h) * y + gain * (x + x_before)
 
 
 @compiled
-def completed(new: Array, p: Array, per_speed: float) -> None:
+def complete_switch(new: Array, p: Array, per_speed: float) -> None:
     """Give back to the integral or the bias what the voltage loses to a speed that was not known at the switch."""
     if new[SEEN] != UNDER_WAY:
         return
@@ -141,7 +141,7 @@ def completed(new: Array, p: Array, per_speed: float) -> None:
 
 
 @compiled
-def settled(new: Array, p: Array, dt: float, error: float, feedback: float) -> float:
+def settle_voltage(new: Array, p: Array, dt: float, error: float, feedback: float) -> float:
     """Return the voltage with the integral and the bias of this tick; where it is beyond a limit, take the integral back.
 
     The integral follows what the limit leaves, dI/dt = ki e + (limited - wanted)/T_t (back-calculation).

@@ -17,10 +17,10 @@ from servobench.systems.control.running import (
     Output,
     Proportional,
     Running,
-    advanced,
-    begun,
+    advance,
+    begin_law,
     shaft_of,
-    taken_over,
+    take_over,
 )
 
 
@@ -33,7 +33,7 @@ class Lead(Settings):
     """
 
     output: Output = "position"
-    """What is followed: position or speed."""
+    """The controlled output: position or speed."""
     gain: Proportional = 1.0
     """Gain at rest, in V/rad for a position, V·s/rad for a speed."""
     zero: Cutoff = 10.0
@@ -69,17 +69,17 @@ class Lead(Settings):
 
         own = (self.output == "speed", 0.0, sample_time, self.fade_time, self.gain, self.zero, self.pole)
         p = np.array([sample_time, *shaft_of(info, "lead"), self.cutoff, *own], dtype=np.float64)
-        return begun(kernels.lead, p, np.zeros(kernels.OWN + 2))
+        return begin_law(kernels.lead, p, np.zeros(kernels.OWN + 2))
 
     def step(self, state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
         """Return the voltage [V] for a reference [rad or rad/s]."""
-        return advanced(state, reference, sample)
+        return advance(state, reference, sample)
 
     def take_over(
         self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
     ) -> Running:
         """Return the state from which the voltage goes on; the compensator is settled, and a bias fades."""
-        return taken_over(
+        return take_over(
             self.start(sample_time, info),
             reference,
             sample,

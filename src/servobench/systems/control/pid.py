@@ -17,10 +17,10 @@ from servobench.systems.control.running import (
     Output,
     Proportional,
     Running,
-    advanced,
-    begun,
+    advance,
+    begin_law,
     shaft_of,
-    taken_over,
+    take_over,
 )
 
 
@@ -34,7 +34,7 @@ class Pid(Settings):
     """
 
     output: Output = "position"
-    """What is followed: position or speed."""
+    """The controlled output: position or speed."""
     kp: Proportional = 1.0
     """Proportional gain, in V/rad for a position, V·s/rad for a speed."""
     ki: Integral = 0.0
@@ -68,20 +68,20 @@ class Pid(Settings):
         from servobench.systems.control import kernels
 
         shaft = shaft_of(info, "pid")
-        own = (self.output == "speed", self.ki, self._tracking(sample_time), self.fade_time)
+        own = (self.output == "speed", self.ki, self._tracking_time(sample_time), self.fade_time)
         gains = (self.kp, self.kd, self.b, self.c)
         p = np.array([sample_time, *shaft, self.cutoff, *own, *gains], dtype=np.float64)
-        return begun(kernels.pid, p, np.zeros(kernels.OWN + 5))
+        return begin_law(kernels.pid, p, np.zeros(kernels.OWN + 5))
 
     def step(self, state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
         """Return the voltage [V] for a reference [rad or rad/s]."""
-        return advanced(state, reference, sample)
+        return advance(state, reference, sample)
 
     def take_over(
         self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
     ) -> Running:
         """Return the state from which the voltage goes on; the integral makes up the difference, or a bias that fades."""
-        return taken_over(
+        return take_over(
             self.start(sample_time, info),
             reference,
             sample,
@@ -90,7 +90,7 @@ class Pid(Settings):
             fade_time=self.fade_time,
         )
 
-    def _tracking(self, sample_time: float) -> float:
+    def _tracking_time(self, sample_time: float) -> float:
         """T_t [s]; an integral alone is taken back within a sample time."""
         if self.tracking_time is not None:
             return self.tracking_time

@@ -40,7 +40,7 @@ class Running(NamedTuple):
     x: Array
 
 
-def advanced(state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
+def advance(state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
     """Return the next state and the voltage [V] of a compiled law."""
     law, p, x = state
     # Of one type always: another one would be compiled for, in the middle of a run.
@@ -67,17 +67,15 @@ def shaft_of(info: DeviceInfo, law: str) -> Shaft:
     """
     counts, voltage = info.channel("counts"), info.channel("voltage")
     if counts is None or not counts.counts_per_rev:
-        lacks = (
-            "has no encoder" if counts is None else "doesn't say how many counts its encoder has in a turn"
-        )
+        lacks = "has no encoder" if counts is None else "doesn't give its encoder's counts per turn"
         raise UsageError(
-            f"the controller {law!r} needs the shaft's angle, and the device {info.name!r} {lacks}; "
-            'say counts_per_rev in its settings, or take type = "open_loop"'
+            f"the controller {law!r} needs the shaft's angle, and the device {info.name!r} {lacks}; give "
+            'counts_per_rev in its settings, or use type = "open_loop"'
         )
     bits = counts.counter_bits
     if bits is not None and bits > _LARGEST_BITS:
         raise UsageError(
-            f"the device {info.name!r} says that its counter has {bits} bits; expected {_LARGEST_BITS} at most"
+            f"the device {info.name!r} reports a counter of {bits} bits; expected at most {_LARGEST_BITS}"
         )
     low, high = (None, None) if voltage is None else (voltage.minimum, voltage.maximum)
     return Shaft(
@@ -99,13 +97,13 @@ Integral: TypeAlias = Annotated[Finite, gain_unit("V/(rad·s)", "V/rad")]
 Derivative: TypeAlias = Annotated[Finite, gain_unit("V·s/rad", "V·s²/rad")]
 
 
-def begun(law: Law, p: Array, x: Array) -> Running:
+def begin_law(law: Law, p: Array, x: Array) -> Running:
     """Return a running law of numbers p (P,) and states x (X,), compiled: it has stepped once, and forgotten it."""
     law(x, p, 0.0, 0, 0.0)
     return Running(law, np.ascontiguousarray(p), x)
 
 
-def taken_over(
+def take_over(
     state: Running, reference: float, sample: Sample, voltage: float, *, integral: bool, fade_time: float
 ) -> Running:
     """Return a running law from which that sample gives that voltage [V].
@@ -128,4 +126,4 @@ def prepare() -> None:
     from servobench.systems.control import kernels
 
     for law in (kernels.pid, kernels.lead, kernels.state_feedback):
-        begun(law, np.ones(kernels.GAINS + 4), np.zeros(kernels.OWN + 5))
+        begin_law(law, np.ones(kernels.GAINS + 4), np.zeros(kernels.OWN + 5))

@@ -19,10 +19,10 @@ from servobench.systems.control.running import (
     Output,
     Proportional,
     Running,
-    advanced,
-    begun,
+    advance,
+    begin_law,
     shaft_of,
-    taken_over,
+    take_over,
 )
 
 
@@ -34,7 +34,7 @@ class StateFeedback(Settings):
     """
 
     output: Output = "position"
-    """What is followed: position or speed."""
+    """The controlled output: position or speed."""
     position_gain: Annotated[Finite, In("V/rad")] = 1.0
     """k_θ; has to be 0 where a speed is followed, as the position has no place to go to then [V/rad]."""
     speed_gain: Annotated[Finite, In("V·s/rad")] = 0.0
@@ -54,8 +54,8 @@ class StateFeedback(Settings):
     def _follows_one(self) -> Self:
         if self.output == "speed" and self.position_gain != 0:
             raise ValueError(
-                f"position_gain = {self.position_gain:g} V/rad would hold the shaft of a motor whose speed is followed; "
-                "say position_gain = 0"
+                f"position_gain = {self.position_gain:g} V/rad would hold the shaft, although the speed is "
+                "controlled; set position_gain = 0"
             )
         return self
 
@@ -89,17 +89,17 @@ class StateFeedback(Settings):
         gains = (self.position_gain, self.speed_gain, forward)
         shaft = shaft_of(info, "state_feedback")
         p = np.array([sample_time, *shaft, self.cutoff, *own, *gains], dtype=np.float64)
-        return begun(kernels.state_feedback, p, np.zeros(kernels.OWN))
+        return begin_law(kernels.state_feedback, p, np.zeros(kernels.OWN))
 
     def step(self, state: Running, reference: float, sample: Sample) -> tuple[Running, float]:
         """Return the voltage [V] for a reference [rad or rad/s]."""
-        return advanced(state, reference, sample)
+        return advance(state, reference, sample)
 
     def take_over(
         self, sample_time: float, info: DeviceInfo, reference: float, sample: Sample, voltage: float
     ) -> Running:
         """Return the state from which the voltage goes on; the integral makes up the difference, or a bias that fades."""
-        return taken_over(
+        return take_over(
             self.start(sample_time, info),
             reference,
             sample,

@@ -34,11 +34,3 @@ def attenuation(cutoff: float, omega: float) -> Attenuation:
     check_positive("the cut-off of a low-pass filter", cutoff, "rad/s")
     ratio = omega / cutoff
     return Attenuation(amplitude=1.0 / math.hypot(1.0, ratio), phase=-math.atan(ratio))
-
-
-def cutoff_for(omega: float, amplitude: float) -> float:
-    """Return the cut-off [rad/s] that leaves a part A, between 0 and 1, of a sine's amplitude at ω [rad/s]: ω/√(1/A² - 1)."""
-    check_positive("the frequency", omega, "rad/s")
-    check_positive("the part that is left", amplitude, "")
-    check_positive("what is taken", 1.0 - amplitude, "")
-    return omega * amplitude / math.sqrt((1.0 - amplitude) * (1.0 + amplitude))

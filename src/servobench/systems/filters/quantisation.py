@@ -10,7 +10,6 @@ All formulas here follow from that saw-tooth by algebra (docs/decisions/0025-fil
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -18,15 +17,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.numbers import check_positive
 from servobench.systems.filters.base import SpeedEstimate
-from servobench.systems.filters.response import frequency_response, impulse_response
-
-
-class NoiseLine(NamedTuple):
-    """One line of the noise: which harmonic of the saw-tooth, its frequency after folding [Hz], its rms [rad/s]."""
-
-    harmonic: int
-    frequency: float
-    rms: float
+from servobench.systems.filters.response import impulse_response
 
 
 def count_fraction(speed: float, sample_time: float, quantum: float) -> float:
@@ -75,24 +66,6 @@ def mean_noise(estimate: SpeedEstimate, sample_time: float, quantum: float) -> f
     check_positive("the encoder's step", quantum, "rad")
     g = impulse_response(estimate, sample_time)
     return quantum / math.sqrt(12.0) * float(np.linalg.norm(g))
-
-
-def noise_lines(
-    estimate: SpeedEstimate, speed: float, sample_time: float, quantum: float, count: int = 50
-) -> tuple[NoiseLine, ...]:
-    """Return the first `count` lines of the noise of a speed estimate at a constant speed [rad/s], strongest first.
-
-    The n-th has an rms of Δ/(√2 π n) |G| at n f cycles a sample. Where no two of them fold onto the same frequency, as for every
-    f that is no fraction of small numbers, their squares add up to that of `noise` as `count` grows.
-    """
-    f = count_fraction(speed, sample_time, quantum)
-    n = np.arange(1, count + 1)
-    cycles = np.mod(n * f, 1.0)
-    folded = np.minimum(cycles, 1.0 - cycles)
-    gain = np.abs(frequency_response(estimate, 2.0 * np.pi * folded / sample_time, sample_time))
-    rms = quantum * gain / (math.sqrt(2.0) * math.pi * n)
-    order = np.argsort(-rms, kind="stable")
-    return tuple(NoiseLine(int(n[i]), float(folded[i] / sample_time), float(rms[i])) for i in order)
 
 
 def _autocorrelation(g: Array) -> Array:

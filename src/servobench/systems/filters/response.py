@@ -31,8 +31,8 @@ def impulse_response(estimate: SpeedEstimate, sample_time: float) -> Array:
             return np.asarray(g[: seen[-1] + 1])
         length *= 4
     raise UsageError(
-        f"`{estimate}` at {sample_time:g} s still answers a sample {_LONGEST} samples later; expected a response that dies out: "
-        "take a higher cut-off or a shorter window"
+        f"`{estimate}` at {sample_time:g} s still responds to a sample {_LONGEST} samples later; expected a response "
+        "that dies out: use a higher cut-off or a shorter window"
     )
 
 
@@ -55,7 +55,7 @@ def lag(estimate: SpeedEstimate, sample_time: float) -> float:
     gain = -sample_time * float(g @ k)
     if abs(float(g.sum())) * sample_time > 1e-9 or abs(gain - 1.0) > 1e-6:
         raise UsageError(
-            f"`{estimate}` shows {gain:.6g} rad/s of a shaft that turns at 1 rad/s; expected an estimate of the speed from the "
-            "position, such as `derivative | lowpass 50 rad/s`"
+            f"`{estimate}` shows {gain:.6g} rad/s for a shaft that turns at 1 rad/s; expected an estimate of the "
+            "speed from the position, such as `derivative | lowpass 50 rad/s`"
         )
     return float(-0.5 * sample_time**2 * (g @ k**2))

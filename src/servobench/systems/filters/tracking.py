@@ -129,7 +129,7 @@ class MotorKalman:
         return speeds
 
     def __str__(self) -> str:
-        return f"Kalman filter that is told {number_text(self.time_constant)} s"
+        return f"Kalman filter for {number_text(self.time_constant)} s"
 
     @property
     def _model(self) -> tuple[Array, Array]:

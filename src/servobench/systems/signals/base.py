@@ -1,4 +1,8 @@
-"""The kind `signals`: excitations and references, pure functions of time."""
+"""The kind `signals`: excitations and references, pure functions of time.
+
+A member is a class of settings that `SIGNALS.member(name)` decorates. `edges` says where times lie in a period, so that an edge
+falls on its sample.
+"""
 
 from __future__ import annotations
 

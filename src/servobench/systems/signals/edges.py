@@ -49,7 +49,7 @@ def periods(t: Array, frequency: float, start: float, phase: float = 0.0) -> Per
     return Periods(whole, np.maximum(cycles - whole, 0.0), since_start >= -margin, margin)
 
 
-def reached(t: Array, edge: float) -> NDArray[np.bool_]:
+def is_past(t: Array, edge: float) -> NDArray[np.bool_]:
     """Return where times t (N,) [s] are at or after an edge [s]."""
     t = np.asarray(t, dtype=float)
     return np.asarray(t - edge >= -(_MARGIN + _ROUNDING * (np.abs(t) + abs(edge))))

@@ -12,7 +12,7 @@ from pydantic import Field, model_validator
 from servobench.core.channels import Array
 from servobench.core.settings import PositiveFrequency, Settings, Time
 from servobench.systems.signals.base import SIGNALS, Amplitude, Level
-from servobench.systems.signals.edges import reached
+from servobench.systems.signals.edges import is_past
 
 _MOST_HARMONICS = 20_000
 _BLOCK = 2**18  # values of all harmonics at a time, 2 MB
@@ -73,7 +73,7 @@ class Multisine(Settings):
             block = fraction[first : first + rows, np.newaxis]
             total[first : first + rows] = np.cos(2 * math.pi * block * k + phase).sum(axis=1)
         wave = self.offset + self.amplitude / peak * total.reshape(t.shape)
-        return np.where(reached(t, self.start), wave, self.offset)
+        return np.where(is_past(t, self.start), wave, self.offset)
 
     @property
     def period(self) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.settings import PositiveTime, Settings, Time
 from servobench.systems.signals.base import SIGNALS, Level
-from servobench.systems.signals.edges import reached
+from servobench.systems.signals.edges import is_past
 
 
 @SIGNALS.member("pulse")
@@ -25,7 +25,7 @@ class Pulse(Settings):
 
     def __call__(self, t: Array) -> Array:
         """Return the value at times t [s]."""
-        during = reached(t, self.start) & ~reached(t, self.start + self.width)
+        during = is_past(t, self.start) & ~is_past(t, self.start + self.width)
         return np.where(during, self.level, self.rest)
 
     @property

@@ -10,7 +10,7 @@ from pydantic import AfterValidator, Field
 from servobench.core.channels import Array
 from servobench.core.settings import PositiveTime, Settings, Time
 from servobench.systems.signals.base import SIGNALS, AnySignal, at_least_one
-from servobench.systems.signals.edges import reached
+from servobench.systems.signals.edges import is_past
 
 
 class Segment(Settings):
@@ -49,7 +49,7 @@ class Sequence(Settings):
         begin = self.start
         for segment in self.segments:
             end = begin + segment.duration
-            during = reached(t, begin) & ~reached(t, end)
+            during = is_past(t, begin) & ~is_past(t, end)
             # A time that counts as on the edge is on it for the segment's signal too.
             values[during] = segment.signal(np.maximum(t[during] - begin, 0.0))
             begin = end

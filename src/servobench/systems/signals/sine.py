@@ -9,7 +9,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.settings import Angle, PositiveFrequency, Settings, Time
 from servobench.systems.signals.base import SIGNALS, Amplitude, Level
-from servobench.systems.signals.edges import reached
+from servobench.systems.signals.edges import is_past
 
 
 @SIGNALS.member("sine")
@@ -31,7 +31,7 @@ class Sine(Settings):
         """Return the value at times t [s]."""
         cycles = self.frequency * (np.asarray(t, dtype=float) - self.start)
         wave = np.sin(2 * math.pi * (cycles - np.floor(cycles)) + self.phase)
-        return np.where(reached(t, self.start), self.offset + self.amplitude * wave, self.offset)
+        return np.where(is_past(t, self.start), self.offset + self.amplitude * wave, self.offset)
 
     @property
     def period(self) -> float:

@@ -7,7 +7,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.settings import Settings, Time
 from servobench.systems.signals.base import SIGNALS, Level
-from servobench.systems.signals.edges import reached
+from servobench.systems.signals.edges import is_past
 
 
 @SIGNALS.member("step")
@@ -23,7 +23,7 @@ class Step(Settings):
 
     def __call__(self, t: Array) -> Array:
         """Return the value at times t [s]."""
-        return np.where(reached(t, self.start), self.final, self.initial)
+        return np.where(is_past(t, self.start), self.final, self.initial)
 
     @property
     def period(self) -> None:

@@ -45,7 +45,7 @@ class Drive:
         later = np.maximum(t - self.system.delay, 0.0)
         return np.asarray(self.coefficient * later**self.power * np.exp(self.rate * later), dtype=np.float64)
 
-    def simulated(self, t: Array) -> Array:
+    def simulate(self, t: Array) -> Array:
         """Return the output (N,) at times t [s], from rest, computed from the system itself and not from its poles."""
         omega = abs(self.pole.imag) if self.rate == 0 else 0.0
         return step_response(_behind_sine(self.system, omega) if omega else self.system, t)
@@ -77,7 +77,7 @@ def drive_off(system: TransferFunction, poles: Sequence[Pole]) -> Drive | None:
         return None
     pole = max(upper, key=lambda p: (p.at.real if p.side > 0 else 0.0, p.multiplicity))
     m, at = pole.multiplicity, pole.at
-    residue = abs(_leading(system, pole))
+    residue = abs(_leading_coefficient(system, pole))
     if pole.side == 0:
         signal = (
             Sine(amplitude=1.0, frequency=abs(at.imag) / (2 * math.pi)) if at.imag else Constant(value=1.0)
@@ -100,7 +100,7 @@ def drive_off(system: TransferFunction, poles: Sequence[Pole]) -> Drive | None:
     )
 
 
-def _leading(system: TransferFunction, pole: Pole) -> complex:
+def _leading_coefficient(system: TransferFunction, pole: Pole) -> complex:
     """lim (s - p)^m N(s)/D(s): by Taylor's series, of which zeros that cancel take the first terms."""
     n, d = np.asarray(system.numerator), np.asarray(system.denominator)
     # The pole stands in D as often as it is left over, and as often again as a zero cancels it.

@@ -18,7 +18,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.systems.margins import Phase, turning_points
-from servobench.systems.responses import mirrored, positive_roots
+from servobench.systems.responses import mirror, positive_roots
 from servobench.systems.stability.nyquist import closed_loop
 from servobench.systems.stability.poles import poles_of
 from servobench.systems.stability.verdict import verdict_of
@@ -56,8 +56,8 @@ def stable_gains(loop: TransferFunction) -> tuple[tuple[float, float], ...]:
 
 def _rational(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
     """Where N(jω) D(-jω) is real, which it is at finitely many ω; between the gains of these, one tried decides."""
-    odd = np.convolve(n, mirrored(d))[::-1][1::2][::-1]
-    squares = positive_roots(mirrored(odd)) if len(odd) else np.empty(0)
+    odd = np.convolve(n, mirror(d))[::-1][1::2][::-1]
+    squares = positive_roots(mirror(odd)) if len(odd) else np.empty(0)
     limits = {0.0, math.inf}
     for omega in [0.0, *np.sqrt(squares).tolist()]:
         above = complex(np.polyval(n, 1j * omega))
@@ -77,10 +77,10 @@ def _rational(n: Array, d: Array) -> tuple[tuple[float, float], ...]:
 
 def _between(low: float, high: float, n: Array, d: Array) -> float:
     """A gain between two; where nothing else is known, one at which N and D weigh about the same."""
-    return 0.5 * (low + high) if math.isfinite(high) else 2 * low or balanced_gain(n, d)
+    return 0.5 * (low + high) if math.isfinite(high) else 2 * low or balance_gain(n, d)
 
 
-def balanced_gain(n: Array, d: Array) -> float:
+def balance_gain(n: Array, d: Array) -> float:
     """Return the gain at which N (m + 1,) and D (n + 1,), highest power first, weigh the same at the size of a middling pole."""
     poles = np.abs(np.roots(d))
     at = float(np.median(poles[poles > 0])) if (poles > 0).any() else 1.0
@@ -102,8 +102,8 @@ def _behind_delay(loop: TransferFunction, n: Array, d: Array) -> tuple[tuple[flo
     right = closed_loop(replace(loop, numerator=tuple(below * c for c in loop.numerator))).right
     if right is None:
         raise UsageError(
-            f"stable gains: {loop} with {below:g} of its gain can't be told from the border of stability; judge it with "
-            "closed_loop, gain by gain"
+            f"stable gains: {loop} with {below:g} of its gain can't be distinguished from the border of stability; "
+            "check it with closed_loop, gain by gain"
         )
     ranges, low = [], 0.0
     for limit in limits:
@@ -128,8 +128,8 @@ def _limits(loop: TransferFunction, n: Array, d: Array) -> list[_Limit]:
         if found[-1].gain > taken_back:
             return found
     raise UsageError(
-        f"stable gains: the delay of {loop.delay:g} s turns the loop more than {_MOST} times before its poles only move to the "
-        "right; that is beyond what is looked through"
+        f"stable gains: the delay of {loop.delay:g} s turns the loop more than {_MOST} times before its poles only "
+        "move to the right; that is too far to search"
     )
 
 
@@ -155,7 +155,7 @@ def _crossings(phase: Phase, low: float, high: float) -> Iterator[tuple[float, b
     lowest, highest = sorted((math.floor(first), math.floor(last)))
     if highest - lowest > _MOST:
         raise UsageError(
-            f"stable gains: the delay turns the loop {highest - lowest} times; that is beyond what is looked through"
+            f"stable gains: the delay turns the loop {highest - lowest} times; that is too far to search"
         )
     for turn in range(lowest + 1, highest + 1):
         level = _TURN * turn - math.pi

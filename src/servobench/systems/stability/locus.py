@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
-from servobench.systems.stability.gains import balanced_gain, closed_polynomial, stable_gains
+from servobench.systems.stability.gains import balance_gain, closed_polynomial, stable_gains
 from servobench.systems.transfer_function import TransferFunction
 
 _GAINS = 400  # of a locus, where none are given
@@ -71,8 +71,8 @@ def root_locus(loop: TransferFunction, gains: Sequence[float] | Array | None = N
 def _parts(loop: TransferFunction) -> tuple[Array, Array]:
     if loop.delay:
         raise UsageError(
-            f"root locus: the loop has a delay of {loop.delay:g} s, and its closed loop infinitely many poles; take the delay "
-            "out, put a Padé approximation in its place (interop.without_delay), or ask closed_loop"
+            f"root locus: the loop has a delay of {loop.delay:g} s, and its closed loop infinitely many poles; "
+            "remove the delay, use a Padé approximation (interop.without_delay), or use closed_loop"
         )
     n = np.trim_zeros(np.asarray(loop.numerator, dtype=np.float64), "f")
     d = np.asarray(loop.denominator, dtype=np.float64)
@@ -83,7 +83,7 @@ def _parts(loop: TransferFunction) -> tuple[Array, Array]:
 
 def _gains(n: Array, d: Array) -> Array:
     """Gains from 0 over the range in which the poles move: around that of each coefficient against its counterpart."""
-    own = balanced_gain(n, d) * np.logspace(-_DECADES, _DECADES, _GAINS)
+    own = balance_gain(n, d) * np.logspace(-_DECADES, _DECADES, _GAINS)
     met = [k for k, _ in _meetings(n, d)]
     return np.array(sorted({0.0, *own.tolist(), *met}))
 

@@ -85,13 +85,7 @@ def closed_loop(loop: TransferFunction) -> ClosedLoop:
             encirclements=None,
             sentence="The open loop goes through −1: the closed loop is on the border of stability.",
         )
-    return judged("unstable" if count else "stable", count, open_right)
-
-
-def nyquist_curve(loop: TransferFunction, omega: Array) -> tuple[Array, Array]:
-    """Return the real and the imaginary part (N,) of the open loop at frequencies (N,) [rad/s]."""
-    response = loop.frequency_response(omega)
-    return np.asarray(response.real), np.asarray(response.imag)
+    return judge("unstable" if count else "stable", count, open_right)
 
 
 def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
@@ -99,7 +93,7 @@ def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
     closed: Array = np.asarray(np.polyadd(loop.denominator, n if len(n) else [0.0]), dtype=np.float64)
     if len(np.trim_zeros(closed, "f")) < max(len(closed), len(loop.denominator)):
         raise UsageError(
-            f"Nyquist: the loop {loop} is -1 at high frequencies, so that closing it makes no system; expected one that falls"
+            f"Nyquist: the loop {loop} is -1 at high frequencies, so it can't be closed; expected one that falls"
         )
     poles = poles_of(closed)
     verdict = verdict_of(poles)
@@ -113,10 +107,10 @@ def _rational(loop: TransferFunction, n: Array, open_right: int) -> ClosedLoop:
             encirclements=None,
             sentence=f"The closed loop has a pole on the imaginary axis, at {plain(abs(at.imag))} rad/s: it is on the border.",
         )
-    return judged(verdict, right, open_right)
+    return judge(verdict, right, open_right)
 
 
-def judged(
+def judge(
     verdict: StabilityVerdict, right: int, open_right: int, where: str = "in the right half-plane"
 ) -> ClosedLoop:
     """Return a loop off the border, with its sentence; `where` says on which side of it poles make a loop unstable."""
@@ -124,9 +118,9 @@ def judged(
     often = {1: "once", 2: "twice"}.get(abs(round_it), f"{abs(round_it)} times")
     sense = "clockwise" if round_it > 0 else "anticlockwise"
     times = (
-        f"its Nyquist curve goes round −1 {often}, {sense}"
+        f"its Nyquist curve encircles −1 {often}, {sense}"
         if round_it
-        else "its Nyquist curve doesn't go round −1"
+        else "its Nyquist curve doesn't encircle −1"
     )
     meaning = (
         f" (each turn {sense} is a pole {'more' if round_it > 0 else 'less'} there once the loop is closed)"
@@ -183,8 +177,8 @@ def _phase_growth(loop: TransferFunction, end: float) -> float | None:
             return float(turned.sum())
         if len(omega) + len(wide) > _MOST:
             raise UsageError(
-                f"Nyquist: the delay of {loop.delay:g} s turns the loop {end * loop.delay / (2 * math.pi):.3g} times before it "
-                "has fallen; that is beyond what is looked through"
+                f"Nyquist: the delay of {loop.delay:g} s turns the loop {end * loop.delay / (2 * math.pi):.3g} times "
+                "before it has fallen; that is too far to search"
             )
         omega = np.sort(np.concatenate([omega, 0.5 * (omega[wide] + omega[wide + 1])]))
     return None

@@ -72,20 +72,20 @@ def _largest(p: Coefficients, roots: list[complex]) -> tuple[Pole, list[complex]
         centre = complex(np.mean(group))
         spread = max(abs(root - centre) for root in group)
         at = _newton(np.polyder(p, m - 1), centre)
-        pole = _snapped(p, m, at)
+        pole = _snap(p, m, at)
         # Roots that happen to come out equal have no spread, and their mean is off by its rounding all the same. A root of the
         # derivative that belongs to another group has others next to it.
         own = abs(at - centre) <= spread + pole.uncertainty and {*group} == {*_nearest(roots, at, m)}
         if own and multiplicity_at(p, pole.at) >= m:
             return pole, group
-    return _snapped(p, 1, _newton(p, roots[0])), roots[:1]
+    return _snap(p, 1, _newton(p, roots[0])), roots[:1]
 
 
 def _nearest(roots: list[complex], at: complex, count: int) -> list[complex]:
     return sorted(roots, key=lambda root: abs(root - at))[:count]
 
 
-def _snapped(p: Coefficients, m: int, at: complex) -> Pole:
+def _snap(p: Coefficients, m: int, at: complex) -> Pole:
     """A pole with its uncertainty: of the simple root of D^(m-1), to first order; parts below it are zero."""
     slope = abs(np.polyval(np.polyder(p, m), at))
     moved = float(_rounding(p, m - 1, at) / slope) if slope else 0.0

@@ -35,7 +35,7 @@ class ProportionalLoop:
 def sampled_proportional_loop(system: TransferFunction, gain: float, sample_time: float) -> ProportionalLoop:
     """Return the loop of a gain around a system, as it runs every `sample_time` [s]."""
     loop = sampled_loop(proportional(gain), system, sample_time)
-    return _judged(
+    return _judge(
         sample_time,
         closed_sampled_loop(loop),
         lambda: (sampled_margins(loop), sampled_delay_margin(loop)),
@@ -46,12 +46,12 @@ def sampled_proportional_loop(system: TransferFunction, gain: float, sample_time
 def continuous_proportional_loop(system: TransferFunction, gain: float) -> ProportionalLoop:
     """Return the loop of a gain around a system without ticks; a negative delay counts as none."""
     loop = replace(system, numerator=tuple(gain * c for c in system.numerator), delay=max(system.delay, 0.0))
-    return _judged(
+    return _judge(
         None, closed_loop(loop), lambda: (margins(loop), delay_margin(loop)), lambda: stable_gains(loop)
     )
 
 
-def _judged(
+def _judge(
     sample_time: float | None,
     closed: ClosedLoop,
     left: Callable[[], tuple[Margins, float]],

@@ -14,7 +14,7 @@ import numpy as np
 from servobench.systems.responses import bandwidth
 from servobench.systems.sampled_loop import SampledLoop, gain_limits
 from servobench.systems.stability.gains import closed_polynomial
-from servobench.systems.stability.nyquist import ClosedLoop, judged
+from servobench.systems.stability.nyquist import ClosedLoop, judge
 from servobench.systems.stability.poles import poles_of
 from servobench.systems.stability.verdict import StabilityVerdict
 
@@ -23,7 +23,7 @@ _APART = 1e-9  # relative; gains nearer than that are one
 
 
 def closed_sampled_loop(loop: SampledLoop) -> ClosedLoop:
-    """Return whether a sampled loop is stable once it is closed; `right` counts poles outside of the unit circle."""
+    """Return whether a sampled loop is stable once it is closed; `right` counts poles outside the unit circle."""
     open_right = sum(pole.multiplicity for pole in poles_of(loop.denominator) if pole.side > 0)
     outside, verdict = _outside(loop, 1.0)
     if verdict == "marginally stable":
@@ -34,7 +34,7 @@ def closed_sampled_loop(loop: SampledLoop) -> ClosedLoop:
             encirclements=None,
             sentence="The closed loop has a pole on the unit circle: it is on the border of stability.",
         )
-    return judged(verdict, outside, open_right, "outside of the unit circle")
+    return judge(verdict, outside, open_right, "outside the unit circle")
 
 
 def stable_sampled_gains(loop: SampledLoop) -> tuple[tuple[float, float], ...]:
@@ -73,7 +73,7 @@ def _between(low: float, high: float) -> float:
 
 
 def _outside(loop: SampledLoop, factor: float) -> tuple[int, StabilityVerdict]:
-    """How many poles of the closed loop are outside of the unit circle, and what that means."""
+    """How many poles of the closed loop are outside the unit circle, and what that means."""
     beyond = np.abs(loop.closed_poles(factor)) - 1
     count = int((beyond > _ON_THE_CIRCLE).sum())
     if count:

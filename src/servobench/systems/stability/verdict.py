@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeAlias
 
+from servobench.core.arguments import check_type
 from servobench.core.rounding import plain
 from servobench.systems.stability.drive import Drive, drive_off
 from servobench.systems.stability.poles import Pole, multiplicity_at, poles_of
@@ -40,6 +41,7 @@ def stability(system: TransferFunction) -> StabilityReport:
     above the denominator's. A delay doesn't change any of this. (Franklin, Powell and Emami-Naeini
     2015, chapter 3.)
     """
+    check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     found = poles_of(system.denominator)
     # A system that is zero shows nothing of its poles.
     left_over = [
@@ -55,8 +57,8 @@ def stability(system: TransferFunction) -> StabilityReport:
     proper = _order(system.numerator) <= _order(system.denominator)
     if not proper:
         reasons.append(
-            "The numerator's order is above the denominator's: the system differentiates, and a bounded input with jumps gives "
-            "an output without bound."
+            "The numerator's order is above the denominator's: the system differentiates, and a bounded input with "
+            "jumps gives an unbounded output."
         )
     return StabilityReport(
         poles=tuple(pole.at for pole in found),
@@ -94,23 +96,23 @@ def _reason(pole: Pole, left: int) -> str:
     times = {1: "", 2: ", twice,"}.get(count, f", {count} times,")
     if pole.side < 0:
         return f"The pole at {where} 1/s{times} is {side}: its response dies out with a time constant of {plain(1 / -at.real)} s."
-    hidden = _hidden(count, left)
+    hidden = _cancellation_text(count, left)
     if pole.side > 0:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without bound.{hidden}"
     if count > 1:
         return f"The pole at {where} 1/s{times} is {side}: its response grows without any input.{hidden}"
     kept = "oscillates without decay after" if at.imag else "keeps"
     bounded = "a sinusoid of that frequency" if at.imag else "a constant"
-    said = f"The simple pole at {where} 1/s is {side}: the output {kept} what it got"
+    said = f"The simple pole at {where} 1/s is {side}: the output {kept} its value"
     return f"{said}.{hidden}" if hidden else f"{said}, and {bounded} as input drives it without bound."
 
 
-def _hidden(count: int, left: int) -> str:
+def _cancellation_text(count: int, left: int) -> str:
     """What zeros leave to be seen of a pole, in a sentence; nothing where they take nothing of it."""
     if left >= count:
         return ""
     if left > 0:
         shown = {1: "once", 2: "twice"}.get(left, f"{left} times")
-        return f" Zeros cancel a part of it: the output shows it {shown} only, but what is inside shows all of it."
+        return f" Zeros cancel part of it: the output shows it {shown} only, but the internal state shows all of it."
     cancel = "A zero cancels it" if count == 1 else "Zeros cancel it"
-    return f" {cancel}: the output doesn't show it, but what is inside does."
+    return f" {cancel}: the output doesn't show it, but the internal state does."

@@ -67,7 +67,7 @@ class Method(Protocol):
         """Return the poles [1/s] of the closed loop that are wished for, both of a pair; raises `UsageError` as the call does."""
         ...
 
-    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+    def poles_cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
         """Return the motor's poles [1/s] that the controller's zeros cancel."""
         ...
 
@@ -75,7 +75,7 @@ class Method(Protocol):
         """Return what a wish is made of besides poles, by name, as it follows from some poles, with its unit."""
         ...
 
-    def told(self, wish: Wish) -> str:
+    def speed_text(self, wish: Wish) -> str:
         """Return the part of a wish that makes the loop fast or slow, in the words of the command line."""
         ...
 
@@ -88,7 +88,7 @@ def as_printed(value: float, digits: int = 5) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def unsupported(wish: Wish, method: str, can: str) -> UsageError:
+def law_error(wish: Wish, method: str, can: str) -> UsageError:
     """Return the error for a law that a method doesn't tune."""
     return UsageError(
         f"{method} finds no gains of {wish.controller!r} for the {wish.output}; it does for {can}"

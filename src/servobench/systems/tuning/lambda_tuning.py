@@ -17,8 +17,8 @@ from servobench.core.errors import UsageError
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
 from servobench.systems.first_order import FirstOrderMotor
-from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
-from servobench.systems.tuning.placement import placed
+from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, law_error
+from servobench.systems.tuning.placement import place_poles
 
 _FILTER = 5.0  # the filter's cut-off times λ
 
@@ -29,19 +29,19 @@ class _LambdaTuning:
         dead_time = motor.delay + wish.sample_time
         if wished < dead_time:
             raise UsageError(
-                f"{self.told(wish)}: a loop can't be faster than the {dead_time:.3g} s that pass before anything is seen "
-                f"(the motor's delay {motor.delay:.3g} s and a sample time of {wish.sample_time:g} s); wish for more than that"
+                f"{self.speed_text(wish)}: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
+                f"delay {motor.delay:.3g} s and a sample time of {wish.sample_time:g} s); choose more than that"
             )
         law, settings, gains = _law(wish)
         cutoff = as_printed(wish.cutoff or min(_FILTER / wished, 1 / wish.sample_time))
-        made = placed(
+        made = place_poles(
             law,
             settings | {"cutoff": cutoff},
             gains,
             motor,
             wish.sample_time,
             self.poles(wish),
-            self.cancelled(motor, wish),
+            self.poles_cancelled(motor, wish),
         )
         if getattr(made, gains[0]) * motor.gain.value <= 0:
             raise Unreachable("no gains of the right sign give the loop that time constant")
@@ -52,13 +52,13 @@ class _LambdaTuning:
     def poles(self, wish: Wish) -> tuple[complex, ...]:
         return (complex(-1 / _time_constant(wish)),)
 
-    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+    def poles_cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
         return (complex(-1 / motor.time_constant.value),)
 
     def quantities(self, wish: Wish, poles: Sequence[complex]) -> Mapping[str, tuple[float, str]]:
         return {"time constant": (-1 / poles[0].real, "s")}
 
-    def told(self, wish: Wish) -> str:
+    def speed_text(self, wish: Wish) -> str:
         return f"`closed_loop={wish.closed_loop:.3g}`"
 
 
@@ -72,19 +72,20 @@ def _law(wish: Wish) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
         case "state_feedback", "speed":
             settings = {"output": "speed", "position_gain": 0.0}
             return StateFeedback, settings, ("speed_gain", "integral_gain")
-    raise unsupported(wish, "lambda_tuning", "pid with both, and state_feedback with the speed")
+    raise law_error(wish, "lambda_tuning", "pid with both, and state_feedback with the speed")
 
 
 def _time_constant(wish: Wish) -> float:
     """λ [s]; raises `UsageError` where it isn't said, or something else is."""
     if wish.poles or wish.damping is not None or wish.bandwidth is not None:
         raise UsageError(
-            "`damping=...`, `bandwidth=...` and `poles=...` are wishes for pole_placement; say `closed_loop=...`, such as "
+            "`damping=...`, `bandwidth=...` and `poles=...` are for pole_placement; give `closed_loop=...`, such as "
             "`closed_loop=50ms`"
         )
     if wish.closed_loop is None:
         raise UsageError(
-            "lambda_tuning needs `closed_loop=...`, the time constant wished for the closed loop, such as `closed_loop=50ms`"
+            "lambda_tuning needs `closed_loop=...`, the desired time constant of the closed loop, such as "
+            "`closed_loop=50ms`"
         )
     if not (math.isfinite(wish.closed_loop) and wish.closed_loop > 0):
         raise UsageError(f"`closed_loop={wish.closed_loop:g}`: expected a time above 0")

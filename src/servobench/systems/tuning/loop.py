@@ -34,7 +34,7 @@ UNITS = {
 
 
 @dataclass(frozen=True, kw_only=True)
-class Told:
+class LoopValue:
     """A value with its unit, and its 95 % interval over what the data leave open of the motor."""
 
     value: float
@@ -57,7 +57,7 @@ def _around(
     return sampled_loop(law, motor, sample_time, output)
 
 
-def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, Told]:
+def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, LoopValue]:
     """Return the gain margins, phase and delay margin and the gain crossover, with their 95 % intervals.
 
     `gain_margin` is the factor by which the gain may rise, `gain_margin_downwards` that by which it may fall, as 2 where half of
@@ -71,7 +71,7 @@ def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float
     # Infinite margins have no value between them: of the draws the nearest counts.
     low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0, method="nearest")
     return {
-        name: Told(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
+        name: LoopValue(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate(UNITS.items())
     }
 

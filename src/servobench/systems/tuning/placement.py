@@ -43,7 +43,7 @@ class Pole:
         return abs(self.obtained - self.wished) / abs(self.wished)
 
 
-def placed(
+def place_poles(
     law: type[Tunable],
     settings: Mapping[str, Any],
     gains: Sequence[str],
@@ -85,7 +85,7 @@ def digits_for(poles: Sequence[complex]) -> int:
     return _MORE_DIGITS if close else _DIGITS
 
 
-def matched(
+def match_poles(
     controller: Tunable,
     motor: FirstOrderMotor,
     sample_time: float,

@@ -22,13 +22,13 @@ from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
 from servobench.systems.first_order import FirstOrderMotor
-from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, unsupported
+from servobench.systems.tuning.base import METHODS, Tunable, Unreachable, Wish, as_printed, law_error
 from servobench.systems.tuning.loop import open_loop
-from servobench.systems.tuning.placement import digits_for, placed, separate
+from servobench.systems.tuning.placement import digits_for, place_poles, separate
 
 _FILTER = 10.0  # times the fastest pole: costs 6° of phase there, and lets a tenth of the noise of a bare difference pass
 _FASTEST = 1e9  # rad/s
-_NO_FASTER = f"no controller has ticks for a loop faster than {_FASTEST:.0e} rad/s"
+_NO_FASTER = f"no controller samples fast enough for a loop faster than {_FASTEST:.0e} rad/s"
 
 
 class _PolePlacement:
@@ -42,7 +42,7 @@ class _PolePlacement:
         if wish.output == "speed" and len(poles) != 2:
             raise UsageError("`poles=...`: a speed loop has two poles; expected two, such as `poles=-20,-30`")
         law, settings, gains = _law(wish, len(poles) == 3)
-        made = placed(law, settings | {"cutoff": cutoff}, gains, motor, wish.sample_time, poles)
+        made = place_poles(law, settings | {"cutoff": cutoff}, gains, motor, wish.sample_time, poles)
         # The speed's gain comes first.
         if getattr(made, gains[0]) * motor.gain.value <= 0:
             raise Unreachable(_wrong_sign(motor, wish, poles, cutoff))
@@ -51,15 +51,13 @@ class _PolePlacement:
     def poles(self, wish: Wish) -> tuple[complex, ...]:
         if wish.closed_loop is not None:
             raise UsageError(
-                "`closed_loop=...` is a wish for lambda_tuning; say `damping=...` and `bandwidth=...`, or `poles=...`"
+                "`closed_loop=...` is for lambda_tuning; give `damping=...` and `bandwidth=...`, or `poles=...`"
             )
         if wish.poles and (wish.damping is not None or wish.bandwidth is not None):
-            raise UsageError(
-                "`poles=...` says all that `damping=...` and `bandwidth=...` do; give the one or the others"
-            )
+            raise UsageError("`poles=...` replaces `damping=...` and `bandwidth=...`; give one or the other")
         return _both_of_pairs(wish) if wish.poles else _pair(wish)
 
-    def cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
+    def poles_cancelled(self, motor: FirstOrderMotor, wish: Wish) -> tuple[complex, ...]:
         return (complex(-1 / motor.time_constant.value),) if wish.controller == "lead" else ()
 
     def quantities(self, wish: Wish, poles: Sequence[complex]) -> Mapping[str, tuple[float, str]]:
@@ -69,9 +67,9 @@ class _PolePlacement:
         damping = -(poles[0] + poles[1]).real / (2 * bandwidth)
         return {"damping": (damping, ""), "bandwidth": (bandwidth, "rad/s")}
 
-    def told(self, wish: Wish) -> str:
+    def speed_text(self, wish: Wish) -> str:
         if wish.poles:
-            return f"`poles={','.join(_written(pole) for pole in wish.poles)}`"
+            return f"`poles={','.join(_pole_text(pole) for pole in wish.poles)}`"
         return f"`damping={wish.damping:g}` `bandwidth={wish.bandwidth:.3g}`"
 
 
@@ -80,10 +78,10 @@ def _wrong_sign(motor: FirstOrderMotor, wish: Wish, poles: Sequence[complex], cu
     own = 1 / motor.time_constant.value
     if -sum(poles).real > own:
         return f"no gains of the right sign put them there with a filter at {cutoff:.3g} rad/s and the delay"
-    slowest = "the sum of the poles has to be" if wish.poles else "2 × damping × bandwidth has to be"
+    slowest = "the sum of the poles must be" if wish.poles else "2 × damping × bandwidth must be"
     return (
-        "that is slower than the motor is by itself, and would take its damping away; "
-        f"{slowest} more than 1/time constant = {own:.3g} rad/s"
+        f"that is slower than the motor itself and would reduce its damping; {slowest} more than 1/time constant = "
+        f"{own:.3g} rad/s"
     )
 
 
@@ -111,11 +109,11 @@ def _both_of_pairs(wish: Wish) -> tuple[complex, ...]:
     poles += [p.conjugate() for p in wish.poles if p.imag and p.conjugate() not in wish.poles]
     if not all(math.isfinite(abs(p)) and p.real < 0 for p in poles):
         raise UsageError(
-            f"`poles={','.join(map(_written, poles))}`: expected poles left of zero, such as -20 or -15+10j"
+            f"`poles={','.join(map(_pole_text, poles))}`: expected poles left of zero, such as -20 or -15+10j"
         )
     if max(map(abs, poles)) > _FASTEST:
         raise UsageError(
-            f"`poles={','.join(map(_written, poles))}`: {_NO_FASTER}; expected poles such as -20"
+            f"`poles={','.join(map(_pole_text, poles))}`: {_NO_FASTER}; expected poles such as -20"
         )
     if len(poles) not in {2, 3}:
         raise UsageError(
@@ -124,7 +122,7 @@ def _both_of_pairs(wish: Wish) -> tuple[complex, ...]:
     return tuple(map(complex, poles))
 
 
-def _written(pole: complex) -> str:
+def _pole_text(pole: complex) -> str:
     return f"{pole.real:.3g}" if not pole.imag else f"{pole.real:.3g}{pole.imag:+.3g}j"
 
 
@@ -143,12 +141,12 @@ def _law(wish: Wish, integral: bool) -> tuple[type[Tunable], dict[str, Any], tup
         case "state_feedback", "speed":
             settings = {"output": "speed", "position_gain": 0.0, "reference_gain": 0.0}
             return StateFeedback, settings, ("speed_gain", "integral_gain")
-    raise unsupported(wish, "pole_placement", "pid, state_feedback and lead")
+    raise law_error(wish, "pole_placement", "pid, state_feedback and lead")
 
 
 def _lead(motor: FirstOrderMotor, wish: Wish, poles: Sequence[complex]) -> Lead:
     if wish.output != "position":
-        raise unsupported(
+        raise law_error(
             wish, "pole_placement", "lead with the position, and pid and state_feedback with both"
         )
     if len(poles) != 2:
@@ -168,7 +166,7 @@ def _lead(motor: FirstOrderMotor, wish: Wish, poles: Sequence[complex]) -> Lead:
         raise Unreachable(
             "a lead compensator doesn't reach that: with its zero on the motor's pole, at "
             f"{zero:.3g} rad/s, it would need its pole "
-            + ("at less than that" if rank == 2 and lag > 0 else "beyond infinity, to make up for the delay")
+            + ("at less than that" if rank == 2 and lag > 0 else "beyond infinity, to compensate the delay")
         )
     return Lead(gain=as_printed(float(gain), digits), zero=zero, pole=as_printed(1 / float(lag), digits))
 

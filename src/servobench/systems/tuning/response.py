@@ -16,7 +16,7 @@ from servobench.core.channels import Array, Channel, DeviceInfo, Sample
 from servobench.core.errors import UsageError
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import Tunable
-from servobench.systems.tuning.loop import Told
+from servobench.systems.tuning.loop import LoopValue
 
 _DRAWS = 40
 _RESOLUTION = 1e-9  # rad; finer than any encoder, as what is asked for is the loop's own course
@@ -129,7 +129,7 @@ def check_sample_time(poles: Sequence[complex], motor: FirstOrderMotor, sample_t
 
 def step_response(
     controller: Tunable, motor: FirstOrderMotor, sample_time: float, crossover: float
-) -> tuple[dict[str, Told], float]:
+) -> tuple[dict[str, LoopValue], float]:
     """Return overshoot [1] and rise time [s] with their 95 % intervals, and the peak voltage for a unit of the step [V].
 
     `crossover` [rad/s] is the loop's, which says how long to look.
@@ -141,7 +141,7 @@ def step_response(
     rows = np.array([(each.overshoot, each.rise_time) for each in found])
     low, high = np.quantile(rows[1:], (0.025, 0.975), axis=0)
     told = {
-        name: Told(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
+        name: LoopValue(value=float(rows[0, n]), interval=(float(low[n]), float(high[n])), unit=unit)
         for n, (name, unit) in enumerate({"overshoot": "1", "rise_time": "s"}.items())
     }
     return told, found[0].peak

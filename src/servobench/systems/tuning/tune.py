@@ -19,8 +19,8 @@ from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Method, Tunable, Unreachable, Wish
-from servobench.systems.tuning.loop import Told, loop_margins, nominal_margins
-from servobench.systems.tuning.placement import Pole, matched
+from servobench.systems.tuning.loop import LoopValue, loop_margins, nominal_margins
+from servobench.systems.tuning.placement import Pole, match_poles
 from servobench.systems.tuning.response import check_sample_time, step_response, ticks_of, unit_step
 
 SCHEMA = "servobench.tuning/1"
@@ -42,7 +42,7 @@ _TUNABLE = ("lead", "pid", "state_feedback")
 
 
 @dataclass(frozen=True, kw_only=True)
-class Tuned:
+class TuningResult:
     """A controller for a motor: margins and step response with 95 % intervals, and what there is to know.
 
     `method` and `wish` are what it was found by and for, `poles` those wished for beside those of the loop, `quantities` what the
@@ -56,8 +56,8 @@ class Tuned:
     wish: Wish
     poles: tuple[Pole, ...]
     quantities: Mapping[str, tuple[float, float, str]]
-    margins: Mapping[str, Told]
-    response: Mapping[str, Told]
+    margins: Mapping[str, LoopValue]
+    response: Mapping[str, LoopValue]
     largest_step: float
     findings: tuple[Finding, ...]
 
@@ -93,7 +93,7 @@ class Tuned:
         }
 
 
-def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> Tuned:
+def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> TuningResult:
     """Return the controller that a method finds for a motor, whose positions are in rad.
 
     Raises `UsageError` where the wish can't be had: faster than delay, sample time or voltage allow, or with poles more than 3 %
@@ -118,8 +118,8 @@ def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> Tuned:
         response, peak = step_response(controller, motor, wish.sample_time, margins["gain_crossover"].value)
         problem = _too_high(controller, wish, peak)
     if problem:
-        raise UsageError(f"{finder.told(wish)}: {problem}{_nearest(finder, motor, wish)}")
-    return Tuned(
+        raise UsageError(f"{finder.speed_text(wish)}: {problem}{_nearest(finder, motor, wish)}")
+    return TuningResult(
         controller=controller,
         method=method,
         wish=wish,
@@ -133,7 +133,9 @@ def tune(motor: FirstOrderMotor, method: str, wish: Wish) -> Tuned:
 
 
 def _poles(finder: Method, controller: Tunable, motor: FirstOrderMotor, wish: Wish) -> tuple[Pole, ...]:
-    return matched(controller, motor, wish.sample_time, finder.poles(wish), finder.cancelled(motor, wish))
+    return match_poles(
+        controller, motor, wish.sample_time, finder.poles(wish), finder.poles_cancelled(motor, wish)
+    )
 
 
 def _quantities(finder: Method, wish: Wish, poles: tuple[Pole, ...]) -> dict[str, tuple[float, float, str]]:
@@ -148,8 +150,8 @@ def _beyond_the_ticks(finder: Method, wish: Wish) -> str:
     if fastest * wish.sample_time <= _FASTEST_POLE * (1.0 + 1e-9):
         return ""
     return (
-        f"faster than a controller that runs every {wish.sample_time:g} s can be: a pole goes as far as "
-        f"{_FASTEST_POLE / wish.sample_time:.4g} rad/s, and {fastest:.4g} rad/s is wished"
+        f"faster than a controller that runs every {wish.sample_time:g} s can be: poles may go up to "
+        f"{_FASTEST_POLE / wish.sample_time:.4g} rad/s, and {fastest:.4g} rad/s is requested"
     )
 
 
@@ -170,14 +172,17 @@ def _poles_text(poles: Iterable[complex]) -> str:
 
 
 def _too_fast(
-    controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapping[str, Told] | Mapping[str, float]
+    controller: Tunable,
+    motor: FirstOrderMotor,
+    wish: Wish,
+    margins: Mapping[str, LoopValue] | Mapping[str, float],
 ) -> str:
     """Why a controller is too fast for delay and sample time, in a clause, or nothing. The worse end of an interval counts."""
-    low = {name: each.interval[0] if isinstance(each, Told) else each for name, each in margins.items()}
-    high = {name: each.interval[1] if isinstance(each, Told) else each for name, each in margins.items()}
+    low = {name: each.interval[0] if isinstance(each, LoopValue) else each for name, each in margins.items()}
+    high = {name: each.interval[1] if isinstance(each, LoopValue) else each for name, each in margins.items()}
     crossover = high["gain_crossover"]
     if math.isnan(crossover):
-        return "the loop's gain is below 1 everywhere: it would do nothing"
+        return "the loop's gain is below 1 everywhere: it would have no effect"
     if crossover * wish.sample_time > _MOST_TURNED:
         where = (
             f"has its crossover at {crossover:.3g} rad/s"
@@ -186,16 +191,16 @@ def _too_fast(
         )
         return (
             f"faster than a controller that runs every {wish.sample_time:g} s can be: its loop {where}, and "
-            f"{_MOST_TURNED / wish.sample_time:.3g} rad/s is as far as a crossover goes"
+            f"{_MOST_TURNED / wish.sample_time:.3g} rad/s is the highest possible crossover"
         )
     rise, fall = low["gain_margin"], low["gain_margin_downwards"]
     if low["phase_margin"] < LEAST_PHASE or min(rise, fall) < LEAST_FACTOR:
         bears = f"rise by a factor of {rise:.2g}" if rise <= fall else f"fall to 1/{fall:.2g}"
         passed, left = motor.delay + wish.sample_time, math.degrees(low["phase_margin"])
         return (
-            f"too fast for the {passed:.3g} s that pass before anything is seen (delay and sample time) and a filter of "
-            f"{1 / controller.cutoff:.3g} s: {left:.0f}° of the phase would be left, and the gain might "
-            f"{bears}; {math.degrees(LEAST_PHASE):.0f}° and a factor of {LEAST_FACTOR:g} either way are the least to have"
+            f"too fast for {passed:.3g} s of delay and sample time and a filter of {1 / controller.cutoff:.3g} s: "
+            f"{left:.0f}° of phase would be left, and the gain might {bears}; the minimum is "
+            f"{math.degrees(LEAST_PHASE):.0f}° and a factor of {LEAST_FACTOR:g} either way"
         )
     return ""
 
@@ -205,8 +210,8 @@ def _too_high(controller: Tunable, wish: Wish, peak: float) -> str:
     if wish.step is None or peak * abs(wish.step) <= wish.voltage_limit:
         return ""
     return (
-        f"a step of {wish.step:g} {controller.reference_unit} would ask for {peak * abs(wish.step):.3g} V, and the limit is "
-        f"{wish.voltage_limit:g} V"
+        f"a step of {wish.step:g} {controller.reference_unit} would need {peak * abs(wish.step):.3g} V, and the "
+        f"limit is {wish.voltage_limit:g} V"
     )
 
 
@@ -216,8 +221,8 @@ def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
         for factor, word in ((_STEP**n, "fastest"), (_STEP**-n, "slowest")):
             if _can_be_had(finder, motor, wish.slower(factor)):
                 # Beyond by more than the rounding of what is printed.
-                told = finder.told(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
-                return f"; about {told} is the {word} that can be had"
+                told = finder.speed_text(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
+                return f"; the {word} possible is about {told}"
     return ""
 
 
@@ -250,7 +255,7 @@ def _findings(
     controller: Tunable,
     motor: FirstOrderMotor,
     wish: Wish,
-    margins: Mapping[str, Told],
+    margins: Mapping[str, LoopValue],
     peak: float,
     finder: Method,
 ) -> list[Finding]:
@@ -259,7 +264,7 @@ def _findings(
         found.append(
             warning(
                 "motor-doubtful",
-                "The motor's result is doubtful, and so is what is made of it; see why first.",
+                "The motor's result is doubtful, and so are these gains; see its findings first.",
             )
         )
     low = margins["phase_margin"].interval[0]
@@ -267,8 +272,8 @@ def _findings(
         found.append(
             warning(
                 "margin-small",
-                f"Of the phase {math.degrees(low):.0f}° may be all that is left, and {math.degrees(GOOD_PHASE):.0f}° are good "
-                "practice: wish for a slower loop or more damping.",
+                f"The phase margin may be as low as {math.degrees(low):.0f}°, and {math.degrees(GOOD_PHASE):.0f}° "
+                "is good practice: choose a slower loop or more damping.",
             )
         )
     gain, coulomb = _stiffness(controller), motor.coulomb_voltage
@@ -278,23 +283,23 @@ def _findings(
             info(
                 "friction-leaves-error",
                 f"Without an integral part, Coulomb friction of {coulomb.value:.2g} V can hold the shaft up to "
-                f"{coulomb.value / abs(gain):.2g} {unit} off its reference; a third pole (`poles=...`) brings one.",
+                f"{coulomb.value / abs(gain):.2g} {unit} off its reference; a third pole (`poles=...`) adds one.",
             )
         )
-    for pole in finder.cancelled(motor, wish):
+    for pole in finder.poles_cancelled(motor, wish):
         found.append(
             info(
                 "pole-cancelled",
-                f"The motor's own pole at {pole.real:.3g} 1/s is cancelled: the output follows the reference without it, and "
-                f"what a load does dies out with its {-1 / pole.real:.3g} s.",
+                f"The motor's own pole at {pole.real:.3g} 1/s is cancelled: it doesn't appear in the response to "
+                f"the reference, but the effect of a load dies out with its {-1 / pole.real:.3g} s.",
             )
         )
     if wish.step is None:
         found.append(
             info(
                 "largest-step",
-                f"A step of more than {wish.voltage_limit / peak:.3g} {controller.reference_unit} asks for more than "
-                f"{wish.voltage_limit:g} V, and is answered more slowly than the model says.",
+                f"A step of more than {wish.voltage_limit / peak:.3g} {controller.reference_unit} needs more than "
+                f"{wish.voltage_limit:g} V, so the response is slower than the model's.",
             )
         )
     return found
@@ -315,6 +320,6 @@ def _complex(pole: complex) -> dict[str, float]:
     return {"real": pole.real, "imaginary": pole.imag}
 
 
-def _plain(told: Told) -> dict[str, Any]:
+def _plain(told: LoopValue) -> dict[str, Any]:
     value, low, high = (x if math.isfinite(x) else None for x in (told.value, *told.interval))
     return {"value": value, "interval": [low, high], "level": 0.95, "unit": told.unit}

@@ -15,7 +15,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.models.rational import Rational
-from servobench.identification.models.rational.refined import least_squares
+from servobench.identification.models.rational.guesses import least_squares
 from servobench.recordings.measurement.dataset import Dataset
 
 

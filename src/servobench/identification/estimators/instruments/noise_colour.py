@@ -17,7 +17,7 @@ def autoregression(residuals: Sequence[Array]) -> tuple[Array, float]:
     total = sum(len(r) for r in residuals)
     most = int(min(10 * np.log10(max(total, 1)), min(len(r) for r in residuals) // 4))
     now = np.concatenate([r[most:] for r in residuals])
-    before = np.vstack([_lagged(r, most) for r in residuals])
+    before = np.vstack([_lags(r, most) for r in residuals])
     h, g, power = before.T @ before, before.T @ now, float(now @ now)
     best, criterion = (
         (np.empty(0), power / len(now)),
@@ -32,7 +32,7 @@ def autoregression(residuals: Sequence[Array]) -> tuple[Array, float]:
     return best
 
 
-def coloured_power(z: Array, phi: Array, variance: float) -> Array:
+def noise_power(z: Array, phi: Array, variance: float) -> Array:
     """Return Z'ΓZ (P, P), Γ the covariance matrix of the autoregression and z (N, P) what knows nothing of the noise.
 
     Γ = σ² H H' with H the response 1/φ; so the rows of Z go through it backwards in time (Söderström and Stoica 1983).
@@ -43,7 +43,7 @@ def coloured_power(z: Array, phi: Array, variance: float) -> Array:
     return np.asarray(variance * through.T @ through, dtype=np.float64)
 
 
-def _lagged(r: Array, most: int) -> Array:
+def _lags(r: Array, most: int) -> Array:
     return (
         np.column_stack([r[most - lag : len(r) - lag] for lag in range(1, most + 1)])
         if most

@@ -9,7 +9,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.covariance import inverse
-from servobench.identification.estimators.interval.search import Found, Point
+from servobench.identification.estimators.interval.search import Optimum, Point
 
 # Standard deviations of ln s at which the parameters are tried: three equal steps of √3 integrate a normal density to 1e-3.
 _TRIALS = np.sqrt(3.0) * np.array([-1.0, 0.0, 1.0])
@@ -28,7 +28,7 @@ class NoiseProfile:
     trials: tuple[Point, ...]
     weights: Array
 
-    def widened(self, covariance: Array) -> Array:
+    def widen(self, covariance: Array) -> Array:
         """Return a covariance (P, P) at the best s, the doubt about s added: Σ w (C + δ δ'), δ the parameters' change with s."""
         own = np.diag(inverse(self.best.information))
         each = [np.diag(inverse(trial.information)) for trial in self.trials]
@@ -40,7 +40,7 @@ class NoiseProfile:
         )
 
 
-def profiled(found: Found, floor: float) -> NoiseProfile:
+def profile_noise(found: Optimum, floor: float) -> NoiseProfile:
     """What is known of s from its likelihood, adjusted for the fitted parameters and taken on a grid around the maximum.
 
     ln |J'hJ| is what makes the likelihood of s that of the data alone, after the parameters: -2 ln L + ln |J'hJ|, as
@@ -52,13 +52,13 @@ def profiled(found: Found, floor: float) -> NoiseProfile:
     # |J'hJ| falls by at least s^-1 for each parameter: that much the adjusted maximum lies above this one.
     middle = np.log(point.s) + 0.5 * freedom * sd**2
     levels = np.unique(np.maximum(middle + sd * _TRIALS, np.log(floor)))
-    trials = [found.near.climbed(found.near.at(point.change, float(np.exp(level)))) for level in levels]
+    trials = [found.near.climb(found.near.at(point.change, float(np.exp(level)))) for level in levels]
     deviances = np.array([trial.deviance for trial in trials])
     weights = np.exp(-0.5 * (deviances - deviances.min()))
     weights /= weights.sum()
     mean = float(weights @ levels)
     spread = float(np.sqrt(weights @ (levels - mean) ** 2))
-    best = found.near.climbed(found.near.at(point.change, float(np.exp(mean))))
+    best = found.near.climb(found.near.at(point.change, float(np.exp(mean))))
     return NoiseProfile(
         best=best,
         interval=(float(np.exp(mean - TWO_SIDED * spread)), float(np.exp(mean + TWO_SIDED * spread))),

@@ -77,7 +77,7 @@ class Near:
         h[held], h[:, held], g[held] = 0.0, 0.0, 0.0
         return Point(change, s, total, g, h, slope, curvature)
 
-    def said(self, point: Point) -> tuple[Bins, ...]:
+    def bins_at(self, point: Point) -> tuple[Bins, ...]:
         """Return what the bins of each record say of the positions at a point."""
         return self._bins(point.change, point.s)
 
@@ -89,7 +89,7 @@ class Near:
             )
         )
 
-    def climbed(self, point: Point, floor: float | None = None) -> Point:
+    def climb(self, point: Point, floor: float | None = None) -> Point:
         """Return the maximum from a point, by Newton steps that are halved until they climb; s stays unless a floor is given.
 
         Parameters and ln s have no common information where the positions are spread over the bins, so each has its own step.
@@ -120,7 +120,7 @@ def _noise_step(point: Point, floor: float | None) -> float:
 
 
 @dataclass(frozen=True, eq=False)
-class Found:
+class Optimum:
     """Where a search ended: the records near there, the maximum, whether it `converged`, and in words how it went, `status`.
 
     `at_kink` says that the exact predictions get worse whichever way the linear ones point, as where a shaft is about to stick.
@@ -133,20 +133,20 @@ class Found:
     at_kink: bool = False
 
 
-def searched(layout: Layout, theta: Array, s: float, floor: float) -> Found:
+def search_maximum(layout: Layout, theta: Array, s: float, floor: float) -> Optimum:
     """Return the maximum over the parameters and s, from theta (P + ΣQ,), by linear predictions in turns with exact ones."""
     near = _near(layout, theta, s)
     here = near.at(np.zeros(len(theta)), max(s, floor))
     for step in range(1, _ROUNDS + 1):
-        best = near.climbed(here, floor)
-        moved = _moved(layout, near, best)
+        best = near.climb(here, floor)
+        moved = _move_on(layout, near, best)
         if moved is None:
-            return Found(near, replace(here, s=best.s), True, f"converged in {step} rounds", at_kink=True)
+            return Optimum(near, replace(here, s=best.s), True, f"converged in {step} rounds", at_kink=True)
         change = moved[0].theta - near.theta
         near, here = moved
         if float(change @ here.information @ change) <= _ENOUGH:
-            return Found(near, here, True, f"converged in {step} rounds")
-    return Found(near, here, False, f"did not settle within {_ROUNDS} rounds")
+            return Optimum(near, here, True, f"converged in {step} rounds")
+    return Optimum(near, here, False, f"did not settle within {_ROUNDS} rounds")
 
 
 def _near(layout: Layout, theta: Array, s: float) -> Near:
@@ -171,7 +171,7 @@ def _near(layout: Layout, theta: Array, s: float) -> Near:
     return replace(everything, free=~(((theta <= lower) & (push < 0)) | ((theta >= upper) & (push > 0))))
 
 
-def _moved(layout: Layout, near: Near, best: Point) -> tuple[Near, Point] | None:
+def _move_on(layout: Layout, near: Near, best: Point) -> tuple[Near, Point] | None:
     """The records near a maximum, or on the way to it, where their exact predictions are likelier; None for nowhere."""
     lower, upper = layout.bounds()
     still = np.zeros(len(near.theta))

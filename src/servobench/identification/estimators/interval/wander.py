@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.identification.estimators.disturbance import Blocks, Linearised, blocks_of, longest_block
+from servobench.identification.estimators.disturbance import Blocks, Linearisation, blocks_of, longest_block
 from servobench.identification.estimators.interval.bins import Bins, expected_information
 from servobench.identification.estimators.interval.search import Near
 from servobench.identification.estimators.least_squares import Layout
@@ -15,7 +15,7 @@ from servobench.identification.estimators.least_squares import Layout
 _SILENT = 0.01  # of a usual sample's information: a block with less is left out
 
 
-def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: float) -> float:
+def wander_ratio(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: float) -> float:
     """Return the likelihood ratio for a random torque behind the scores, with noise s and a time constant τ [s].
 
     Near the maximum a block of samples says as much as a measured position off the prediction by Σ score / Σ information, of
@@ -24,7 +24,7 @@ def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: f
     residuals behind an encoder they are white where nothing wanders, so that a ratio above 5.41 has a chance of 1 in 100: half
     of a χ² of one degree of freedom, as no torque is on the edge of what can be (Self and Liang 1987).
     """
-    expected = _expected(near, said, s)
+    expected = _expected_information(near, said, s)
     usual = float(np.mean(np.concatenate(expected)))
     blocks, columns = [], []
     for record, j, place, told, informs in zip(
@@ -38,7 +38,7 @@ def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: f
         columns.append(sums[keep] / (weight[keep, None] * np.sqrt(usual)))
         weighed = weight[keep]
         blocks.append(Blocks(block.starts[keep], weighed, block.times[keep], block.moving[keep], 1 / weighed))
-    records = Linearised(
+    records = Linearisation(
         blocks=tuple(blocks),
         columns=tuple(columns),
         places=near.places,
@@ -49,7 +49,7 @@ def wandering(layout: Layout, near: Near, said: Sequence[Bins], s: float, tau: f
     return _ratio_for_disturbance(records, tau)
 
 
-def _ratio_for_disturbance(records: Linearised, tau: float) -> float:
+def _ratio_for_disturbance(records: Linearisation, tau: float) -> float:
     """The likelihood ratio of the likeliest disturbance over none, for measurement noise of unit variance."""
     freedom = max(sum(len(b.counts) for b in records.blocks) - int(np.count_nonzero(records.free)), 1)
 
@@ -65,7 +65,7 @@ def _ratio_for_disturbance(records: Linearised, tau: float) -> float:
     return max(deviance(0.0) - min(costs), 0.0)
 
 
-def _expected(near: Near, said: Sequence[Bins], s: float) -> list[Array]:
+def _expected_information(near: Near, said: Sequence[Bins], s: float) -> list[Array]:
     """The information of each sample (M,) that is to be expected where the prediction puts it, whichever bin it falls into.
 
     From s = Q/2 on it is the same everywhere to a hundredth, and is taken from the samples.

@@ -55,7 +55,7 @@ class Bank:
     sines: Array
 
     @classmethod
-    def beginning(cls, tau: float, sample_time: float) -> Self:
+    def initial(cls, tau: float, sample_time: float) -> Self:
         """Return filters that have seen nothing, for a time constant and a sample time [s]."""
         sizes, levels = [max(int(_SHORT * tau / sample_time), 1)], []
         while sizes[-1] > 1:
@@ -118,7 +118,7 @@ class Bank:
         calm = n == 0 and deviance[0] - deviance[best] < _SHOWN
         return Likeliest(
             filter=here.start + best,
-            **self._watched(here.start + best, n, _in_place(change[best], informed)),
+            **self._coarser(here.start + best, n, _in_place(change[best], informed)),
             means=float(means[best]),
             variance=float(variance[best]),
             informed=informed,
@@ -140,17 +140,17 @@ class Bank:
         white = quantum**2 * (1 / 12 - float(found.sum()))
         return _in_place(moved_by.T @ moved_by + white * inverse[0], informed)
 
-    def _watched(self, best: int, n: int, change: Array) -> dict[str, Any]:
+    def _coarser(self, best: int, n: int, change: Array) -> dict[str, Any]:
         """The filter of the same noise level over twice as long blocks, over which rounding is whiter, and r there."""
         longer = max(n - 1, 0)
         first, last = int(self.filters[longer]), int(self.filters[longer + 1])
         at = first + int(np.argmin(np.abs(np.log(self.ratio[first:last] / self.ratio[best]))))
-        return {"watched": at, "watched_variance": self.left(at, change)}
+        return {"watched": at, "watched_variance": self.residual_after(at, change)}
 
-    def left(self, at: int, change: Array) -> float:
+    def residual_after(self, at: int, change: Array) -> float:
         """Return r as a filter finds it after a change (7,) of the reference."""
         n = int(np.searchsorted(self.filters, at, side="right")) - 1
-        squares = float(moved(full(self.products[at]), change)[-1, -1])
+        squares = float(move_products(full(self.products[at]), change)[-1, -1])
         return max(squares / max(float(self.blocks[n, kernels.MEANS]), 1.0), 1e-300)
 
     def apart(self, one: int, other: int) -> float:
@@ -160,11 +160,11 @@ class Bank:
             float(np.abs(np.log(self.ratio[one] / self.ratio[other]))) if lengths[0] == lengths[1] else np.inf
         )
 
-    def shifted(self, change: Array) -> None:
+    def shift(self, change: Array) -> None:
         """Move the reference of all that was seen by a change (7,): r becomes r - J change."""
         for rows in (self.totals, self.angle, self.speed):
             rows[:, -1] -= rows[:, :-1] @ change
-        self.products[:] = moved(full(self.products), change)
+        self.products[:] = move_products(full(self.products), change)
 
     def start_again(self) -> None:
         """Let the start state of what was seen go: what it makes of the other parameters is kept, a new one comes."""
@@ -217,7 +217,7 @@ def full(products: Array) -> Array:
     return np.asarray(upper + np.swapaxes(np.triu(products, 1), -1, -2), dtype=np.float64)
 
 
-def moved(products: Array, change: Array) -> Array:
+def move_products(products: Array, change: Array) -> Array:
     """Return the products [J r]'[J r] (F, 8, 8) after r has become r - J change (7,)."""
     to = np.eye(kernels.WIDTH)
     to[:-1, -1] = -change

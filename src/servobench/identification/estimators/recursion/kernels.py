@@ -22,8 +22,8 @@ from servobench.identification.models.kernels import (
     RATE,
     RESPONSE,
     TAU,
-    driven,
-    passed,
+    advance_piece,
+    drive_piece,
     weights,
 )
 
@@ -54,12 +54,12 @@ def advance(
         until = t
         if k < len(u):
             until = min(max(t_in[k] + p[4], motor[NOW]), t)
-        until, stops = driven(x, p, motor[HELD], friction, motor[NOW], until)
+        until, stops = drive_piece(x, p, motor[HELD], friction, motor[NOW], until)
         if until >= t:
             break
         following = motor[HELD] if stops else u[k]
         h = until - motor[NOW]
-        passed(x, p, motor[HELD], following, friction, h, -math.expm1(-h / p[TAU]), stops)
+        advance_piece(x, p, motor[HELD], following, friction, h, -math.expm1(-h / p[TAU]), stops)
         if not stops:
             k += 1
         motor[NOW], motor[HELD] = until, following

@@ -11,7 +11,7 @@ from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.identification.estimators.covariance import conservative
 from servobench.identification.estimators.recursion import kernels
-from servobench.identification.estimators.recursion.bank import Bank, Likeliest, full, moved
+from servobench.identification.estimators.recursion.bank import Bank, Likeliest, full, move_products
 from servobench.identification.models.kernels import ANGLE, COLUMNS, COULOMB, DELAY, OFFSET, RATE, at_start
 
 _STRETCHES = 64  # of the run whose sums are kept apart
@@ -90,7 +90,7 @@ class Motion:
     left: int = 0
 
     @classmethod
-    def beginning(
+    def initial(
         cls,
         reference: Array,
         friction: float,
@@ -100,7 +100,7 @@ class Motion:
         quantum: float = 0.0,
     ) -> Motion:
         """Return a motor that hasn't begun to move, at a reference (7,), sampled every `sample_time` [s]; see the class."""
-        bank = Bank.beginning(float(reference[1]), sample_time)
+        bank = Bank.initial(float(reference[1]), sample_time)
         stretch = max(int(reference[1] / sample_time), 1)
         return cls(
             reference=reference.copy(), friction=friction, bank=bank, piece=np.empty(0), motor=np.full(3, np.nan),
@@ -186,7 +186,7 @@ class Motion:
         # Another level may be likeliest because the motor has changed: who watches for that stays with the old one.
         if not len(self.recent):
             self.shown = found.watched
-        found = replace(found, watched_variance=self.bank.left(self.shown, found.change))
+        found = replace(found, watched_variance=self.bank.residual_after(self.shown, found.change))
         at = found.informed
         if found.calm and self.quantum:
             exact = self.bank.by_rounding(self.quantum, at)
@@ -207,8 +207,8 @@ class Motion:
 
     def shift(self, change: Array) -> None:
         """Move the reference by a change (7,), with all that was seen, and the motor where it is now, to first order."""
-        self.bank.shifted(change)
-        self.stretches = [moved(full(one), change) for one in self.stretches]
+        self.bank.shift(change)
+        self.stretches = [move_products(full(one), change) for one in self.stretches]
         self.recent[:, -1] -= self.recent[:, :-1] @ change
         for row in (ANGLE, RATE):
             self.piece[row, -1] += self.piece[row, :-1] @ change

@@ -34,7 +34,7 @@ def is_white(
         return True
     e = (recent[:, -1] - recent[:, :-1] @ found.change) / np.sqrt(found.watched_variance)
     # A change long ago is in many innovations, one just now in the last few.
-    asked = [_asked(recent[-last:, :-1], e[-last:]) for last in (len(e), _FEWEST, 2 * _FEWEST)]
+    asked = [_score_statistic(recent[-last:, :-1], e[-last:]) for last in (len(e), _FEWEST, 2 * _FEWEST)]
     whole = len(e) // together
     sums = e[len(e) - whole * together :].reshape(whole, together).sum(axis=1)
     slow = 0.0
@@ -44,7 +44,7 @@ def is_white(
     return bool(same and slow * np.sqrt(whole / _LAGS) < _SLOW)
 
 
-def _asked(jacobian: Array, e: Array) -> tuple[float, int]:
+def _score_statistic(jacobian: Array, e: Array) -> tuple[float, int]:
     """The score statistic of innovations e (K,), chi-squared, and how many directions (K, 7) they can tell apart."""
     h = jacobian.T @ jacobian
     size = np.diag(h)

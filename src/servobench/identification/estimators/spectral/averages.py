@@ -41,7 +41,7 @@ class Column:
         )  # fmt: skip
 
 
-def averaged(parts: Sequence[Column]) -> Column:
+def average(parts: Sequence[Column]) -> Column:
     """Return one point for each frequency, ascending: the mean, each weighted by the inverse of its noise's variance.
 
     Where the scatter between realisations is larger than noise explains, pooled over neighbouring frequencies, the excess is

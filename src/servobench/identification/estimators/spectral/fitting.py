@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.core.rounding import counted
+from servobench.core.rounding import count_text
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.spectral.lines import Stretch, stretches
 from servobench.identification.estimators.spectral.local import Block, Local, local_fits
@@ -26,7 +26,7 @@ from servobench.systems.transfer_function import TransferFunction
 
 _ROUNDS = 3  # of points and fit; each makes the model that the points lean on a hundred times better
 _STEPS = 40
-_NOTHING = "the output shows nothing of the input at any frequency: excite the motor more strongly"
+_NOTHING = "the output doesn't respond to the input at any frequency: excite the motor more strongly"
 _ENOUGH = 1e-3  # a step below this many standard deviations changes nothing that matters
 _WIDTH = 1e-4  # of a parameter: the differences for the Jacobian, whose error is the square of that
 
@@ -45,7 +45,7 @@ class Points:
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Settled:
+class PointFit:
     """Points and the structure's parameters `theta` (P,) that suit them; the points lean on the parameters of the round before.
 
     `seen` (P,) says which parameters the frequency response depends on at all; `covariance` (P, P) is zero for the others.
@@ -62,7 +62,7 @@ class Settled:
     converged: bool
 
 
-def settled(structure: Structure, data: Sequence[Dataset], start: Array | None = None) -> Settled:
+def fit_points(structure: Structure, data: Sequence[Dataset], start: Array | None = None) -> PointFit:
     """Return the points of all records and the structure fitted to them.
 
     The search starts from parameters `start` (P,), each in its own SI unit, or from the structure's guess.
@@ -72,7 +72,7 @@ def settled(structure: Structure, data: Sequence[Dataset], start: Array | None =
     parts = [stretch for record in data for stretch in stretches(record)]
     theta = (structure.guesses(data)[0] if start is None else start)[: len(structure.parameters)]
     for _ in range(_ROUNDS):
-        result = _fitted(structure, data, _points(structure, theta, parts), theta)
+        result = _fit_once(structure, data, _points(structure, theta, parts), theta)
         theta = result.theta
     return result
 
@@ -87,7 +87,7 @@ def points_near(structure: Structure, data: Sequence[Dataset]) -> Points:
     points = _points(structure, theta, parts)
     for _ in range(_ROUNDS - 1):
         try:
-            theta = _fitted(structure, data, points, theta).theta
+            theta = _fit_once(structure, data, points, theta).theta
         except NotIdentifiable:
             break
         points = _points(structure, theta, parts)
@@ -173,7 +173,7 @@ class _Problem:
         return np.column_stack(columns)
 
 
-def _fitted(structure: Structure, data: Sequence[Dataset], points: Points, theta: Array) -> Settled:
+def _fit_once(structure: Structure, data: Sequence[Dataset], points: Points, theta: Array) -> PointFit:
     problem = _Problem(
         structure,
         tuple(_Part.of(local.stretch.data, local.blocks) for local in points.locals if local.blocks),
@@ -182,7 +182,7 @@ def _fitted(structure: Structure, data: Sequence[Dataset], points: Points, theta
         raise NotIdentifiable(_NOTHING)
     widths = _widths(structure, data, theta)
     lower, upper = structure.bounds(data)
-    theta, cost, converged = _searched(problem, np.clip(theta, lower, upper), widths, (lower, upper))
+    theta, cost, converged = _search(problem, np.clip(theta, lower, upper), widths, (lower, upper))
     j = problem.jacobian(theta, widths)
     seen = np.asarray(np.abs(j).max(axis=0) * widths > 1e-12, dtype=np.bool_)
     freedom = 2 * points.count - int(seen.sum())
@@ -191,11 +191,11 @@ def _fitted(structure: Structure, data: Sequence[Dataset], points: Points, theta
         or np.linalg.matrix_rank(j[:, seen] / np.abs(j[:, seen]).max(axis=0), tol=1e-9) < seen.sum()
     ):
         raise NotIdentifiable(
-            f"{counted(points.count, 'point')} of a frequency response can't determine {int(seen.sum())} parameters: "
+            f"{count_text(points.count, 'point')} of a frequency response can't determine {int(seen.sum())} parameters: "
             "record more frequencies"
         )
     misfit = cost / freedom if freedom else 1.0
-    return Settled(
+    return PointFit(
         points=points,
         theta=theta,
         covariance=max(misfit, 1.0) * inverse(j.T @ j),
@@ -213,7 +213,7 @@ def _widths(structure: Structure, data: Sequence[Dataset], theta: Array) -> Arra
     return _WIDTH * np.maximum(np.abs(theta), least)
 
 
-def _searched(
+def _search(
     problem: _Problem, theta: Array, widths: Array, bounds: tuple[Array, Array]
 ) -> tuple[Array, float, bool]:
     """Levenberg and Marquardt's search: the parameters, the sum of squares, and whether it settled."""

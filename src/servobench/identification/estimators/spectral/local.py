@@ -91,11 +91,11 @@ def local_fits(stretch: Stretch, shape: TransferFunction) -> Local:
     free = stretch.path.transient(shape)
     windows = _windows(stretch, model, free / np.abs(free).max())
     white = stretch.path.audible
-    first = _solved(stretch, windows, white)
+    first = _solve_stretch(stretch, windows, white)
     noise = _noise_level(first, white, np.abs(motion) ** 2 * white)
-    found = _solved(stretch, windows, noise)
-    scales = _pooled(found)
-    hidden = _hidden_rounding(stretch, noise, white)
+    found = _solve_stretch(stretch, windows, noise)
+    scales = _noise_excess(found)
+    hidden = _rounding_at_harmonics(stretch, noise, white)
     blocks = [
         _block(stretch, shape, window, solution, scale, hidden)
         for window, solution, scale in zip(windows, found, scales.tolist(), strict=True)
@@ -156,8 +156,8 @@ def _partition(stretch: Stretch) -> list[Lines]:
     count = int(quiet.sum()) // size
     if count == 0:
         raise NotIdentifiable(
-            f"{stretch.data.name}: {int(quiet.sum())} lines of the spectrum tell of noise, at least {size} are needed: "
-            "record for longer, or more periods"
+            f"{stretch.data.name}: {int(quiet.sum())} lines of the spectrum show noise only, and at least {size} are "
+            "needed: record for longer, or more periods"
         )
     order = np.minimum((np.cumsum(quiet) - 1).clip(0) // size, count - 1)
     return np.split(np.arange(total), np.flatnonzero(np.diff(order)) + 1)
@@ -193,7 +193,7 @@ def _powers(at: Lines, degree: int) -> Array:
     return np.asarray(x[:, None] ** np.arange(degree + 1), dtype=np.float64)
 
 
-def _solved(stretch: Stretch, windows: Sequence[_Window], noise: Array) -> list[_Solution]:
+def _solve_stretch(stretch: Stretch, windows: Sequence[_Window], noise: Array) -> list[_Solution]:
     return [_solve(window, stretch.output[window.at], noise[window.at]) for window in windows]
 
 
@@ -240,7 +240,7 @@ def _noise_level(found: Sequence[_Solution], white: Array, driven: Array) -> Arr
     return np.maximum(level, 1e-300)
 
 
-def _pooled(found: Sequence[_Solution]) -> Array:
+def _noise_excess(found: Sequence[_Solution]) -> Array:
     """By how much the noise around each window is above what was supposed: over as many windows as it takes to know that well."""
     freedom = np.array([s.freedom for s in found])
     power = np.array([s.power for s in found])
@@ -256,7 +256,7 @@ def _pooled(found: Sequence[_Solution]) -> Array:
     return np.maximum(scales, 1e-300)
 
 
-def _hidden_rounding(stretch: Stretch, noise: Array, white: Array) -> Array:
+def _rounding_at_harmonics(stretch: Stretch, noise: Array, white: Array) -> Array:
     """What rounding may add at the harmonics of the period and nowhere else, (K,).
 
     Where the motion repeats to a fraction of a count, so does its rounding: then it isn't seen between the harmonics. Its power

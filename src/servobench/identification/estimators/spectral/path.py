@@ -49,7 +49,7 @@ class Path:
     def motion(self, system: TransferFunction) -> Complex:
         """Return the response (K,) from the input to samples of the shaft, of a system between them."""
         total = replace(system, delay=system.delay + self.data.delay)
-        return held_response(total, self.omega, self.sample_time)
+        return hold_response(total, self.omega, self.sample_time)
 
     @cached_property
     def measured(self) -> Complex:
@@ -94,7 +94,7 @@ class Path:
         return shape
 
 
-def held_response(system: TransferFunction, omega: Array, sample_time: float) -> Complex:
+def hold_response(system: TransferFunction, omega: Array, sample_time: float) -> Complex:
     """Return the response (K,) at ω (K,) [rad/s] from an input that holds between samples to samples of the output, exact.
 
     Over a sample the delay d = mT + f splits the hold: Γ₁ is what the older value does in [0, f), Γ₀ what the newer one does
@@ -191,7 +191,7 @@ def _until_decayed(answer: Callable[[Array], Array | None], sample_time: float) 
             return found
         count *= 4
     raise UsageError(
-        f"a stage of the chain still answers after {_LONGEST} samples: its frequency response can't be divided out"
+        f"a stage of the chain still responds after {_LONGEST} samples: its frequency response can't be divided out"
     )
 
 

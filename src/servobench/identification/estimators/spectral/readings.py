@@ -38,7 +38,8 @@ def bode_readings(response: FrequencyResponse) -> dict[str, Estimate]:
     clear = speed.sd < _CLEAR * speed.magnitude
     if clear.sum() < 2:
         raise NotIdentifiable(
-            f"{int(clear.sum())} points of the frequency response are clear of noise, two are the least: record more frequencies"
+            f"{int(clear.sum())} points of the frequency response are clear of noise, and at least two are needed: "
+            "record more frequencies"
         )
     omega, g = speed.omega[clear], speed.response[clear]
     relative = speed.sd[clear] / np.abs(g)
@@ -56,7 +57,7 @@ def _from_magnitude(omega: Array, level: Array, sd: Array, unit: str) -> dict[st
 
     middle = float(np.sqrt(omega[0] * omega[-1]))
     starts = [np.array([level.max(), -np.log(w)]) for w in (omega[0], middle, omega[-1])]
-    p, covariance = min((_searched(model, level, sd, start) for start in starts), key=lambda end: end[2])[:2]
+    p, covariance = min((_search(model, level, sd, start) for start in starts), key=lambda end: end[2])[:2]
     spread = np.sqrt(np.diag(covariance))
     return {
         "gain": _positive(p[0], spread[0], unit),
@@ -76,8 +77,8 @@ def _from_phase(omega: Array, g: Complex, sd: Array, tau: float) -> dict[str, Es
         return -np.arctan(x) - omega * p[1], np.column_stack([-x / (1 + x**2), -omega])
 
     if len(omega) < 2:
-        raise NotIdentifiable("a time constant and a delay need the phase at two frequencies at least")
-    p, covariance, _ = _searched(model, phase, sd, np.array([np.log(tau), 0.0]))
+        raise NotIdentifiable("a time constant and a delay need the phase at two frequencies or more")
+    p, covariance, _ = _search(model, phase, sd, np.array([np.log(tau), 0.0]))
     spread = np.sqrt(np.diag(covariance))
     delay, half = float(p[1]), float(TWO_SIDED * spread[1])
     return {
@@ -88,7 +89,7 @@ def _from_phase(omega: Array, g: Complex, sd: Array, tau: float) -> dict[str, Es
     }
 
 
-def _searched(
+def _search(
     model: Callable[[Array], tuple[Array, Array]], y: Array, sd: Array, start: Array
 ) -> tuple[Array, Array, float]:
     """Weighted least squares by damped Gauss-Newton: parameters, covariance, sum of squares."""

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info, warning
-from servobench.core.rounding import TWO_SIDED, counted
-from servobench.identification.estimators.spectral.averages import Column, averaged
+from servobench.core.parameter_names import plain_words
+from servobench.core.rounding import TWO_SIDED, count_text
+from servobench.identification.estimators.spectral.averages import Column, average
 from servobench.identification.estimators.spectral.detection import DetectionLines, detection_lines
 from servobench.identification.estimators.spectral.fitting import Points, points_near
 from servobench.identification.estimators.spectral.local import Local
@@ -81,13 +82,6 @@ class FrequencyResponse:
         position, _, driven = self.unit.partition("/")
         return replace(self, **_times(self, 1j * self.omega), output="speed", unit=f"{position}/(s·{driven})")
 
-    def as_position(self) -> FrequencyResponse:
-        """Return the response from the input to the position: that to the speed over jω."""
-        if self.output == "position":
-            return self
-        unit = self.unit.replace("/(s·", "/").removesuffix(")")
-        return replace(self, **_times(self, 1.0 / (1j * self.omega)), output="position", unit=unit)
-
 
 def frequency_response(data: Dataset | Sequence[Dataset], near: str = "first_order") -> FrequencyResponse:
     """Return the frequency response that records show, at the frequencies that their input excites.
@@ -111,7 +105,7 @@ def response_of(records: Sequence[Dataset], found: Points) -> FrequencyResponse:
     """Return the frequency response that points of records are."""
     output, first = records[0].kind, records[0]
     columns = [_points(local, shape, output) for local, shape in zip(found.locals, found.shapes, strict=True)]
-    points = averaged(columns)
+    points = average(columns)
     return FrequencyResponse(
         omega=points.omega,
         response=points.response,
@@ -122,7 +116,7 @@ def response_of(records: Sequence[Dataset], found: Points) -> FrequencyResponse:
         resolution=points.resolution,
         output=output,
         unit=f"{first.position_unit}/{'(s·' if output == 'speed' else ''}{first.input_unit}{')' if output == 'speed' else ''}",
-        left_out=sum(_left_out(local) for local in found.locals),
+        left_out=sum(_count_omitted(local) for local in found.locals),
         detection=detection_lines(found.locals),
         findings=tuple(remarks(records, found)),
     )
@@ -131,22 +125,22 @@ def response_of(records: Sequence[Dataset], found: Points) -> FrequencyResponse:
 def remarks(records: Sequence[Dataset], found: Points) -> list[Finding]:
     """Return what there is to know of the points: frequencies left out, and friction that a linear response can't hold."""
     findings = []
-    left_out = sum(_left_out(local) for local in found.locals)
+    left_out = sum(_count_omitted(local) for local in found.locals)
     if left_out:
         findings.append(
             info(
                 "frequencies-left-out",
-                f"The frequency response has {counted(found.count, 'point')}; {counted(left_out, 'other')} up to Nyquist's "
-                "frequency are left out, as the input excites them too little or not at all.",
+                f"The frequency response has {count_text(found.count, 'point')}; {count_text(left_out, 'other')} up to "
+                "the Nyquist frequency are left out, as the input hardly excites them.",
             )
         )
     if any(_turns(record) for record in records):
         findings.append(
             warning(
                 "friction-in-response",
-                "The motor turned both ways. Coulomb friction, where there is any, isn't linear: it makes the frequency response "
-                "smaller and depend on the amplitude, and gain and time constant fitted to it are biased. Excite the motor about "
-                "a speed that keeps its sign, or take output_error with first_order_coulomb.",
+                "The motor turned both ways, so any Coulomb friction biases gain and time constant: it makes the "
+                "frequency response smaller and dependent on the amplitude. Excite the motor about a speed that "
+                "keeps its sign, or use output_error with first_order_coulomb.",
                 parameters=("gain", "time_constant"),
             )
         )
@@ -155,12 +149,13 @@ def remarks(records: Sequence[Dataset], found: Points) -> list[Finding]:
 
 def _check(records: Sequence[Dataset]) -> None:
     if not records:
-        raise UsageError("no frequency response of nothing: expected at least one dataset")
+        raise UsageError("no data for a frequency response: expected at least one dataset")
     for what in ("input_unit", "output_unit", "kind"):
         differing = sorted({str(getattr(record, what)) for record in records})
         if len(differing) > 1:
             raise UsageError(
-                f"the records have no frequency response in common: their {what.replace('_', ' ')}s are {' and '.join(differing)}"
+                f"the records can't share a frequency response: their {plain_words(what)}s are "
+                f"{' and '.join(differing)}"
             )
 
 
@@ -187,7 +182,7 @@ def _points(local: Local, shape: TransferFunction, output: Kind) -> Column:
     )
 
 
-def _left_out(local: Local) -> int:
+def _count_omitted(local: Local) -> int:
     """Lines that aren't excited, and points that the input excites too little."""
     quiet = len(local.stretch.lines) - len(local.stretch.excited) if local.stretch.separate else 0
     return quiet + local.unknown

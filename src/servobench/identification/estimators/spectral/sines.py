@@ -36,7 +36,7 @@ def sines(u: Array) -> list[Run]:
     if whole is not None:
         run = _whole_cycles(0, len(u), whole)
         return [run] if run else []
-    return _stepped(u)
+    return _sine_runs(u)
 
 
 def _single(u: Array) -> float | None:
@@ -68,7 +68,7 @@ def _beside(u: Array, frequency: float) -> float:
     return float(left / max(np.hypot(linear[0], linear[1]), 1e-300))
 
 
-def _stepped(u: Array) -> list[Run]:
+def _sine_runs(u: Array) -> list[Run]:
     """Runs in which the differences w obey w[n+1] + w[n-1] = 2 cos(ω) w[n], as those of a sine and a constant do."""
     w = np.diff(u)
     runs: list[Run] = []

@@ -20,9 +20,9 @@ from servobench.identification.models.nonlinear.structure import (
 
 FORM = "first_order[_coulomb|_asymmetric|_one_way][_stribeck][_gravity][_load]"
 MEANING = (
-    "friction first (none, coulomb, asymmetric for unequal friction in the two directions, one_way for a motor that only turned "
-    "one way), then stribeck for friction that falls with the speed, gravity for an arm or a pendulum, load for friction that "
-    "grows with gravity's load; stribeck and load need a friction, load needs gravity"
+    "friction first (none, coulomb, asymmetric for unequal friction in the two directions, one_way for a motor that "
+    "turned one way only), then stribeck for friction that falls with the speed, gravity for an arm or a pendulum, "
+    "load for friction that grows with gravity's load; stribeck and load need a friction, load needs gravity"
 )
 _FRICTION: dict[str, tuple[Parameter, ...]] = {
     "": (OFFSET,),

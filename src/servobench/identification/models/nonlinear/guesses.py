@@ -17,7 +17,7 @@ from servobench.core.errors import NotIdentifiable
 from servobench.identification.models.base import Parameter, Structure
 from servobench.identification.models.common_parameters import DELAY, GAIN, OFFSET, TIME_CONSTANT
 from servobench.identification.models.first_order import FirstOrder
-from servobench.identification.models.motion import check_moves, directions, smoothed_speed
+from servobench.identification.models.motion import check_moves, directions, smooth_speed
 from servobench.identification.models.records import START_SPEED, beside_rest
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -29,7 +29,7 @@ _LOAD = 0.05  # the first guess of μ, which multiplies gravity and so isn't lin
 _UNIT = FirstOrder((GAIN, TIME_CONSTANT, OFFSET, DELAY))
 
 
-class Laden(Structure, Protocol):
+class FrictionAndGravity(Structure, Protocol):
     """What the guesses have to know of a motor with friction and gravity."""
 
     @property
@@ -47,7 +47,7 @@ class Laden(Structure, Protocol):
         ...
 
 
-def guesses_from_motion(structure: Laden, data: Sequence[Dataset]) -> tuple[Array, ...]:
+def guesses_from_motion(structure: FrictionAndGravity, data: Sequence[Dataset]) -> tuple[Array, ...]:
     """Return the best vector for each ω_s of the grid, with friction also at rest and moving the other way.
 
     Raises `NotIdentifiable` where the data can't support the structure: too few samples, no motion, or gravity without an angle.
@@ -60,7 +60,7 @@ def guesses_from_motion(structure: Laden, data: Sequence[Dataset]) -> tuple[Arra
     found.sort(key=lambda trial: trial[0])
     if not np.isfinite(found[0][0]):
         raise NotIdentifiable(
-            "no motor with friction and gravity comes near these data; look at them with `servobench inspect`"
+            "no motor with friction and gravity fits these data; look at them with `servobench inspect`"
         )
     moving = [vector for cost, vector in found if np.isfinite(cost)]
     if not structure.friction:
@@ -69,7 +69,7 @@ def guesses_from_motion(structure: Laden, data: Sequence[Dataset]) -> tuple[Arra
         guess
         for vector in moving
         for guess in beside_rest(
-            vector, _still(structure, vector, data), _lost_speed(structure, vector, data)
+            vector, _still(structure, vector, data), _friction_speed(structure, vector, data)
         )
     )
 
@@ -81,27 +81,27 @@ def _check_angle(data: Dataset) -> None:
         )
     if data.position_unit != "rad":
         raise NotIdentifiable(
-            f"{data.name}: gravity depends on the angle, and the position is in {data.position_unit}, of which nobody said how "
-            "many make a turn: give its unit (deg, rev), or the counts of a revolution"
+            f"{data.name}: gravity depends on the angle, and the position is in {data.position_unit}, and how many "
+            "make a turn isn't known: give its unit (deg, rev), or the counts per revolution"
         )
 
 
-def _best(structure: Laden, data: Sequence[Dataset], part: float) -> tuple[float, Array]:
+def _best(structure: FrictionAndGravity, data: Sequence[Dataset], part: float) -> tuple[float, Array]:
     """The cost and the vector of the best τ and d for an ω_s that is that part of the largest speed."""
     step = max(record.sample_time for record in data)
     longest = max(record.duration for record in data)
-    top = max(float(np.abs(smoothed_speed(record)).max()) for record in data)
+    top = max(float(np.abs(smooth_speed(record)).max()) for record in data)
     signals = [_signals(structure, record, part * top) for record in data]
     best: tuple[float, Array] = (np.inf, np.empty(0))
     for tau in np.geomspace(0.5 * step, max(0.25 * longest, 2 * step), _TAUS):
-        fixed = [_fixed(record, own, float(tau)) for record, own in zip(data, signals, strict=True)]
+        fixed = [_signal_columns(record, own, float(tau)) for record, own in zip(data, signals, strict=True)]
         for delay in _DELAYS:
             trial = _trial(structure, data, fixed, float(tau), delay * step, part * top)
             best = min(best, trial, key=lambda t: t[0])
     return best
 
 
-def _linear(structure: Laden) -> tuple[Parameter, ...]:
+def _linear(structure: FrictionAndGravity) -> tuple[Parameter, ...]:
     """The parameters whose lost voltage is a known signal of the motion."""
     return tuple(p for p in structure.parameters if p.name not in _ELSEWHERE)
 
@@ -109,9 +109,9 @@ def _linear(structure: Laden) -> tuple[Parameter, ...]:
 _ELSEWHERE = {"gain", "time_constant", "delay", "stribeck_speed", "load_friction"}
 
 
-def _signals(structure: Laden, data: Dataset, stribeck_speed: float) -> list[Array]:
+def _signals(structure: FrictionAndGravity, data: Dataset, stribeck_speed: float) -> list[Array]:
     """What each linear parameter takes from the input, from the measured motion, (M,) each."""
-    sense, speed = directions(data), np.abs(smoothed_speed(data))
+    sense, speed = directions(data), np.abs(smooth_speed(data))
     known = {
         "offset_voltage": np.ones(len(data.y)),
         "coulomb_voltage": sense,
@@ -125,15 +125,15 @@ def _signals(structure: Laden, data: Dataset, stribeck_speed: float) -> list[Arr
     return [known[parameter.name] for parameter in _linear(structure)]
 
 
-def _fixed(data: Dataset, signals: Sequence[Array], tau: float) -> tuple[Array, Array]:
+def _signal_columns(data: Dataset, signals: Sequence[Array], tau: float) -> tuple[Array, Array]:
     """What doesn't depend on the delay: minus the responses to the signals (M, L), and those to the start state (M, Q)."""
     from servobench.identification.models.records import with_input
 
-    lost = [-_driven(with_input(data, data.t_output, signal), tau, 0.0)[0] for signal in signals]
-    return np.column_stack(lost), _driven(data, tau, 0.0)[1]
+    lost = [-_input_columns(with_input(data, data.t_output, signal), tau, 0.0)[0] for signal in signals]
+    return np.column_stack(lost), _input_columns(data, tau, 0.0)[1]
 
 
-def _driven(data: Dataset, tau: float, delay: float) -> tuple[Array, Array]:
+def _input_columns(data: Dataset, tau: float, delay: float) -> tuple[Array, Array]:
     """The response to the input for K = 1, (M,), and those to the start state (M, Q), through the chain."""
     theta = np.zeros(len(_UNIT.parameters) + len(_UNIT.nuisance(data)))
     theta[[0, 1, 3]] = 1.0, tau, delay
@@ -142,7 +142,7 @@ def _driven(data: Dataset, tau: float, delay: float) -> tuple[Array, Array]:
 
 
 def _trial(
-    structure: Laden,
+    structure: FrictionAndGravity,
     data: Sequence[Dataset],
     fixed: Sequence[tuple[Array, Array]],
     tau: float,
@@ -157,7 +157,7 @@ def _trial(
         valid = np.flatnonzero(record.valid)
         rows = valid[:: max(1, len(valid) // _ROWS)]
         block = np.zeros((len(rows), shared + sum(own) + 1))
-        block[:, 0] = _driven(record, tau, delay)[0][rows]
+        block[:, 0] = _input_columns(record, tau, delay)[0][rows]
         block[:, 1:shared] = lost[rows]
         block[:, place : place + start.shape[1]] = start[rows]
         block[:, -1] = record.y[rows]
@@ -202,7 +202,7 @@ def _correct_signs(value: dict[str, float], gain: float) -> None:
 
 
 def _still(
-    structure: Laden, theta: Array, data: Sequence[Dataset]
+    structure: FrictionAndGravity, theta: Array, data: Sequence[Dataset]
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
     """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
     from servobench.identification.models.nonlinear import kernels
@@ -220,7 +220,7 @@ def _still(
     return np.array(places, dtype=np.int64)
 
 
-def _lost_speed(structure: Laden, theta: Array, data: Sequence[Dataset]) -> float:
+def _friction_speed(structure: FrictionAndGravity, theta: Array, data: Sequence[Dataset]) -> float:
     """The speed that friction takes, K u_c."""
     from servobench.identification.models.nonlinear import kernels
 

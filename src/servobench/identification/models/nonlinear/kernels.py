@@ -33,7 +33,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.compiled import compiled
-from servobench.identification.models.kernels import held_before
+from servobench.identification.models.kernels import first_input
 
 # Columns of the Jacobian, and of the parameter vector.
 GAIN, TAU, OFFSET, COULOMB, DELAY = 0, 1, 2, 3, 4
@@ -120,7 +120,7 @@ def of_angle(angle: float, gravity: bool) -> tuple[float, float]:
 
 
 @compiled
-def turned(angle: float, sine: float, cosine: float, by: float, gravity: bool) -> tuple[float, float]:
+def rotate_angle(angle: float, sine: float, cosine: float, by: float, gravity: bool) -> tuple[float, float]:
     """Return sine and cosine of an angle + `by`, from those of the angle, by the sums of angles."""
     if not gravity:
         return sine, cosine
@@ -235,13 +235,13 @@ def stages(
     sine, cosine, w, f1 = at[0, AT_SINE], at[0, AT_COSINE], at[0, AT_SPEED], at[0, AT_SLOPE]
     half = 0.5 * h
     w2 = w + half * f1
-    s2, c2 = turned(angle, sine, cosine, half * w, gravity)
+    s2, c2 = rotate_angle(angle, sine, cosine, half * w, gravity)
     f2, e2 = slope(m, v, sense, side, s2, c2, w2, stribeck, gravity)
     w3 = w + half * f2
-    s3, c3 = turned(angle, sine, cosine, half * w2, gravity)
+    s3, c3 = rotate_angle(angle, sine, cosine, half * w2, gravity)
     f3, e3 = slope(m, v, sense, side, s3, c3, w3, stribeck, gravity)
     w4 = w + h * f3
-    s4, c4 = turned(angle, sine, cosine, h * w3, gravity)
+    s4, c4 = rotate_angle(angle, sine, cosine, h * w3, gravity)
     f4, e4 = slope(m, v, sense, side, s4, c4, w4, stribeck, gravity)
     at[1, AT_SINE], at[1, AT_COSINE], at[1, AT_SPEED], at[1, AT_FALLING], at[1, AT_SLOPE] = s2, c2, w2, e2, f2
     at[2, AT_SINE], at[2, AT_COSINE], at[2, AT_SPEED], at[2, AT_FALLING], at[2, AT_SLOPE] = s3, c3, w3, e3, f3
@@ -333,7 +333,7 @@ def response(
     x[0, POSITION] = x[1, SPEED] = 1.0
     angle, w, now, delay = p[POSITION], p[SPEED], t_out[0], p[DELAY]
     motor, at, by = motor_of(p), np.zeros((4, STATES)), np.zeros((4, STAGE))
-    k, v = held_before(t_in, u, u_before, delay, now)
+    k, v = first_input(t_in, u, u_before, delay, now)
     sense = sense_of(p, v, angle, w, friction, gravity)
     sine, cosine = of_angle(angle, gravity)
     side = side_of(p, sine, cosine, w, gravity)
@@ -373,7 +373,7 @@ def response(
             if stops:
                 h = time_to_event(motor, v, sense, side, angle, h, stribeck, gravity, at, True)
                 angle_end, w_end = stages(motor, v, sense, side, angle, h, stribeck, gravity, at)
-            sine, cosine = turned(angle, sine, cosine, angle_end - angle, gravity)
+            sine, cosine = rotate_angle(angle, sine, cosine, angle_end - angle, gravity)
             crosses = p[LOAD] != 0.0 and side_of(p, sine, cosine, w_end, gravity) != side
             if crosses:
                 shorter = time_to_event(motor, v, sense, side, angle, h, stribeck, gravity, at, False)

@@ -29,31 +29,31 @@ from servobench.core.channels import Array
 from servobench.identification.models.base import Output, Parameter, Prediction
 from servobench.identification.models.common_parameters import COULOMB, DELAY, GAIN, OFFSET, TIME_CONSTANT
 from servobench.identification.models.first_order import FirstOrder
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.records import is_plain, start_parameters, through_chain
-from servobench.identification.models.reversals import Switching, unresolved
+from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
 FORWARD = Parameter(
     name="coulomb_voltage_forward",
-    meaning="input that friction takes while the motor turns the way a positive input drives it",
+    meaning="input needed to overcome friction while turning in the direction of a positive input",
     unit="{input}",
 )
 BACKWARD = Parameter(
     name="coulomb_voltage_backward",
-    meaning="input that friction takes while the motor turns the other way",
+    meaning="input needed to overcome friction while turning in the other direction",
     unit="{input}",
 )
 ASYMMETRY = Parameter(
     name="drag_asymmetry",
-    meaning="input for each unit of speed that is lost going forward and gained going backward",
+    meaning="input per unit of speed lost going forward and gained going backward",
     unit="{input}·s/{position}",
 )
 STRIBECK = Parameter(
     name="stribeck_voltage",
-    meaning="input that friction takes at rest beyond what it takes at speed",
+    meaning="input needed to overcome friction at rest, beyond that at speed",
     unit="{input}",
     lower=0.0,
 )
@@ -62,17 +62,15 @@ STRIBECK_SPEED = Parameter(
 )
 SINE = Parameter(
     name="gravity_voltage_sine",
-    meaning="input that gravity takes, times the sine of the angle",
+    meaning="input needed against gravity, times the sine of the angle",
     unit="{input}",
 )
 COSINE = Parameter(
     name="gravity_voltage_cosine",
-    meaning="input that gravity takes, times the cosine of the angle",
+    meaning="input needed against gravity, times the cosine of the angle",
     unit="{input}",
 )
-LOAD = Parameter(
-    name="load_friction", meaning="friction for each unit of gravity's load", unit="1", lower=0.0
-)
+LOAD = Parameter(name="load_friction", meaning="friction per unit of gravity's load", unit="1", lower=0.0)
 
 # Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀), with which weight.
 _PLACES: dict[Parameter, dict[int, float]] = {
@@ -140,7 +138,7 @@ class NonlinearMotor:
         base = FirstOrder((GAIN, TIME_CONSTANT, DELAY))
         (_, _, earliest), (_, _, latest) = base.bounds(data)
         shortest = 0.2 * max(record.sample_time for record in data)
-        top = max(float(np.abs(smoothed_speed(record)).max()) for record in data) or 1.0
+        top = max(float(np.abs(smooth_speed(record)).max()) for record in data) or 1.0
         nearest = {TIME_CONSTANT: shortest, DELAY: float(earliest), STRIBECK_SPEED: _SLOWEST * top}
         nearest |= {SINE: -largest, COSINE: -largest}
         farthest = {
@@ -167,7 +165,7 @@ class NonlinearMotor:
         """Which parameters multiply others, whose guess is worth little until those are right, (P,)."""
         return np.array([parameter in (STRIBECK_SPEED, LOAD) for parameter in self.parameters])
 
-    def moved(self, theta: Array, change: Array) -> Array:
+    def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change, but for the stribeck_voltage.
 
         What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
@@ -255,7 +253,7 @@ class NonlinearMotor:
         """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
         if not self.friction:
             return np.empty((len(data.y), 0))
-        return unresolved(self._switching(theta, data), data)
+        return switching_errors(self._switching(theta, data), data)
 
     def _switching(self, theta: Array, data: Dataset) -> Switching:
         """What reversals need to know: friction is at its largest near rest, and gravity is an offset that moves."""

@@ -24,13 +24,13 @@ def goal_finding(data: Dataset) -> Finding | None:
     if data.kind != "position" or data.input_unit != data.position_unit or len(data.y) < 20:
         return None
     lags = _LAGS[_LAGS * data.sample_time <= max(0.1 * data.duration, data.sample_time)] * data.sample_time
-    lines = [_line(_held(data, data.t_output - lag), data.y) for lag in lags]
+    lines = [_line(_input_at(data, data.t_output - lag), data.y) for lag in lags]
     slope, explained = max(lines, key=lambda line: line[1])
     if explained < _EXPLAINED or slope <= 0:
         return None
     follows = (
-        f"The position follows the input, with {slope:.2f} {data.output_unit} for each {data.input_unit}: the input looks like "
-        "the goal of a position loop, not like what drives the motor."
+        f"The position follows the input, with {slope:.2f} {data.output_unit} for each {data.input_unit}: the input "
+        "looks like the target of a position loop, not like the voltage that drives the motor."
     )
     if _FOLLOWS[0] <= slope <= _FOLLOWS[1]:
         return warning(
@@ -39,12 +39,12 @@ def goal_finding(data: Dataset) -> Finding | None:
         )
     return warning(
         "input-is-a-goal",
-        f"{follows} A load, such as gravity, or a limit holds it off its goal, which the structures position_loop don't know; "
-        "take the load off, or record the motor's voltage.",
+        f"{follows} A load, such as gravity, or a limit keeps it off its target, which the position_loop structures "
+        "can't describe; remove the load, or record the motor's voltage.",
     )
 
 
-def _held(data: Dataset, t: Array) -> Array:
+def _input_at(data: Dataset, t: Array) -> Array:
     """The input that held at times t (N,)."""
     at = np.searchsorted(data.t_input, t, side="left") - 1
     return np.asarray(np.where(at >= 0, data.u[np.maximum(at, 0)], data.input_before), dtype=np.float64)

@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.compiled import compiled
-from servobench.identification.models.kernels import held_before
+from servobench.identification.models.kernels import first_input
 
 # Columns of the Jacobian, and of the parameter vector; the last one of a state is the response itself.
 LOOP, TAU, OFFSET, DEAD, DELAY, POSITION, SPEED = 0, 1, 2, 3, 4, 5, 6
@@ -56,7 +56,7 @@ def slope(s: Array, p: Array, v: float, sense: float, friction: float) -> float:
 
 
 @compiled
-def aimed(s: Array, p: Array, v: float, sense: float, friction: float) -> None:
+def aim(s: Array, p: Array, v: float, sense: float, friction: float) -> None:
     """Fill the last row of a state: where it tends to. A shaft that sticks stays, and forgets how it came to rest."""
     for c in range(COLUMNS + 1):
         s[END, c] = 0.0
@@ -157,7 +157,7 @@ def response(
     friction and speed_out are 1 or 0. A sample is latched before a goal of the same instant acts.
     """
     now, last = t_out[0], t_out[-1]
-    k, v = held_before(t_in, u, u_before, p[DELAY], now)
+    k, v = first_input(t_in, u, u_before, p[DELAY], now)
     s = np.zeros((3, COLUMNS + 1))
     s[ANGLE, POSITION] = s[RATE, SPEED] = 1.0
     s[ANGLE, RESPONSE], s[RATE, RESPONSE] = p[POSITION], p[SPEED]
@@ -169,7 +169,7 @@ def response(
             k += 1
         until = min(t_in[k] + p[DELAY], last) if k < len(u) else last
         sense = sense_of(s, p, v, friction)
-        aimed(s, p, v, sense, friction)
+        aim(s, p, v, sense, friction)
         stops = False
         if friction != 0.0 and sense != 0.0:
             stop = now + stop_after(s, p)

@@ -35,18 +35,20 @@ from servobench.systems.transfer_function import TransferFunction
 
 LOOP_GAIN = Parameter(
     name="loop_gain",
-    meaning="speed for each unit that the goal lies ahead",
+    meaning="speed per unit of distance to the target",
     unit="{position}/(s·{input})",
     lower=0.0,
 )
 DEAD_BAND = Parameter(
     name="dead_band_position",
-    meaning="distance from the goal at which friction holds the shaft",
+    meaning="distance from the target at which friction holds the shaft",
     unit="{input}",
     lower=0.0,
 )
 GOAL_OFFSET = Parameter(
-    name="offset_position", meaning="distance from the goal at which the motor gets no torque", unit="{input}"
+    name="offset_position",
+    meaning="distance from the target at which the motor produces no torque",
+    unit="{input}",
 )
 
 _MOST_RESTS = 400  # more than these come as a sample of them, scaled
@@ -186,7 +188,7 @@ def loop_guesses(structure: PositionLoop, data: Sequence[Dataset]) -> tuple[Arra
     for record in data:
         _check(record)
     plain = PositionLoop((LOOP_GAIN, TIME_CONSTANT, GOAL_OFFSET, DELAY))
-    few = [_thinned(record) for record in data]
+    few = [_decimate(record) for record in data]
     found = sorted((_trial(plain, few, point) for point in _points(data)), key=lambda trial: trial[0])
     guesses = []
     for _, point, offset, starts in found[:_BEST]:
@@ -213,16 +215,17 @@ def _check(data: Dataset) -> None:
         )
     if np.ptp(data.y) == 0:
         raise NotIdentifiable(
-            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the wheel was blocked, the encoder "
-            "isn't connected, or another column was meant; record the servo while it moves"
+            f"{data.name}: the output stays at {data.y[0]:g} {data.output_unit} throughout: the shaft was blocked, "
+            "the encoder isn't connected, or it's the wrong column; record the servo while it moves"
         )
     if np.ptp(data.u) == 0 and data.input_before == data.u[0]:
         raise NotIdentifiable(
-            f"{data.name}: the goal stays at {data.u[0]:g} {data.input_unit} throughout, so nothing tells how the loop follows it"
+            f"{data.name}: the goal stays at {data.u[0]:g} {data.input_unit} throughout, which doesn't show how the "
+            "loop follows it"
         )
 
 
-def _thinned(data: Dataset) -> Dataset:
+def _decimate(data: Dataset) -> Dataset:
     """A part of the samples, as those of the shaft itself; a chain is left out of a guess."""
     rows = np.unique(np.linspace(0, len(data.y) - 1, _ROWS).astype(np.int64))
     return replace(

@@ -152,7 +152,7 @@ def unit_length(field: Array) -> float:
 
 
 @compiled
-def doubled(field: Array, h0: float, longest: float) -> Array:
+def powers_by_doubling(field: Array, h0: float, longest: float) -> Array:
     """Return the e^(F h₀ 2^k), transposed, (K, S, S): as many as it takes for lengths up to `longest`."""
     size, doublings = len(field), 0
     while doublings < 60 and h0 * 2.0**doublings <= longest:
@@ -206,7 +206,7 @@ def march(
     """
     size, held = len(x), inputs.shape[1]
     h0 = unit_length(field)
-    powers = doubled(field, h0, length.max())
+    powers = powers_by_doubling(field, h0, length.max())
     known = transitions(field, powers, h0, steps)
     term, sum_ = np.empty(size), np.empty(size)
     for e in range(len(length)):

@@ -34,14 +34,14 @@ class Pieces:
     at_start: float = 0.0
 
 
-def held_pieces(t_in: Array, u: Array, before: float, t_out: Array, delay: float) -> Pieces:
+def hold_pieces(t_in: Array, u: Array, before: float, t_out: Array, delay: float) -> Pieces:
     """Return the pieces of a record whose input u (N,) holds from t_in + delay (N,) on, and is sampled at t_out (M,) [s]."""
     from servobench.identification.models.rational import kernels
 
     room = len(t_in) + len(t_out)
     length, held, sample = np.empty(room), np.empty(room), np.empty(room, dtype=np.int64)
     count = kernels.segments(t_in, u, before, t_out, delay, length, held, sample)
-    return _sorted(t_out, length[:count], held[:count, None], sample[:count], float(held[0]))
+    return _sort_pieces(t_out, length[:count], held[:count, None], sample[:count], float(held[0]))
 
 
 def linear_pieces(t: Array, x: Array) -> Pieces:
@@ -50,10 +50,12 @@ def linear_pieces(t: Array, x: Array) -> Pieces:
     rise = np.diff(x, prepend=x[:1])
     slope = np.divide(rise, length, out=np.zeros(len(t)), where=length > 0)
     start = np.concatenate([x[:1], x[:-1]])
-    return _sorted(t, length, np.column_stack([start, slope]), np.arange(len(t)), 0.0)
+    return _sort_pieces(t, length, np.column_stack([start, slope]), np.arange(len(t)), 0.0)
 
 
-def _sorted(t: Array, length: Array, inputs: Array, sample: NDArray[np.int64], at_start: float) -> Pieces:
+def _sort_pieces(
+    t: Array, length: Array, inputs: Array, sample: NDArray[np.int64], at_start: float
+) -> Pieces:
     from servobench.identification.models.rational import kernels
 
     steps, which = np.empty(_SLOTS), np.empty(len(length), dtype=np.int64)
@@ -114,7 +116,7 @@ def response(feedback: Array, forcing: Array, start: Array, pieces: Pieces) -> R
     field[3 * n - 1, : 2 * n] = drive / size
     x = np.zeros(3 * n + 1)
     x[2 * n - 1] = 1.0
-    out = _marched(field, sigma, pieces, x)
+    out = _march(field, sigma, pieces, x)
     forced = out[:, :n]
     return Response(
         forced=forced * scale,
@@ -124,7 +126,7 @@ def response(feedback: Array, forcing: Array, start: Array, pieces: Pieces) -> R
     )
 
 
-def filtered(feedback: Array, pieces: Pieces) -> Array:
+def filter_derivatives(feedback: Array, pieces: Pieces) -> Array:
     """Return s^k/A x (M, N), k = 0..N-1, of a signal that is linear between its samples, from rest."""
     n = len(feedback)
     sigma = root_bound(feedback)
@@ -133,7 +135,7 @@ def filtered(feedback: Array, pieces: Pieces) -> Array:
     _companion(field, 0, feedback * scale)
     field[n - 1, n] = 1.0
     field[n, n + 1] = 1.0 / sigma
-    return _marched(field, sigma, pieces, np.zeros(n + 2))[:, :n] * scale
+    return _march(field, sigma, pieces, np.zeros(n + 2))[:, :n] * scale
 
 
 def _companion(field: Array, at: int, alpha: Array) -> None:
@@ -142,7 +144,7 @@ def _companion(field: Array, at: int, alpha: Array) -> None:
     field[at + n - 1, at : at + n] = -alpha
 
 
-def _marched(field: Array, sigma: float, pieces: Pieces, x: Array) -> Array:
+def _march(field: Array, sigma: float, pieces: Pieces, x: Array) -> Array:
     """The states (M, S) at the samples of x' = field x, the times scaled by σ; NaN where they run away."""
     from servobench.identification.models.rational import kernels
 

@@ -18,11 +18,11 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.models.base import STRUCTURES, Output, Parameter, Prediction
-from servobench.identification.models.rational.response import Pieces, Response, held_pieces, response
+from servobench.identification.models.rational.response import Pieces, Response, hold_pieces, response
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
-DELAY = Parameter(name="delay", meaning="time from a change of the input until it acts", unit="s")
+DELAY = Parameter(name="delay", meaning="time from a change of the input to its effect", unit="s")
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,7 +73,7 @@ class Rational:
         )
         rest = Parameter(
             name="output_at_no_input",
-            meaning="steady speed at no input" if self.integrator else "steady output at no input",
+            meaning="steady speed at zero input" if self.integrator else "steady output at zero input",
             unit="{position}/s" if self.integrator or data.kind == "speed" else "{position}",
         )
         filters = tuple(
@@ -107,9 +107,9 @@ class Rational:
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Return the guess of refined instrumental variables: see `models.rational.refined`."""
-        from servobench.identification.models.rational.refined import refined_guesses
+        from servobench.identification.models.rational.guesses import best_guesses
 
-        return refined_guesses(self, data)
+        return best_guesses(self, data)
 
     def predict(self, theta: Array, data: Dataset) -> Prediction:
         """Return the prediction through the data's chain, and its exact Jacobian, for theta (P + Q,)."""
@@ -138,7 +138,7 @@ class Rational:
     def pieces(self, theta: Array, data: Dataset) -> Pieces:
         """Return a record cut at its samples and at the changes of its input, delayed by the device and by theta (P + Q,)."""
         delay = data.delay + (float(theta[len(self.parameters) - 1]) if self.delayed else 0.0)
-        return held_pieces(data.t_input, data.u, data.input_before, data.t_output, delay)
+        return hold_pieces(data.t_input, data.u, data.input_before, data.t_output, delay)
 
     def rest_column(self, data: Dataset) -> Array:
         """Return what the output at no input adds to the shaft (M,): one, or the time where it is a speed that is integrated."""
@@ -240,6 +240,6 @@ def rational(name: str) -> Rational | None:
 STRUCTURES.family(
     "rational_N_M[_integrator][_delay]",
     rational,
-    "N is the order of the denominator (how many poles, 1 to 99, the integrator not counted) and M that of the numerator (how "
-    "many zeros, 0 to N - 1)",
+    "N is the order of the denominator (the number of poles, 1 to 99, without the integrator) and M that of the "
+    "numerator (the number of zeros, 0 to N - 1)",
 )

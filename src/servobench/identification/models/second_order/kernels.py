@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.compiled import compiled
-from servobench.identification.models.kernels import held_before
+from servobench.identification.models.kernels import first_input
 
 # Columns of the Jacobian, and of the parameter vector; the last one of a piece is the response itself.
 TAU, FAST, OFFSET, COULOMB, DELAY, SPEED = 0, 1, 2, 3, 4, 5
@@ -115,7 +115,7 @@ def slid(s: Array, p: Array, v: float, brake: float) -> Array:
 
 
 @compiled
-def rested(s: Array) -> Array:
+def rest_piece(s: Array) -> Array:
     """Return the piece (6, 7) of a shaft that sticks: it forgets how it came to rest."""
     x = np.zeros((6, COLUMNS + 1))
     x[ANGLE] = s[ANGLE]
@@ -162,11 +162,11 @@ def first_zero(x: Array, p: Array, sense: float, longest: float) -> float:
         low, high = turn, longest
         if turn >= longest or sense * speed_at(x, longest, p) >= -noise:
             return 2.0 * longest + 1.0
-    return falling_zero(x, p, sense, low, high)
+    return downward_zero(x, p, sense, low, high)
 
 
 @compiled
-def falling_zero(x: Array, p: Array, sense: float, low: float, high: float) -> float:
+def downward_zero(x: Array, p: Array, sense: float, low: float, high: float) -> float:
     """Return the zero of y between low and high, where sense·y falls from 0 or more to below it (Newton within a bracket)."""
     h = 0.5 * (low + high)
     for _ in range(100):
@@ -187,7 +187,7 @@ def falling_zero(x: Array, p: Array, sense: float, low: float, high: float) -> f
 
 
 @compiled
-def moved(s: Array, x: Array, p: Array, brake: float, h: float) -> None:
+def move_on(s: Array, x: Array, p: Array, brake: float, h: float) -> None:
     """Move a sliding state on by h, the length of the piece x that began in it."""
     tau, fast = p[TAU], p[FAST]
     both = tau + fast
@@ -210,7 +210,7 @@ def moved(s: Array, x: Array, p: Array, brake: float, h: float) -> None:
 
 
 @compiled
-def held(s: Array, p: Array, v: float, h: float) -> None:
+def hold_shaft(s: Array, p: Array, v: float, h: float) -> None:
     """Move the state of a shaft that sticks on by h: the current goes on towards e = v - u₀."""
     tau, fast = p[TAU], p[FAST]
     both = tau + fast
@@ -257,7 +257,7 @@ def response(
     friction and speed_out are 1 or 0. A sample is latched before an input of the same instant acts. Needs τ > τ₂ > 0.
     """
     now, last = t_out[0], t_out[-1]
-    k, v = held_before(t_in, u, u_before, p[DELAY], now)
+    k, v = first_input(t_in, u, u_before, p[DELAY], now)
     s = at_start(t_in, u, u_before, now, p)
     sense = sense_of(s, p, friction)
     w = np.empty(6)
@@ -270,7 +270,7 @@ def response(
         # 0 where the piece ends with a change of the input, 1 with a stop, 2 with a start.
         event, length = 0, change - now
         if sense == 0.0:
-            x = rested(s)
+            x = rest_piece(s)
             wait = start_after(s, p, v)
             if wait <= length:
                 event, length = 2, wait
@@ -294,15 +294,15 @@ def response(
         if m == len(t_out):
             return
         if sense == 0.0:
-            held(s, p, v, length)
+            hold_shaft(s, p, v, length)
         else:
-            moved(s, x, p, brake, length)
+            move_on(s, x, p, brake, length)
         if event == 0:
             s[TORQUE, DELAY] += (v - u[k]) / electrical(p)
             v = u[k]
             k += 1
         elif event == 1:
-            sense = turned(s, p, sense)
+            sense = turn_back(s, p, sense)
         else:
             sense = math.copysign(1.0, v - p[OFFSET])
             s[TORQUE, RESPONSE] = sense * p[COULOMB]
@@ -310,7 +310,7 @@ def response(
 
 
 @compiled
-def turned(s: Array, p: Array, sense: float) -> float:
+def turn_back(s: Array, p: Array, sense: float) -> float:
     """Bring a shaft that slid in that sense across its stop, and return the sense in which it goes on, 0 where it sticks."""
     e = s[TORQUE, RESPONSE]
     before = e - sense * p[COULOMB]

@@ -109,7 +109,7 @@ class SecondOrder:
 
         `own` is 2 where theta has a start position and a start speed after the parameters, 1 where it has the speed alone.
         """
-        value = self._named(theta)
+        value = self._by_name(theta)
         if not self.is_overdamped(theta):
             nothing = np.full(len(data.t_output), np.nan)
             return nothing, np.full((len(nothing), len(self.parameters) + own), np.nan)
@@ -169,7 +169,7 @@ class SecondOrder:
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / ((τ s + 1) (τ₂ s + 1)), or that over s for the position."""
-        value = self._named(theta)
+        value = self._by_name(theta)
         tau, fast = value["time_constant"], fast_time_constant(value)
         lags = (tau * fast, tau + fast, 1.0)
         unit = data.gain_unit
@@ -183,10 +183,10 @@ class SecondOrder:
 
     def is_overdamped(self, theta: Array) -> bool:
         """Return whether the poles are real and lie apart, for theta (P or more,)."""
-        value = self._named(theta)
+        value = self._by_name(theta)
         return bool(0 < value["electrical_time_constant"] < _LARGEST_PART * value["time_constant"])
 
-    def _named(self, theta: Array) -> dict[str, float]:
+    def _by_name(self, theta: Array) -> dict[str, float]:
         """The values by name; what turning one way calls Coulomb voltage acts as an offset."""
         value = {"offset_voltage": 0.0, "coulomb_voltage": 0.0}
         for parameter, x in zip(self.parameters, theta, strict=False):

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.reconciliation.base import CAUSES, Decision, Excluded, Question, Sizes
-from servobench.identification.reconciliation.levels import lost_share, reverses
+from servobench.identification.reconciliation.levels import loss_shares, reverses
 from servobench.rig.experiment.experiment import Experiment
 from servobench.systems.signals.staircase import Staircase
 
@@ -23,21 +23,19 @@ class CoulombFriction:
     """
 
     label: str = "Coulomb friction"
-    law: str = "Coulomb friction that is left out lowers the gain, and the time constant of reversals."
+    law: str = "Neglected Coulomb friction lowers the gain, and the time constant at reversals."
     occurrence: float = 0.1
     not_with: tuple[str, ...] = ()
 
     def sizes(self, question: Question) -> Sizes | Excluded:
         """Known from the fit, but for the level at which the gain was read."""
         if question.origin == "data sheet":
-            return Excluded(
-                "the fit measures what friction takes and allows for it, so that it is in neither figure"
-            )
-        shares = lost_share(question)
+            return Excluded("the fit measures the friction and allows for it, so it affects neither figure")
+        shares = loss_shares(question)
         if shares is None:
             return Excluded("the data show no friction")
         if "gain" not in question.names and not reverses(question):
-            return Excluded("between two speeds in one direction it changes no time constant")
+            return Excluded("between two speeds in one direction it doesn't change the time constant")
         return Sizes(values=shares, weights=np.full(len(shares), 1 / len(shares)), steps=np.gradient(shares))
 
     def domain(self, question: Question) -> tuple[float, float]:
@@ -49,19 +47,19 @@ class CoulombFriction:
         tau = log1p(-log1p(min(size, 0.95))) if reverses(question) else 0.0
         return question.shift(gain=log1p(-min(size, 0.95)), time_constant=tau)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """The part of the input."""
         return f"{100 * size:.2g} % of the input"
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
-        return self.told(question, size)
+        return self.size_text(question, size)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Several levels: the line through steady speeds doesn't pass zero."""
         return Decision(
-            sentence="Hold several levels and draw the steady speed over the input: the slope is the gain, and the line meets "
-            "zero speed at the input that friction takes.",
+            sentence="Hold several levels and plot the steady speed over the input: the slope is the gain, and the "
+            "line crosses zero speed at the Coulomb voltage.",
             experiment=Experiment(
                 name="levels", signal=Staircase(levels=(1.0, 2.0, 3.0, 4.0), dwell=2.0), duration=8.0
             ),

@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.identification.reconciliation.base import CAUSES, Decision, Excluded, Question, Sizes
-from servobench.identification.reconciliation.levels import lost_share
+from servobench.identification.reconciliation.levels import loss_shares
 from servobench.rig.experiment.experiment import Experiment
 from servobench.systems.signals.ramp import Ramp
 
@@ -22,21 +22,21 @@ class DeadBand:
     """
 
     label: str = "dead band"
-    law: str = "A dead band of the amplifier lowers a gain that is read at one level, and leaves the time constant alone."
+    law: str = (
+        "A dead band of the amplifier lowers a gain read at one level, and doesn't change the time constant."
+    )
     occurrence: float = 0.05
     not_with: tuple[str, ...] = ()
 
     def sizes(self, question: Question) -> Sizes | Excluded:
         """Up to what is lost at the lowest level."""
         if question.origin == "data sheet":
-            return Excluded(
-                "the fit measures the input that is lost and allows for it, so that it is in neither figure"
-            )
+            return Excluded("the fit measures the lost input and allows for it, so it affects neither figure")
         if "gain" not in question.names:
-            return Excluded("it changes no time constant")
-        shares = lost_share(question)
+            return Excluded("it doesn't change the time constant")
+        shares = loss_shares(question)
         if shares is None:
-            return Excluded("the data show no input that is lost")
+            return Excluded("the data show no lost input")
         values = np.linspace(0.0, float(shares.max()), 41)
         return Sizes(
             values=values, weights=np.full(41, 1 / 41), steps=np.full(41, float(values[1] - values[0]))
@@ -50,15 +50,15 @@ class DeadBand:
         """ln(1 - v/u) on K."""
         return question.shift(gain=log1p(-min(size, 0.95)))
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """The part of the input."""
         return f"{100 * size:.2g} % of the input"
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
-        return self.told(question, size)
+        return self.size_text(question, size)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Measure the voltage at the motor while the command rises slowly."""
         return Decision(
             sentence="Raise the command slowly from zero and measure the voltage at the motor's terminals: behind a dead band it "

@@ -27,9 +27,7 @@ class Delay:
     """A time to 63.2 % from the command on is d longer: τ + d. Nothing else moves."""
 
     label: str = "delay"
-    law: str = (
-        "A delay lengthens a time that is counted from the command, and leaves gain and time constant alone."
-    )
+    law: str = "A delay lengthens a time measured from the command, and doesn't change gain or time constant."
     occurrence: float = 0.05
     not_with: tuple[str, ...] = ()
 
@@ -38,9 +36,9 @@ class Delay:
         if question.origin == "data sheet":
             if "delay" in question.names:
                 return normal(_SD, side="positive")
-            return Excluded("the fit measures the delay and holds it apart from the time constant")
+            return Excluded("the fit measures the delay separately from the time constant")
         if "time_constant" not in question.names:
-            return Excluded("it changes no gain")
+            return Excluded("it doesn't change the gain")
         estimates = question.fit.estimates
         if "delay" not in estimates or not isfinite(estimates["delay"].sd):
             return normal(_SD, side="positive")
@@ -60,19 +58,19 @@ class Delay:
             return question.shift(delay=size)
         return question.shift(time_constant=log1p(size / question.before["time_constant"]))
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """In seconds."""
         return with_unit(size, "s", 2)
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
-        return self.told(question, size)
+        return self.size_text(question, size)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """A step, sampled fast: the speed stays at zero for the delay."""
         return Decision(
-            sentence="Record a step at the highest sample rate, position or counts: while the delay lasts nothing moves, while a "
-            "lag lasts the speed begins to rise at once, but slowly.",
+            sentence="Record a step at the highest sample rate, as position or counts: with a delay nothing moves "
+            "at first, with a lag the speed rises at once, but slowly.",
             experiment=Experiment(name="fast step", signal=Step(), duration=2.0, sample_time=0.0005),
         )
 

@@ -20,14 +20,14 @@ class EncoderScale:
     """A factor on every position and speed: K is wrong by it, τ isn't."""
 
     label: str = "encoder scale"
-    law: str = "A wrong scale multiplies the gain by 2, 4, 2π or 60, or divides it, and leaves the time constant alone."
+    law: str = "A wrong scale multiplies or divides the gain by 2, 4, 2π or 60, and doesn't change the time constant."
     occurrence: float = 0.05
     not_with: tuple[str, ...] = ()
 
     def sizes(self, question: Question) -> Sizes | Excluded:
         """ln of the usual factors."""
         if "gain" not in question.names:
-            return Excluded("it changes no time constant")
+            return Excluded("it doesn't change the time constant")
         values = [sign * log(factor) for factor in _FACTORS for sign in (1, -1)]
         weights = [_TWICE * weight for weight in _FACTORS.values() for _ in (1, -1)]
         return Sizes(values=np.array(values), weights=np.array(weights), steps=np.zeros(len(values)))
@@ -40,7 +40,7 @@ class EncoderScale:
         """K grows by e^s."""
         return question.shift(gain=size)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """The factor on all speeds."""
         for factor, text in ((2.0, "2"), (4.0, "4"), (2 * pi, "2π"), (60.0, "60"), (60 / (2 * pi), "60/2π")):
             if abs(abs(size) - log(factor)) < 1e-9:
@@ -49,13 +49,13 @@ class EncoderScale:
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
-        return self.told(question, size)
+        return self.size_text(question, size)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Turn the shaft by hand."""
         return Decision(
-            sentence="Turn the shaft by hand through exactly one turn and look at the position: it must change by 2π rad, or by "
-            "the counts in a turn (four for each line of the encoder's disc)."
+            sentence="Turn the shaft by hand through exactly one turn: the position must change by 2π rad, or by "
+            "the counts per turn (four for each line of the encoder's disc)."
         )
 
 

@@ -32,7 +32,7 @@ class Inertia:
     """J (1 + j) in place of J: τ is proportional to it, K doesn't know of it."""
 
     label: str = "inertia"
-    law: str = "Inertia changes the time constant in proportion, and the gain not at all."
+    law: str = "The time constant is proportional to the inertia; the gain doesn't depend on it."
     occurrence: float = 0.1
     not_with: tuple[str, ...] = ()
 
@@ -58,11 +58,11 @@ class Inertia:
         """τ grows by e^s."""
         return question.shift(time_constant=size)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """In kg·m² where the sheet is known, and the part that is about as large as what is missing."""
         if question.motor is None:
             return f"{share_of(exp(size))} inertia"
-        text = f"{self.amount(question, size)} in place of {self.amount(question, 0.0)}"
+        text = f"{self.amount(question, size)} instead of {self.amount(question, 0.0)}"
         near = [part for part, left in _without(question) if abs(log(left) - size) < 0.05]
         return f"{text}, as without the {near[0]}" if near else text
 
@@ -72,12 +72,9 @@ class Inertia:
             return share_of(exp(size))
         return with_unit(question.motor.inertia * exp(size), "kg·m²", 3)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Add a known inertia: τ grows by R/k² times it, whatever the inertia before."""
-        told = (
-            "Add a disc of known inertia and run the same again: the time constant grows by R/k² for each kg·m², whatever "
-            "turned before"
-        )
+        told = "Add a disc of known inertia and repeat the run: the time constant grows by R/k² for each kg·m² added"
         if question.motor is not None:
             r, k, j = question.motor.resistance, question.motor.motor_constant, question.motor.inertia
             told += f"; {with_unit(j, 'kg·m²', 3)} more add {with_unit(r * j / k**2, 's', 3)} if R and k are right"

@@ -29,18 +29,16 @@ class MeasurementLag:
     """
 
     label: str = "measurement lag"
-    law: str = (
-        "The lag of a filter behind the encoder adds to the time constant that is read, and not to the gain."
-    )
+    law: str = "The lag of a filter behind the encoder adds to the time constant, not to the gain."
     occurrence: float = 0.3
     not_with: tuple[str, ...] = ()
 
     def sizes(self, question: Question) -> Sizes | Excluded:
         """Known where the chain is; otherwise as probable as the filters are that people use."""
         if "time_constant" not in question.names:
-            return Excluded("it changes no gain")
+            return Excluded("it doesn't change the gain")
         if question.method is not None and question.method not in BY_HAND:
-            return Excluded(f"what {question.method} makes of the measurement is weighed as the method")
+            return Excluded(f"the effect of the measurement on {question.method} counts as the method's")
         by_eye = BY_EYE if question.origin == "claim" and (question.method or "step_63") in BY_HAND else 0.0
         if question.known_lag is not None:
             return single(question.known_lag, time_constant=by_eye)
@@ -70,7 +68,7 @@ class MeasurementLag:
         tau = log1p(max(size / question.before["time_constant"], -0.95))
         return question.shift(time_constant=tau, delay=delay)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """The cut-off that makes it, where one is looked for, and what it adds."""
         if question.lags is None:
             return f"{with_unit(size, 's', 3)} in the reading"
@@ -86,18 +84,18 @@ class MeasurementLag:
         )
         return f"{beyond}{plain(float(cutoff), 2)} rad/s"
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Raw counts have no filter."""
         if question.origin == "claim" and question.lags is not None and "time_constant" in question.names:
             bare = with_unit(question.before["time_constant"], "s", 3)
             return Decision(
-                sentence="Find out through which filter the claimed figure was read, and read it again without: behind "
-                f"{self.amount(question, size)} this motor reads {with_unit(question.after['time_constant'], 's', 3)}, without a "
-                f"filter {bare}."
+                sentence="Find out which filter the claimed figure was read through, and read it again without: "
+                f"behind {self.amount(question, size)} this motor reads "
+                f"{with_unit(question.after['time_constant'], 's', 3)}, without a filter {bare}."
             )
         return Decision(
-            sentence="Record the encoder's raw counts in place of the filtered speed and find the time constant again: a lag of "
-            "the measurement is gone then, and whatever belongs to the motor stays."
+            sentence="Record the encoder's raw counts instead of the filtered speed and identify again: a lag of "
+            "the measurement disappears, one of the motor stays."
         )
 
 
@@ -109,7 +107,7 @@ def _by_period(cutoffs: Array, values: Array) -> tuple[Array, Array]:
 
 def _why_not(question: Question) -> str:
     if question.origin == "claim":
-        return "nothing can be read off these data that way: there are no steps that settle"
+        return "the method can't be applied: these data have no steps that settle"
     chains = {str(record.data.chain) for record in question.fit.records} - {""}
     known = f"`{' or '.join(sorted(chains))}` is known" if chains else "the data are positions"
     return f"{known}, and the prediction goes through what was measured"

@@ -20,16 +20,16 @@ class Method:
     """What the other methods make of the same data; each as probable as the next. A size is the number of a reading."""
 
     label: str = "method"
-    law: str = "Other methods find other figures in the same data."
+    law: str = "Other methods give other values from the same data."
     occurrence: float = 0.1
     not_with: tuple[str, ...] = ("measurement_lag", "delay", "coulomb_friction")
 
     def sizes(self, question: Question) -> Sizes | Excluded:
         """One for each method that could be re-enacted, but for the 63.2 % that the measurement's lag is about."""
         if question.origin == "data sheet":
-            return Excluded("a data sheet reads nothing off the data")
+            return Excluded("a data sheet doesn't use the data")
         if question.method in BY_HAND:
-            return Excluded(f"it is said that {question.method} was the method; what that adds is the lag")
+            return Excluded(f"the method was {question.method}; its contribution is the lag")
         others = _others(question)
         if not others:
             return Excluded("no other method can be applied to these data")
@@ -55,7 +55,7 @@ class Method:
         }
         return question.shift(**given)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """Its name in words."""
         reading = _others(question)[round(size)]
         # What is told are the figures that the question is about.
@@ -65,13 +65,13 @@ class Method:
 
     def amount(self, question: Question, size: float) -> str:
         """The same."""
-        return self.told(question, size)
+        return self.size_text(question, size)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Ask how it was done."""
         return Decision(
-            sentence="Ask how the figure was found, or apply the same method to a speed made of raw counts without a filter: "
-            "what a method makes of the measurement changes with it, what the motor does stays."
+            sentence="Ask how the figure was found, or apply the same method to an unfiltered speed from raw "
+            "counts: an effect of the method changes, one of the motor stays."
         )
 
 

@@ -31,7 +31,9 @@ class SeriesResistance:
     """
 
     label: str = "series resistance"
-    law: str = "More resistance makes the time constant longer and leaves the gain as it is, but for viscous friction."
+    law: str = (
+        "More resistance lengthens the time constant and, without viscous friction, doesn't change the gain."
+    )
     occurrence: float = 0.1
     not_with: tuple[str, ...] = ()
 
@@ -49,11 +51,11 @@ class SeriesResistance:
         damping = log((1 + x) / (1 + x * exp(size)))
         return question.shift(gain=damping, time_constant=size + damping)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """In ohms where the sheet is known."""
         if question.motor is None:
             return f"{share_of(exp(size))} resistance"
-        return f"{self.amount(question, size)} in place of {self.amount(question, 0.0)}"
+        return f"{self.amount(question, size)} instead of {self.amount(question, 0.0)}"
 
     def amount(self, question: Question, size: float) -> str:
         """In ohms, or as a part."""
@@ -61,7 +63,7 @@ class SeriesResistance:
             return share_of(exp(size))
         return f"{plain(question.motor.resistance * exp(size), 3)} Ω"
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Hold the shaft: the current is u/R."""
         amount = "measure the current: the resistance is u/i"
         if question.motor is not None:

@@ -25,7 +25,7 @@ class TorqueConstant:
     """κ k in place of k: K is about 1/k and τ about R J/k², so the time constant moves twice as far."""
 
     label: str = "torque constant"
-    law: str = "A smaller torque constant raises the gain, and the time constant twice as far."
+    law: str = "A smaller torque constant raises the gain, and the time constant by twice as much."
     occurrence: float = 0.1
     not_with: tuple[str, ...] = ()
 
@@ -46,11 +46,11 @@ class TorqueConstant:
         tau = log((1 + x) / (exp(2 * size) + x))
         return question.shift(gain=size + tau, time_constant=tau)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """In V·s/rad where the sheet is known."""
         if question.motor is None:
             return f"{share_of(exp(size))} torque constant"
-        return f"{self.amount(question, size)} in place of {self.amount(question, 0.0)}"
+        return f"{self.amount(question, size)} instead of {self.amount(question, 0.0)}"
 
     def amount(self, question: Question, size: float) -> str:
         """In V·s/rad, or as a part."""
@@ -58,7 +58,7 @@ class TorqueConstant:
             return share_of(exp(size))
         return f"{plain(question.motor.motor_constant * exp(size), 3)} V·s/rad"
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Turn the shaft from outside: the open terminals show k ω."""
         told = (
             "Turn the shaft from outside at a known speed and measure the voltage at the open terminals: it is k times the "

@@ -54,7 +54,7 @@ class ViscousFriction:
         low = -log1p(max(size / (1 + x), -0.99))
         return question.shift(gain=low, time_constant=low)
 
-    def told(self, question: Question, size: float) -> str:
+    def size_text(self, question: Question, size: float) -> str:
         """By how much, in N·m·s/rad where the sheet is known."""
         what = "R b/k²" if question.motor is None else "b"
         return f"{what} {'higher' if size >= 0 else 'lower'} by {self.amount(question, size)}"
@@ -66,11 +66,11 @@ class ViscousFriction:
         scale = question.motor.motor_constant**2 / question.motor.resistance
         return with_unit(abs(size) * scale, "N·m·s/rad", 2)
 
-    def decided_by(self, question: Question, size: float) -> Decision:
+    def decision_for(self, question: Question, size: float) -> Decision:
         """Switch the winding off and let it coast."""
         told = (
-            "Bring the motor to speed, open the winding (no current) and let it coast: viscous friction alone makes the speed "
-            "fall as e^(-t b/J), Coulomb friction along a straight line"
+            "Bring the motor to speed, open the winding (no current) and let it coast: with viscous friction alone "
+            "the speed falls as e^(-t b/J), Coulomb friction along a straight line"
         )
         # Held for long enough to be at speed; the coasting is looked at with the winding open.
         return Decision(

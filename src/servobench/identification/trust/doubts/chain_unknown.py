@@ -26,8 +26,10 @@ def with_unknown_chain(fit: Fit) -> Fit:
     added = np.zeros_like(fit.covariance)
     at = fit.model.names.index("delay")
     added[at, at] = hidden**2 / 3.0
-    reason = "nobody says how the speed was measured; if it was differenced, it lags by half a sample"
-    return fit.widened(Contribution(source="measurement unknown", covariance=added, reason=reason))
+    reason = (
+        "it isn't known how the speed was measured; a speed differenced from counts lags by half a sample"
+    )
+    return fit.widen(Contribution(source="measurement unknown", covariance=added, reason=reason))
 
 
 def _is_unknown(data: Dataset) -> bool:
@@ -45,10 +47,10 @@ def _chain_unknown(data: Dataset) -> list[Finding]:
         found.append(
             info(
                 "chain-unknown",
-                f"{data.name}: nobody says how this speed was measured, so that time constant and delay are those of the motor "
-                f"and the measurement together. Counts that were differenced lag by half a sample "
-                f"({500 * data.sample_time:.3g} ms), a filter or an average by its own; say what it is with `chain=...`, or "
-                "record the position.",
+                f"{data.name}: it isn't known how this speed was measured, so the time constant "
+                "and delay include the measurement's. Differenced counts lag by half a sample "
+                f"({500 * data.sample_time:.3g} ms), a filter or an average by its own lag; name "
+                "the chain with `chain=...`, or record the position.",
                 parameters=("time_constant", "delay"),
             )
         )

@@ -9,16 +9,19 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
 
-def _repeated(records: Sequence[Dataset]) -> list[Finding]:
+def _find_repeats(records: Sequence[Dataset]) -> list[Finding]:
     """Whether the same recording is there twice: it would count twice, and the intervals come out too narrow."""
     seen: set[tuple[str, str]] = set()
     for record in records:
         key = (record.source.sha256, record.name)
         if record.source.sha256 and key in seen:
-            sentence = f"{record.name} is given more than once: it tells nothing new, and makes the intervals too narrow."
+            sentence = (
+                f"{record.name} is given more than once: the copy adds no information "
+                "and makes the intervals too narrow."
+            )
             return [warning("data-repeated", sentence)]
         seen.add(key)
     return []
 
 
-DOUBTS.member("data_repeated")(Doubt(codes=("data-repeated",), about_data=_repeated))
+DOUBTS.member("data_repeated")(Doubt(codes=("data-repeated",), about_data=_find_repeats))

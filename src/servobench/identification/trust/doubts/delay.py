@@ -15,7 +15,10 @@ def _delay(fit: Fit) -> list[Finding]:
     told = any(f.parameters == ("delay",) and f.severity is Severity.WARNING for f in fit.findings)
     if told or delay.value >= -3 * delay.sd or delay.value >= -0.6 * step:
         return []
-    sentence = f"The output comes {-delay.value:.3g} s before the input that causes it: the two columns are out of step."
+    sentence = (
+        f"The output comes {-delay.value:.3g} s before the input that causes it: the "
+        "two columns are misaligned."
+    )
     return [warning("delay-negative", sentence, parameters=("delay",))]
 
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -28,17 +28,17 @@ def _of(data: Dataset) -> list[Finding]:
     if len(data.u) < 20:
         return []
     u = np.interp(data.t_output, data.t_input, data.u)
-    speed = smoothed_speed(data)
+    speed = smooth_speed(data)
     for what, y in (("the output", data.y), ("the output's speed", speed)):
         if (
             _alike(u, y)
-            and _alike(_bent(u, data.t_output), _bent(y, data.t_output))
+            and _alike(_bend(u, data.t_output), _bend(y, data.t_output))
             and not _is_the_controllers(data, u, y)
         ):
             sentence = (
-                f"{data.name}: the input is {what} once more, but for its scale: this column was measured at the shaft and "
-                "drives nothing. Name the column of the voltage with `input=COL:UNIT`; if the file has none, the input "
-                "wasn't recorded."
+                f"{data.name}: the input is {what} rescaled: this column was measured at the shaft "
+                "and doesn't drive the motor. Name the voltage's column with `input=COL:UNIT`; if "
+                "the file has none, the input wasn't recorded."
             )
             return [refusal("input-is-output", sentence)]
     return []
@@ -49,7 +49,7 @@ def _alike(u: Array, y: Array) -> bool:
     return bool(np.ptp(u) > 0 and np.ptp(y) > 0 and abs(float(np.corrcoef(u, y)[0, 1])) > _ALIKE)
 
 
-def _bent(x: Array, t: Array) -> Array:
+def _bend(x: Array, t: Array) -> Array:
     """What x (N,) is beside a straight line in t (N,): a motor follows a ramp as a line, a little later. Zero for a line."""
     rest = x - np.polyval(np.polyfit(t - t[0], x, 1), t - t[0])
     return np.asarray(np.where(np.abs(rest).max() > _BENT * np.ptp(x), rest, 0.0))
@@ -88,9 +88,9 @@ def _settles_at_it(data: Dataset) -> list[Finding]:
     if np.abs(speeds - levels).max() > _EQUAL * largest:
         return []
     sentence = (
-        f"{data.name}: the speed settles at just the value of the input, at each level: the input looks like the reference "
-        "of a speed controller, and the voltage that drove the motor isn't there. What is identified is the whole loop and "
-        "not the motor; name the voltage's column with `input=COL:V`."
+        f"{data.name}: at each level the speed settles at the value of the input, so the input "
+        "looks like the reference of a speed controller. The model then describes the closed "
+        "loop, not the motor; name the voltage's column with `input=COL:V`."
     )
     return [warning("input-settles-at-output", sentence, parameters=("gain", "time_constant"))]
 

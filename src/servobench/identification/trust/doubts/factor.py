@@ -10,7 +10,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.nominal import nominal_values
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
@@ -18,14 +18,14 @@ from servobench.rig.motor.parameters import MotorParameters
 
 # What a position or speed comes out too large by; the inverse is too small. The first fitting cause is named.
 _CAUSES = {
-    2.0: "an encoder's lines counted at two edges or four, or the counts in a turn said half as many as they are",
-    4.0: "an encoder's lines taken for its counts: each line gives four counts",
-    2 * math.pi: "turns taken for radians, or the other way round",
-    180 / math.pi: "degrees taken for radians, or the other way round",
-    60 / (2 * math.pi): "revolutions per minute taken for radians per second, or the other way round",
-    60.0: "revolutions per minute taken for revolutions per second, or the other way round",
-    360.0: "degrees taken for turns, or the other way round",
-    1000.0: "milli-units (mV, ms) taken for whole ones, or the other way round",
+    2.0: ("counting two edges of an encoder's lines instead of four, or giving half the counts per turn"),
+    4.0: "confusing an encoder's lines with its counts: each line gives four counts",
+    2 * math.pi: "confusing turns with radians",
+    180 / math.pi: "confusing degrees with radians",
+    60 / (2 * math.pi): "confusing rpm with rad/s",
+    60.0: "confusing rpm with revolutions per second",
+    360.0: "confusing degrees with turns",
+    1000.0: "confusing milli-units (mV, ms) with whole ones",
 }
 _NEAR = (
     0.2  # of the logarithm's unit: gains of one type of motor differ by a tenth, and friction takes its part
@@ -54,9 +54,10 @@ def _about_nominal(fit: Fit, nominal: MotorParameters) -> list[Finding]:
         return []
     direction = "larger" if ratio > 1 else "smaller"
     sentence = (
-        f"The gain, {gain.value:.4g} {gain.unit}, is {max(ratio, 1 / ratio):.3g} times {direction} than the data sheet's "
-        f"{expected['gain']:.4g}, while the time constant fits: nearly the factor {factor:.4g} of {_CAUSES[factor]}. Check "
-        "the encoder's counts and the units."
+        f"The gain, {gain.value:.4g} {gain.unit}, is {max(ratio, 1 / ratio):.3g} times {direction} "
+        f"than the data sheet's {expected['gain']:.4g}, while the time constant fits. That is "
+        f"close to {factor:.4g}, the factor of {_CAUSES[factor]}. Check the encoder's counts and "
+        "the units."
     )
     return [warning("factor-off", sentence, parameters=("gain",))]
 
@@ -81,9 +82,10 @@ def _beside_nominal(records: Sequence[Dataset], nominal: MotorParameters) -> lis
         if factor is None or not high - low < _NEAR * ratio:
             continue
         sentence = (
-            f"{data.name}: the speed is {max(ratio, 1 / ratio):.2g} times {'larger' if ratio > 1 else 'smaller'} than the "
-            "back-emf says, (u - R i)/k with the data sheet's resistance and torque constant: nearly the factor "
-            f"{factor:.4g} of {_CAUSES[factor]}. Check the encoder's counts, the units and a gear."
+            f"{data.name}: the speed is {max(ratio, 1 / ratio):.2g} times "
+            f"{'larger' if ratio > 1 else 'smaller'} than the back-emf (u - R i)/k gives with the "
+            f"data sheet's resistance and torque constant. That is close to {factor:.4g}, the "
+            f"factor of {_CAUSES[factor]}. Check the encoder's counts, the units and any gear."
         )
         return [warning("factor-off", sentence, parameters=("gain",))]
     return []
@@ -93,7 +95,7 @@ def _beside_back_emf(data: Dataset, nominal: MotorParameters) -> Array:
     """The measured speed over that of the back-emf (K,) where the motor turns at more than half of its top speed."""
     if data.current is None or data.input_unit != "V" or data.position_unit != "rad":
         return np.zeros(0)
-    speed, largest = smoothed_speed(data), float(np.nanmax(np.abs(data.current), initial=0.0))
+    speed, largest = smooth_speed(data), float(np.nanmax(np.abs(data.current), initial=0.0))
     if largest * nominal.resistance < _CURRENT * float(np.abs(data.u).max()):
         return np.zeros(0)
     voltage = np.interp(data.t_output, data.t_input, data.u)

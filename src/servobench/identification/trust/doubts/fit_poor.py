@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from servobench.core.finding import Finding, warning
+from servobench.core.rounding import share_explained
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
@@ -13,8 +14,8 @@ def _poor(fit: Fit) -> list[Finding]:
     return [
         warning(
             "fit-poor",
-            f"The simulation explains only {fit.fit_percent:.0f} % of the output: this isn't the right model, or these "
-            "aren't the right columns.",
+            f"The simulation explains {share_explained(fit.fit_percent)} of the output: the model or the "
+            "columns are wrong.",
         )
     ]
 

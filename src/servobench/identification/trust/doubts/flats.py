@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, refusal, warning
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
@@ -54,15 +54,16 @@ def _of(data: Dataset) -> list[Finding]:
         return [_too_little(data, quantum)]
     if np.ptp(data.y) == 0:
         sentence = (
-            f"{data.name}: the output doesn't move, although the input goes from {data.u.min():.3g} to {data.u.max():.3g} "
-            f"{data.input_unit}: the shaft is blocked, the amplifier is off, this is another motor's sensor, "
-            "or the motion was smaller than a step of it."
+            f"{data.name}: the output doesn't move, although the input goes from "
+            f"{data.u.min():.3g} to {data.u.max():.3g} {data.input_unit}: the shaft is blocked, "
+            "the amplifier is off, the sensor belongs to another motor, or the motion was smaller "
+            "than one step of the sensor."
         )
         return [refusal("output-still", sentence)]
     flats = _flats(data, quantum)
     return (
-        _clipped(data, flats, quantum)
-        or _piled_up(data, quantum)
+        _clipping(data, flats, quantum)
+        or _pile_up(data, quantum)
         or (_stops(data, flats, quantum) if data.kind == "position" else [])
     )
 
@@ -85,8 +86,9 @@ def _travels(data: Dataset, quantum: float) -> bool:
 def _too_little(data: Dataset, quantum: float) -> Finding:
     steps = max(round(float(np.ptp(data.y)) / quantum), 1)
     sentence = (
-        f"{data.name}: the output moves by {steps} {'step' if steps == 1 else 'steps'} of its sensor, {quantum:.3g} "
-        f"{data.output_unit} each, which tells nothing of a motor. Drive it further, or take a finer sensor."
+        f"{data.name}: the output moves by {steps} {'step' if steps == 1 else 'steps'} of its "
+        f"sensor, {quantum:.3g} {data.output_unit} each: too few to identify a motor. Drive it "
+        "further, or use a finer sensor."
     )
     return refusal("motion-too-small", sentence)
 
@@ -120,7 +122,7 @@ def _pace_before(y: Array, at: int, window: int, quantum: float) -> float:
     return max(abs(float(y[at] - y[max(at - window, 0)])) - quantum, 0.0) / window if at >= window else 0.0
 
 
-def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
+def _clipping(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     """Whether flat tops stand at an end of the range, and are reached at full pace: no motor stops within a sample."""
     usual = _usual_pace(data.y)
     if np.ptp(data.y) < _FINE * quantum:
@@ -128,7 +130,7 @@ def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]
     for end, which in ((float(data.y.max()), "largest"), (float(data.y.min()), "smallest")):
         if data.kind == "speed" and end == 0:
             continue  # a motor at rest
-        at_end = [flat for flat in flats if data.y[flat.first] == end and not _told_to(data, flat)]
+        at_end = [flat for flat in flats if data.y[flat.first] == end and not _is_commanded(data, flat)]
         abrupt = [flat for flat in at_end if flat.pace > _ABRUPT * usual]
         if (
             len(abrupt) >= max(_VISITS, _OF_ALL * len(flats))
@@ -139,7 +141,7 @@ def _clipped(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]
     return []
 
 
-def _told_to(data: Dataset, flat: _Flat) -> bool:
+def _is_commanded(data: Dataset, flat: _Flat) -> bool:
     """Whether a feedback loop was told to be there where the output stands: it brakes, and friction holds the shaft at once."""
     if data.reference is None:
         return False
@@ -147,7 +149,7 @@ def _told_to(data: Dataset, flat: _Flat) -> bool:
     return bool(abs(data.reference[held] - data.y[flat.first]) <= _ARRIVED * np.ptp(data.y))
 
 
-def _piled_up(data: Dataset, quantum: float) -> list[Finding]:
+def _pile_up(data: Dataset, quantum: float) -> list[Finding]:
     """Whether many samples of an output that has no steps of its own are exactly alike, at an end of the range."""
     jumps = np.abs(np.diff(data.y))
     if quantum > 0 or not (jumps > 0).any():
@@ -177,9 +179,9 @@ def _commonest_within(y: Array) -> int:
 
 def _at_the_end(data: Dataset, which: str, end: float, samples: NDArray[np.int64]) -> Finding:
     sentence = (
-        f"{data.name}: the output stays at its {which} value, {end:.4g} {data.output_unit}, in {len(samples)} samples and "
-        "gets there at full pace: the sensor is at the end of its range. What the motor did there isn't known; take a "
-        "smaller input, or leave these rows out."
+        f"{data.name}: the output stays at its {which} value, {end:.4g} {data.output_unit}, in "
+        f"{len(samples)} samples and arrives there at full speed: the sensor is at the end of its "
+        "range. The motion there isn't known; use a smaller input, or leave these rows out."
     )
     rows = (int(samples[0]) + 1, int(samples[-1]) + 1)
     return warning("output-clipped", sentence, parameters=("gain", "time_constant"), rows=rows)
@@ -202,7 +204,7 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
     if data.input_unit == data.position_unit:
         return []  # a goal that is reached: there a servo stands as it should
     u = data.input_at_output
-    speed = np.abs(smoothed_speed(data))
+    speed = np.abs(smooth_speed(data))
     fastest = float(np.percentile(speed, 95))
     fast = np.abs(u[speed > 0.5 * fastest])
     # Not the median: between pulses a motor coasts at no input at all, and none would then be the usual one.
@@ -215,8 +217,9 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
         stays = held_back > _WOULD_GO * quantum and not _may_turn_within(data, flat, quantum)
         if (np.mean(driven[rows]) > 0.3 and stays) or flat in lost:
             sentence = (
-                f"{data.name}: from {data.t_output[flat.first]:.4g} s to {data.t_output[flat.last]:.4g} s the output stands "
-                "still although the input would move it at other times: the shaft was blocked or the amplifier off. Leave "
+                f"{data.name}: from {data.t_output[flat.first]:.4g} s to "
+                f"{data.t_output[flat.last]:.4g} s the output stands still, although the same "
+                "input moves it at other times: the shaft was blocked or the amplifier off. Leave "
                 "this stretch out."
             )
             at = (flat.first + 1, flat.last + 1)
@@ -226,7 +229,7 @@ def _stops(data: Dataset, flats: list[_Flat], quantum: float) -> list[Finding]:
 
 def _may_turn_within(data: Dataset, flat: _Flat, quantum: float) -> bool:
     """Whether a shaft may have turned round in the middle of a flat of time t: at an acceleration a it goes a t²/8 either way."""
-    quickest = float(np.abs(np.diff(smoothed_speed(data))).max()) / data.sample_time
+    quickest = float(np.abs(np.diff(smooth_speed(data))).max()) / data.sample_time
     time = (flat.last - flat.first) * data.sample_time
     return quickest * time**2 / 8.0 <= _TURNS_WITHIN * quantum
 
@@ -241,7 +244,7 @@ def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
     nexts = np.append(starts[1:], starts[-1] + int(np.median(np.diff(starts))))
     # In the first sample under the next pulse the shaft may move already.
     stood = [
-        _stood(a, max(b + _SHORTEST, int(n) - 1), flats) for (a, b), n in zip(pulses, nexts, strict=True)
+        _flat_of(a, max(b + _SHORTEST, int(n) - 1), flats) for (a, b), n in zip(pulses, nexts, strict=True)
     ]
     moved = np.array([flat is None for flat in stood])
     if not moved.any():
@@ -255,7 +258,7 @@ def _without_effect(data: Dataset, u: Array, flats: list[_Flat]) -> list[_Flat]:
     return [flat for flat, size in zip(stood, area, strict=True) if flat is not None and size >= enough]
 
 
-def _stood(first: int, end: int, flats: list[_Flat]) -> _Flat | None:
+def _flat_of(first: int, end: int, flats: list[_Flat]) -> _Flat | None:
     """The flat in which samples `first` to `end` lie, if there is one."""
     return next((flat for flat in flats if flat.first <= first and end <= flat.last), None)
 

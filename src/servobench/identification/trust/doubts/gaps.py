@@ -22,7 +22,7 @@ _IN_EVERY_ROW = (
 
 
 def _about(records: Sequence[Dataset]) -> list[Finding]:
-    return [finding for record in records for finding in (*_unknown_input(record), *_uneven(record))]
+    return [finding for record in records for finding in (*_unknown_input(record), *_scatter_finding(record))]
 
 
 def _unknown_input(data: Dataset) -> list[Finding]:
@@ -42,9 +42,10 @@ def _unknown_input(data: Dataset) -> list[Finding]:
     longest = max(unknown, key=lambda k: float(steps[k]))
     many = "is a gap" if len(unknown) == 1 else f"are {len(unknown)} gaps"
     sentence = (
-        f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at {data.t_input[longest]:.4g} s), and nobody knows "
-        "when the input changed in it; the model takes it to have held its last value. Cut the file at the gap and give the "
-        "parts as two files, or record again without losing rows."
+        f"{data.name}: there {many} of up to {steps[longest]:.3g} s (at "
+        f"{data.t_input[longest]:.4g} s), and when the input changed inside it isn't known; the "
+        "model holds the last value. Cut the file at the gap and give the parts as two files, or "
+        "record again without losing rows."
     )
     rows = (unknown[0] + 1, unknown[-1] + 2)
     return [warning("gap-input-unknown", sentence, parameters=("gain", "time_constant", "delay"), rows=rows)]
@@ -70,7 +71,7 @@ def _may_have_changed(u: Array, k: int, rows: int) -> bool:
     return bool(abs(u[k + 1] - u[k]) > least or usual > least)
 
 
-def _uneven(data: Dataset) -> list[Finding]:
+def _scatter_finding(data: Dataset) -> list[Finding]:
     """How the times scatter, where the file's reader hasn't told already."""
     steps = np.diff(data.t_output)
     if len(steps) < 10 or any(finding.code == "time-uneven" for finding in data.findings):
@@ -79,8 +80,9 @@ def _uneven(data: Dataset) -> list[Finding]:
     if high - low <= UNEVEN * middle:
         return []
     sentence = (
-        f"{data.name}: samples come late or early: the sample time is {middle:.4g} s in the median, and 98 % of the steps "
-        f"lie between {low:.4g} s and {high:.4g} s. Each sample is taken at its own time."
+        f"{data.name}: the samples are unevenly spaced: the median sample time is {middle:.4g} s, "
+        f"and 98 % of the steps lie between {low:.4g} s and {high:.4g} s. Each sample is used at "
+        "its own time."
     )
     return [info("time-uneven", sentence)]
 

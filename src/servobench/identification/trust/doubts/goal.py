@@ -26,9 +26,9 @@ def _of_a_loop(fit: Fit) -> list[Finding]:
     if unit not in _OF_A_SHAFT:
         return []
     sentence = (
-        f"The input is in {unit}: it is the reference of a control loop, and the voltage that drove the motor isn't there. "
-        "What is identified is the whole loop, controller included, and not the motor; name the voltage's column with "
-        "`input=COL:V`."
+        f"The input is in {unit}, so it is the reference of a control loop. The model then "
+        "describes the closed loop, controller included, not the motor; name the voltage's column "
+        "with `input=COL:V`."
     )
     return [warning("input-is-reference", sentence, parameters=("gain", "time_constant"))]
 

@@ -22,31 +22,32 @@ _WORTH_A_WORD = 0.5  # of the standard deviation of the delay
 
 def with_what_the_computer_hides(fit: Fit) -> Fit:
     """Return the fit with the delay's variance larger by what reading and writing hide of it."""
-    hidden = _hidden(fit)
+    hidden = _host_delay(fit)
     if not hidden:
         return fit
     added = np.zeros_like(fit.covariance)
     at = fit.model.names.index("delay")
     added[at, at] = hidden**2 / 3.0
-    reason = "the computer doesn't know when within a read or a write the device did it"
-    return fit.widened(Contribution(source="reading and writing", covariance=added, reason=reason))
+    reason = "when the device acted within a read or a write isn't known"
+    return fit.widen(Contribution(source="reading and writing", covariance=added, reason=reason))
 
 
-def _hidden(fit: Fit) -> float:
+def _host_delay(fit: Fit) -> float:
     """The longest time that the delay may be too short by [s]; 0 for a model without one."""
     return max(record.data.hidden_delay for record in fit.records) if "delay" in fit.model.names else 0.0
 
 
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether the computer has much of a part in how well the delay is known."""
-    hidden = _hidden(fit)
+    hidden = _host_delay(fit)
     if not hidden:
         return []
     if not hidden / np.sqrt(3.0) > _WORTH_A_WORD * fit["delay"].sd:
         return []
     sentence = (
-        f"The computer needed {microseconds(hidden)} µs to read the sensors and to put the voltage out, and doesn't know when "
-        "within that time the device did it: the delay may be longer by as much, and its interval allows for that."
+        f"The computer needed {microseconds(hidden)} µs to read the sensors and write the voltage, "
+        "and when the device acted within that time isn't known. The delay may be longer by as "
+        "much; its interval allows for that."
     )
     return [info("delay-within-a-call", sentence, parameters=("delay",))]
 

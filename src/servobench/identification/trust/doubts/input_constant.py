@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from servobench.core.finding import Finding, refusal
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -25,8 +25,8 @@ def _input_constant(records: Sequence[Dataset]) -> list[Finding]:
     return [
         refusal(
             "input-constant",
-            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so nothing tells gain and friction apart; "
-            "record steps between at least two levels.",
+            f"The input stays at {levels[0]:g} {records[0].input_unit} throughout, so gain and "
+            "friction can't be separated; record steps between at least two levels.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]
@@ -49,7 +49,7 @@ def _falls_behind(record: Dataset) -> bool:
 
 def _is_slower(record: Dataset) -> bool:
     """Whether a speed is a quarter less in the first tenth of a record than in its last half, over which it varies by little."""
-    speed = np.abs(smoothed_speed(record))
+    speed = np.abs(smooth_speed(record))
     slow, steady, fast = np.percentile(speed[len(speed) // 2 :], (5, 50, 95))
     first = speed[: max(len(speed) // 10, 1)].min()
     return bool(first < _SLOWER * steady and fast - slow < _UNSTEADY * steady)

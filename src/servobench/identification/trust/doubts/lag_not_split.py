@@ -49,10 +49,13 @@ def with_what_the_lag_tells(fit: Fit) -> Fit:
         "time_constant": (none, longest),
         "delay": (float(lower[late]), max(fit["delay"].interval[1], lag + half)),
     }
-    reason = "a coarse sensor hides the first moments after a step, which tell the time constant from a delay"
+    reason = (
+        "a coarse sensor hides the first moments after a step, which separate the time "
+        "constant from the delay"
+    )
     line = Contribution(source="lag not split", covariance=spread * np.outer(split, split), reason=reason)
-    said = (*fit.findings, _said(lag, half, longest))
-    return replace(fit.widened(line), intervals=intervals, findings=said)
+    said = (*fit.findings, _finding(lag, half, longest))
+    return replace(fit.widen(line), intervals=intervals, findings=said)
 
 
 def _variance(fit: Fit) -> float:
@@ -74,11 +77,11 @@ def _is_the_sum_all_that_is_known(fit: Fit) -> bool:
     return known and fit.fit_percent > _EXPLAINED and is_coarse(fit)
 
 
-def _said(lag: float, half: float, longest: float) -> Finding:
+def _finding(lag: float, half: float, longest: float) -> Finding:
     sentence = (
-        f"The data tell the time constant and the delay by their sum only: together they are {lag:.3g} ± {half:.2g} s, of which "
-        f"the time constant may be anything up to {longest:.2g} s. Which of the two it is shows in the first moments after a "
-        "step; record steps with a finer sensor to tell them apart."
+        f"The data determine only the sum of the time constant and the delay, {lag:.3g} ± "
+        f"{half:.2g} s; the time constant may be anything up to {longest:.2g} s. Record steps with "
+        "a finer sensor: the first moments after a step separate the two."
     )
     return info(CODE, sentence, parameters=("time_constant", "delay"))
 

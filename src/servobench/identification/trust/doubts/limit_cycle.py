@@ -43,9 +43,10 @@ def _of(data: Dataset) -> list[Finding]:
     if even or _has_a_clock(spans, _EVEN * data.sample_time) or np.percentile(cycles, 80) > _ALIKE:
         return []
     sentence = (
-        f"{data.name}: the input switches whenever the output comes to the same values: the output itself drives it (a "
-        "relay), and the motion is a limit cycle of nearly one frequency. Gain, time constant and friction can't be told "
-        "apart by it, however well the fit looks; drive the motor with steps or a PRBS that don't depend on the output."
+        f"{data.name}: the input switches whenever the output reaches the same values, as with a "
+        "relay: the motion is a limit cycle of nearly one frequency. It can't separate gain, time "
+        "constant and friction, however good the fit looks; drive the motor with steps or a PRBS "
+        "that don't depend on the output."
     )
     return [warning("limit-cycle", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))]
 

@@ -41,9 +41,10 @@ def _swings(data: Dataset, reference: Array) -> list[Finding]:
     if most == 0 or share < _MUCH or changes <= _PER_TURN * (_turns(reference) + 1):
         return []
     sentence = (
-        f"{data.name}: the loop swings: its voltage is at ±{most:.3g} {data.input_unit}, as large as it gets, for "
-        f"{100 * share:.0f} % of the time, and goes from one side to the other {changes} times. It is unstable, or its gains are "
-        "far too high: choose smaller ones (servobench tune does). The model is made of what was put out, and may be right."
+        f"{data.name}: the loop oscillates: its voltage is at its limit of ±{most:.3g} "
+        f"{data.input_unit} for {100 * share:.0f} % of the time and changes sign {changes} times. "
+        "The loop is unstable or its gains are far too high: choose smaller ones (servobench tune "
+        "does). The model uses the applied voltage, so it may still be right."
     )
     return [info("loop-swings", sentence)]
 
@@ -65,9 +66,10 @@ def _runs_away(data: Dataset, reference: Array) -> list[Finding]:
     if share < _MUCH:
         return []
     sentence = (
-        f"{data.name}: the loop doesn't follow its reference, it makes for the distance: the shaft is up to {error.max():.3g} "
-        f"{data.output_unit} away from where it should be, one that stood still would be {standing:.3g} at the most. A gain has "
-        "the wrong sign, or the encoder counts the other way: turn the sign of one of them."
+        f"{data.name}: the loop runs away from its reference: the shaft is up to {error.max():.3g} "
+        f"{data.output_unit} off, where a shaft at rest would be at most {standing:.3g} off. A "
+        "gain has the wrong sign, or the encoder counts the wrong way: change one of the two "
+        "signs."
     )
     return [warning("loop-runs-away", sentence, parameters=("gain",))]
 

@@ -17,9 +17,9 @@ def _loop_quiet(fit: Fit) -> list[Finding]:
     if fit.converged and all(fit[name].sd <= _KNOWN * abs(fit[name].value) for name in names):
         return []
     sentence = (
-        "In this closed loop the voltage is mostly the controller's answer to what it sees, and the motor moves too little "
-        "to be told from that: let it follow a larger or richer reference (a PRBS, steps of several sizes), add a dither, or "
-        "record it in open loop."
+        "In this closed loop the voltage is mostly the controller's response to noise and "
+        "disturbances, and the motor moves too little to be identified. Use a larger or richer "
+        "reference (a PRBS, steps of several sizes), add a dither, or record it in open loop."
     )
     return [warning("loop-tells-little", sentence, parameters=tuple(names))]
 

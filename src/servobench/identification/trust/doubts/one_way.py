@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, info, warning
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
 from servobench.identification.models.motion import directions
@@ -17,10 +18,11 @@ def _one_way(fit: Fit) -> list[Finding]:
         return []
     estimate = fit["coulomb_voltage"]
     unit = estimate.unit
+    name = parameter_in_words("coulomb_voltage", unit)
     together = info(
         "friction-and-offset-together",
-        "The motor turned one way only, so Coulomb friction and an offset can't be told apart: coulomb_voltage is their sum. "
-        "Let it turn both ways to separate them.",
+        f"The motor turned one way only, so Coulomb friction and an offset can't be separated: the {name} is their "
+        "sum. Let it turn both ways.",
         parameters=("coulomb_voltage",),
     )
     if abs(estimate.value) <= 3 * estimate.sd:
@@ -32,22 +34,23 @@ def _one_way(fit: Fit) -> list[Finding]:
     helps = estimate.value * fit["gain"].value * turns < 0 and not brakes
     if helps and is_flag:
         sentence = (
-            f"The motor turns as if {-estimate.value * turns:.3g} more of the input came in: a zero of this input doesn't stand "
-            "for zero volts, and the gain belongs to its levels only."
+            f"The motor turns as if the input were larger by {-estimate.value * turns:.3g}: zero "
+            "input isn't zero volts, and the gain holds for these levels only."
         )
         return [together, info("offset-found", sentence, parameters=("coulomb_voltage", "gain"))]
     if helps:
         sentence = (
-            f"The friction voltage comes out with the wrong sign, {estimate.value:.3g} {unit}: friction never helps. The motor "
-            "isn't linear over these levels (it may saturate), or the input has an offset; the gain belongs to these levels only."
+            f"The {name} comes out with the wrong sign, {estimate.value:.3g} {unit}: "
+            "friction never drives. The motor isn't linear over these levels (it may saturate), "
+            "or the input has an offset; the gain holds for these levels only."
         )
         return [together, warning("offset-negative", sentence, parameters=("coulomb_voltage", "gain"))]
     return [
         together,
         info(
             "offset-found",
-            f"{with_unit(estimate.value, estimate.unit)} of the input are lost before the motor turns; a model without this "
-            "offset would get the gain wrong.",
+            f"{with_unit(estimate.value, estimate.unit)} of the input is lost before the motor "
+            "turns; a model without this offset would get the gain wrong.",
             parameters=("coulomb_voltage", "gain"),
         ),
     ]

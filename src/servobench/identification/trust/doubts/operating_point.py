@@ -27,8 +27,8 @@ def _local(fit: Fit) -> list[Finding]:
     return [
         info(
             "gain-local",
-            f"The input stayed {where}: the gain and the offset belong to this operating point, "
-            "and nothing is known of the motor elsewhere.",
+            f"The input stayed {where}: the gain and the offset hold at this operating point; "
+            "elsewhere the motor isn't known.",
             parameters=("gain", "coulomb_voltage"),
         )
     ]
@@ -43,8 +43,9 @@ def _levels(fit: Fit) -> list[Finding]:
     return [
         info(
             "two-levels",
-            f"The input has two levels only, {levels[0]:g} and {with_unit(levels[1], unit)}: nothing shows whether the motor "
-            "is linear between them; a staircase or a multisine would.",
+            f"The input has two levels only, {levels[0]:g} and {with_unit(levels[1], unit)}, "
+            "which can't show whether the motor is linear between them; a staircase or a "
+            "multisine can.",
             parameters=("gain",),
         )
     ]

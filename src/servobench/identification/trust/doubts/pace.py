@@ -25,24 +25,24 @@ def _about_fit(fit: Fit) -> list[Finding]:
     for record in fit.records:
         data = record.data
         steps = np.diff(data.t_input, append=data.t_input[-1] + data.sample_time)
-        held_back += float(np.sum(steps * (data.u - _lagged(data, tau)) ** 2))
+        held_back += float(np.sum(steps * (data.u - _lag_input(data, tau)) ** 2))
         spread += float(np.sum(steps * (data.u - data.u.mean()) ** 2))
     if spread == 0 or held_back > _LEAST**2 * spread:
         return []
     sentence = (
-        "The input changes so slowly that the motor follows it nearly at once: its lag holds back "
-        f"{100 * np.sqrt(held_back / spread):.1f} % of the input only. The gain may be right; the time constant rests on "
-        "next to nothing, and can't be told from a delay. Record steps."
+        "The input changes so slowly that the motor follows it almost without lag: the lag accounts for only "
+        f"{100 * np.sqrt(held_back / spread):.1f} % of the input. The gain is well determined, the sum of time constant and "
+        "delay better than either of the two. Record steps."
     )
     return [info("input-too-slow", sentence, parameters=("time_constant", "delay"))]
 
 
-def _lagged(data: Dataset, tau: float) -> Array:
+def _lag_input(data: Dataset, tau: float) -> Array:
     """The input behind a first-order lag of τ, at its own times, from a settled start."""
     from servobench.identification.models import kernels
 
     decays = np.exp(-np.diff(data.t_input) / max(tau, 1e-12))
-    return kernels.lagged(data.u, data.input_before, decays)
+    return kernels.lag_input(data.u, data.input_before, decays)
 
 
 DOUBTS.member("pace")(Doubt(codes=("input-too-slow",), about_fit=_about_fit))

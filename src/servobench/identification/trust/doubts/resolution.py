@@ -6,7 +6,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, info, warning
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.identification.uncertainty.model_error import SOURCE
@@ -28,7 +28,7 @@ def _about_fit(fit: Fit) -> list[Finding]:
         if data.kind == "position":
             if "time_constant" not in fit.model.names:
                 continue
-            speed = float(np.percentile(np.abs(smoothed_speed(data)), 95))
+            speed = float(np.percentile(np.abs(smooth_speed(data)), 95))
             estimate = fit["time_constant"]
             # A time constant that is hardly known may be as long as its interval reaches.
             steps = speed * np.nanmin([estimate.value + 2 * estimate.sd, data.duration]) / q
@@ -40,15 +40,15 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if not fewest < _FEWEST:
         return []
     unit = fit.records[0].data.output_unit
-    where = "while the motor gets to its speed" if kind == "position" else "over the whole range of the speed"
+    where = "while the motor accelerates" if kind == "position" else "over the whole range of the speed"
     allowed_for = any(line.source == SOURCE for line in fit.budget) and not (
         kind == "position" and fewest < _BLIND
     )
-    by = "which the intervals allow for" if allowed_for else "perhaps by more than their intervals"
+    by = "and the intervals allow for it" if allowed_for else "perhaps by more than their intervals"
     sentence = (
-        f"The sensor is coarse: it has steps of {quantum:.3g} {unit}, {fewest:.2g} of them {where}. Its rounding, which isn't "
-        f"random, moves the time constant and the friction, {by}; "
-        "a finer sensor or a longer record makes less of it."
+        f"The sensor is coarse: its steps are {quantum:.3g} {unit}, {fewest:.2g} of them {where}. "
+        f"Its rounding isn't random and shifts the time constant and the friction, {by}; a finer "
+        "sensor or a longer record reduces that."
     )
     say = info if allowed_for else warning
     return [say("resolution-coarse", sentence, parameters=("time_constant", "coulomb_voltage"))]

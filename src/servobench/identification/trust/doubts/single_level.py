@@ -12,7 +12,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.level import single_level
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
-from servobench.identification.uncertainty.answers import driving_level
+from servobench.identification.uncertainty.identifiability import drive_level
 from servobench.recordings.measurement.dataset import Dataset
 
 _ANY_SPLIT = 3.0  # times its value: the standard deviation of a gain that nothing tells
@@ -28,8 +28,8 @@ def _single_level(records: Sequence[Dataset]) -> list[Finding]:
     return [
         info(
             "single-level",
-            f"The motor moved under one level of the input only, {level:.3g}{unit}: what is known is the speed that this level "
-            "leads to. How much of the level friction takes isn't, so that gain and friction can't be told apart; add a second "
+            f"The motor moved under one level of the input only, {level:.3g}{unit}, so only the "
+            "speed at this level is known: gain and friction can't be separated. Add a second "
             "level, or let the motor coast.",
             parameters=("gain", "coulomb_voltage"),
         )
@@ -46,13 +46,16 @@ def with_gain_and_friction_apart(fit: Fit) -> Fit:
         return fit
     if single_level([record.data for record in fit.records]) is None:
         return fit
-    gain, level = fit.model["gain"], driving_level(fit)
+    gain, level = fit.model["gain"], drive_level(fit)
     split = np.zeros(len(fit.model.names))
     split[fit.model.names.index("gain")] = gain
     split[fit.model.names.index(friction)] = level - fit.model[friction]
-    reason = "the motor moved under one level of the input only: any gain with its own friction makes the same speed"
+    reason = (
+        "the motor moved under one level of the input only: every gain, with a friction "
+        "to match, gives the same speed"
+    )
     line = Contribution(source="one level", covariance=_ANY_SPLIT**2 * np.outer(split, split), reason=reason)
-    return fit.widened(line)
+    return fit.widen(line)
 
 
 def with_what_one_level_tells(fit: Fit) -> Fit:

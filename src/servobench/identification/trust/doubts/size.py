@@ -9,7 +9,7 @@ import numpy as np
 
 from servobench.core.finding import Finding, warning
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.identification.trust.doubts.lattice import lattice_step
 from servobench.recordings.measurement.dataset import Dataset
@@ -30,10 +30,10 @@ def _input_size(data: Dataset) -> list[Finding]:
     largest = float(np.abs(data.u).max(initial=0.0))
     if data.input_unit != "V" or largest == 0 or _VOLTAGES[0] <= largest <= _VOLTAGES[1]:
         return []
-    other = "V that were taken for mV" if largest < 1 else "mV that were taken for V"
+    other = "V read as mV" if largest < 1 else "mV read as V"
     sentence = (
-        f"{data.name}: the input reaches {largest:.3g} V, which is no servo motor's voltage ({other}?). Check its unit: "
-        "`input=COL:UNIT`."
+        f"{data.name}: the input reaches {largest:.3g} V, which no servo motor is driven with "
+        f"({other}?). Check its unit: `input=COL:UNIT`."
     )
     return [warning("size-absurd", sentence, parameters=("gain", "coulomb_voltage"))]
 
@@ -41,18 +41,18 @@ def _input_size(data: Dataset) -> list[Finding]:
 def _speed(data: Dataset) -> list[Finding]:
     if data.position_unit != "rad" or len(data.y) < 3:
         return []
-    fastest = float(np.percentile(np.abs(smoothed_speed(_counted(data))), 95))
+    fastest = float(np.percentile(np.abs(smooth_speed(_as_counts(data))), 95))
     if fastest <= _FASTEST:
         return []
     sentence = (
-        f"{data.name}: the motor seems to turn at {fastest:.3g} rad/s ({fastest * 30 / np.pi:.3g} rpm), faster than a servo "
-        "motor can: degrees or counts may have been taken for radians, or milliseconds for seconds. Check the units: "
-        "`output=COL:UNIT`, `time=COL:UNIT`."
+        f"{data.name}: the motor seems to turn at {fastest:.3g} rad/s ({fastest * 30 / np.pi:.3g} "
+        "rpm), faster than any servo motor: degrees or counts may have been read as radians, or "
+        "milliseconds as seconds. Check the units: `output=COL:UNIT`, `time=COL:UNIT`."
     )
     return [warning("size-absurd", sentence, parameters=("gain",))]
 
 
-def _counted(data: Dataset) -> Dataset:
+def _as_counts(data: Dataset) -> Dataset:
     """The record as counts, where its values are steps of a sensor: the speed from one step to the next is no motor's."""
     step = data.quantum or lattice_step(data.y)
     if step is None:
@@ -78,8 +78,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if tau.value <= _SLOWEST or tau.value > 0.5 * longest or tau.sd > 0.5 * tau.value:
         return []
     sentence = (
-        f"The time constant comes out as {tau.value:.3g} s, which is a flywheel's and no servo motor's: milliseconds may "
-        "have been taken for seconds. Check the unit of the times: `time=COL:ms`."
+        f"The time constant comes out as {tau.value:.3g} s, too long for a servo motor: "
+        "milliseconds may have been read as seconds. Check the unit of the times: `time=COL:ms`."
     )
     return [warning("size-absurd", sentence, parameters=("time_constant", "gain"))]
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import Finding, warning
+from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import TWO_SIDED
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
@@ -36,10 +37,11 @@ def _small_swing(fit: Fit) -> list[Finding]:
     if swing > _SMALL:  # its cosine changes, whatever else ties the two together
         return []
     known, half = float(weights @ fit.model.theta[at]), TWO_SIDED * float(np.sqrt(variance))
+    words = " and the ".join(parameter_in_words(name, cosine.unit) for name in pair)
     sentence = (
-        f"The shaft swung through {swing:.2g} rad at most, over which the cosine of its angle hardly changes: {pair[0]} and "
-        f"{pair[1]} are known by their sum only, {known:.2g} ± {half:.1g} {cosine.unit} in the mean; let it swing by a "
-        "right angle to either side to tell them apart."
+        f"The shaft swung through {swing:.2g} rad at most, and the cosine of its angle hardly "
+        f"changed: the {words} are known only as a sum, {known:.2g} ± {half:.1g} "
+        f"{cosine.unit} in the mean. Let the shaft swing by 90° to either side to separate them."
     )
     return [warning("swing-small", sentence, parameters=pair)]
 

@@ -29,8 +29,9 @@ def _of(data: Dataset) -> list[Finding]:
         return []
     rows = (int(which[0]) + 1, int(which[-1]) + 1)
     sentence = (
-        f"{data.name}: the output jumps away and back again within a sample or two in {in_words(which + 1, 'sample')}: no "
-        "shaft does that. It is noise from a cable or a count that was lost; leave these rows out."
+        f"{data.name}: the output jumps away and back again within a sample or two in "
+        f"{in_words(which + 1, 'sample')}, which no shaft does. It is cable noise or a lost count; "
+        "leave these rows out."
     )
     return [warning("output-spikes", sentence, parameters=("gain", "time_constant"), rows=rows)]
 

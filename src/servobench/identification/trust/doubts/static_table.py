@@ -26,8 +26,9 @@ def _is_table(data: Dataset) -> bool:
 
 def _finding(data: Dataset) -> Finding:
     sentence = (
-        f"{data.name}: the file has no times, and its input goes in order from {data.u[0]:.3g} to {data.u[-1]:.3g} with another "
-        "value in each row: that is how a table of settled speeds looks, which has no dynamics. Record steps with their times."
+        f"{data.name}: the file has no times, and its input goes in order from {data.u[0]:.3g} to "
+        f"{data.u[-1]:.3g} with a new value in each row. It looks like a table of settled speeds, "
+        "which has no dynamics; record steps with their times."
     )
     return warning("table-static", sentence, parameters=("gain", "time_constant", "delay"))
 

@@ -12,8 +12,9 @@ from servobench.identification.trust.doubts.lattice import lattice_step
 _EXPLAINED = 80.0  # percent of the output
 _GOES_ON = 0.8  # of its variance: a residual's covariance with itself a sample later
 _PENDULUM = (
-    "The file says that a pendulum hangs on the shaft, and this structure has no gravity: what it gives is not of the motor. "
-    "Try `structure=first_order_coulomb_gravity` with the motor's voltage as the input, or record the motor alone."
+    "According to the file a pendulum hangs on the shaft, and this structure has no gravity, so "
+    "its parameters aren't the motor's. Try `structure=first_order_coulomb_gravity` with the "
+    "motor's voltage as the input, or record the motor alone."
 )
 _ROUNDING = 3.0  # quanta: what is left over beside less may be the sensor's
 
@@ -35,9 +36,11 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     missed = 100 - fit.fit_percent
     sentence = (
-        f"A motor of first order is the wrong structure for these data: it misses {missed:.0f} % of the output, which neither "
-        "the sensor's rounding nor a random torque explains. Something else moves with the shaft (a pendulum, a spring, a second "
-        "motor), or acts before it (hysteresis, a limit): record the motor alone, or try `structure=...` with another one."
+        f"A first-order motor is the wrong structure for these data: it misses {missed:.0f} % of "
+        "the output, which neither the sensor's rounding nor a random torque explains. Something "
+        "else moves with the shaft (a pendulum, a spring, a second motor) or acts before it "
+        "(hysteresis, a limit): record the motor alone, or try another structure with "
+        "`structure=...`."
     )
     return [warning("structure-wrong", sentence, parameters=("gain", "time_constant"))]
 

@@ -19,8 +19,9 @@ def _time_unit(data: Dataset) -> list[Finding]:
     if not by_convention or data.sample_time < 0.5:
         return []
     sentence = (
-        f"{data.name}: taken in seconds, as its name is usually meant, the time column makes samples {data.sample_time:.3g} "
-        "s apart, which is slow for a motor; if it is in milliseconds, say so with `time=COL:ms`."
+        f"{data.name}: read in seconds, as its name suggests, the time column puts the samples "
+        f"{data.sample_time:.3g} s apart, which is slow for a motor; if it is in milliseconds, say "
+        "`time=COL:ms`."
     )
     return [warning("time-unit-doubtful", sentence, parameters=("gain", "time_constant", "delay"))]
 

@@ -17,17 +17,18 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, Severity
+from servobench.core.finding_codes import Role, codes_of
 from servobench.core.registry import Registry
 from servobench.identification.estimators.base import Fit
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import (
     Motion,
     Regression,
-    joined,
+    join_base,
     motion,
     regression,
 )
-from servobench.identification.trust.explanations.trial import fitted_plainly, is_borne_out
+from servobench.identification.trust.explanations.trial import fit_plainly, is_borne_out
 from servobench.recordings.measurement.dataset import Dataset
 
 _CONVINCING = 0.6  # of the misfit may be left where a cause is told
@@ -50,7 +51,7 @@ class Case:
     @cached_property
     def base(self) -> tuple[Array, Array]:
         """The columns (R, 5) of τ, K, K d, K u_c and K u₀, and the speed (R,)."""
-        return joined(self.motions)
+        return join_base(self.motions)
 
     @cached_property
     def plain(self) -> Regression:
@@ -67,68 +68,27 @@ class Case:
         columns, speed = self.base
         changed = [change(each) for each in self.motions]
         columns = columns.copy()
-        columns[:, 1] = np.concatenate([m.caused(u) for m, u in zip(self.motions, changed, strict=True)])
-        columns[:, 2] = -np.concatenate([m.caused(u, 1) for m, u in zip(self.motions, changed, strict=True)])
+        columns[:, 1] = np.concatenate(
+            [m.filter_through_chain(u) for m, u in zip(self.motions, changed, strict=True)]
+        )
+        columns[:, 2] = -np.concatenate(
+            [m.filter_through_chain(u, 1) for m, u in zip(self.motions, changed, strict=True)]
+        )
         return regression(np.column_stack([columns, *(np.concatenate(list(each)) for each in extra)]), speed)
 
 
-Explain: TypeAlias = Callable[[Case], Explained | None]
+Explain: TypeAlias = Callable[[Case], CauseFit | None]
 
-# What says that something is wrong, and not what.
-_SYMPTOMS = frozenset(
-    {
-        "fit-poor",
-        "lag-not-split",
-        "parameter-at-bound",
-        "parameter-uncertain",
-        "parameter-unknown",
-        "residual-coloured",
-        "residual-follows-input",
-        "search-not-settled",
-        "validation-poor",
-        "validation-worse",
-        "not-identifiable",
-    }
-)
-# What says what is wrong: then nothing further is looked for.
-_CAUSES = frozenset(
-    {
-        "angle-wraps",
-        "gap-input-unknown",
-        "input-constant",
-        "input-is-output",
-        "output-clipped",
-        "output-spikes",
-        "output-still",
-        "output-stops",
-    }
-)
-
-# What the explanations themselves say.
-_EXPLAINED = frozenset(
-    {
-        "clock-drift",
-        "dead-zone",
-        "delay-negative",
-        "drag-not-linear",
-        "gain-falls",
-        "hysteresis",
-        "input-unrelated",
-        "level-disagrees",
-        "motor-changes",
-        "records-disagree",
-        "response-oscillates",
-        "second-pole",
-        "sign-flips",
-    }
-)
+_SYMPTOMS = codes_of(Role.SYMPTOM)
+_CAUSES = codes_of(Role.CAUSE)
+_EXPLAINED = codes_of(Role.EXPLANATION)
 
 EXPLANATIONS: Registry[Explain] = Registry(
     "explanation", "servobench.identification.trust.explanations", "servobench.explanations"
 )
 
 
-def unexplained(findings: Sequence[Finding]) -> bool:
+def is_unexplained(findings: Sequence[Finding]) -> bool:
     """Return whether findings say that something is wrong with a fit, and none says what."""
     grave = {finding.code for finding in findings if finding.severity != Severity.INFO}
     return bool({finding.code for finding in findings} & _SYMPTOMS) and not grave & _CAUSES
@@ -173,7 +133,7 @@ class Causes:
         best = self._best(_CERTAIN, simulated)
         return best is not None and not best.structural
 
-    def _best(self, most: float, simulated: float) -> Explained | None:
+    def _best(self, most: float, simulated: float) -> CauseFit | None:
         """The cause that leaves least of the misfit, and at most that part of it, of those that a fit bears out."""
         motions = self._motions
         if not motions or len(motions) < len(self.records):
@@ -184,9 +144,9 @@ class Causes:
             self._found[simulated] = case, [each for each in explained if each is not None]
         case, found = self._found[simulated]
         good = [each for each in found if each.misfit <= most * case.plain.misfit]
-        return next((each for each in _ranked(good)[:_TRIALS] if self._is_evident(each)), None)
+        return next((each for each in _rank(good)[:_TRIALS] if self._is_evident(each)), None)
 
-    def _is_evident(self, cause: Explained) -> bool:
+    def _is_evident(self, cause: CauseFit) -> bool:
         if cause.remedy is None and not cause.structure:
             return True
         if cause not in self._tried:
@@ -199,15 +159,15 @@ class Causes:
 
     @cached_property
     def _without(self) -> Fit | None:
-        return fitted_plainly(self.records, self.known)
+        return fit_plainly(self.records, self.known)
 
     @cached_property
-    def _found(self) -> dict[float, tuple[Case, list[Explained]]]:
+    def _found(self) -> dict[float, tuple[Case, list[CauseFit]]]:
         """The causes that may be, for what a simulation explains."""
         return {}
 
     @cached_property
-    def _tried(self) -> dict[Explained, bool]:
+    def _tried(self) -> dict[CauseFit, bool]:
         """Whether a fit bears a cause out."""
         return {}
 
@@ -217,7 +177,7 @@ def explain(records: Sequence[Dataset], simulated: float = np.nan) -> list[Findi
     return Causes(tuple(records)).explain(simulated)
 
 
-def _ranked(causes: Sequence[Explained]) -> list[Explained]:
+def _rank(causes: Sequence[CauseFit]) -> list[CauseFit]:
     """The causes that leave about the least first, the simplest of them before the others, then the rest."""
     least = min((each.misfit for each in causes), default=0.0)
     return sorted(

@@ -10,7 +10,7 @@ from servobench.recordings.measurement.dataset import Dataset
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
-class Explained:
+class CauseFit:
     """A cause that fits: its finding, the misfit that is left, and how many numbers it had to choose (`chosen`).
 
     `structural` is a cause that lies in the motor, so that a richer structure may have it; the others lie in the record.

@@ -11,13 +11,13 @@ from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.core.rounding import plain
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import (
     Motion,
     Regression,
     input_at,
     regression,
-    swept,
+    sweep_count,
 )
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -28,18 +28,19 @@ _SWEPT = (
 _AHEAD = 3.0  # sample times: an output that comes so much before its cause is out of step
 
 
-def _drift(case: Case) -> Explained | None:
+def _drift(case: Case) -> CauseFit | None:
     """The best rate by which the input's clock goes wrong beside the output's, where its changes can show a lag that grows."""
-    if max(swept(each.u) for each in case.motions) < _SWEPT:
+    if max(sweep_count(each.u) for each in case.motions) < _SWEPT:
         return None
     tried = [(case.with_input(partial(_at_rate, rate=rate)), rate) for rate in (*-_RATES, *_RATES)]
     found, rate = min(tried, key=lambda each: each[0].misfit)
     longest = max(float(each.t[-1] - each.t[0]) for each in case.motions)
     sentence = (
-        f"The delay between input and output changes steadily, by about {1000 * abs(rate) * longest:.2g} ms over the record: "
-        f"their times come from two clocks, one of them {plain(100 * abs(rate), 2)} % faster. Take both times from one clock."
+        "The delay between input and output changes steadily, by about "
+        f"{1000 * abs(rate) * longest:.2g} ms over the record: their times come from two clocks, "
+        f"one of them {plain(100 * abs(rate), 2)} % faster. Time-stamp both with one clock."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("clock-drift", sentence, parameters=("delay", "time_constant", "gain")),
         misfit=found.misfit,
         chosen=1,
@@ -58,14 +59,14 @@ def _at_rate(m: Motion, rate: float) -> Array:
     return input_at(m.data, m.t[0] + (m.t - m.t[0]) * (1 + rate))
 
 
-def _out_of_step(case: Case) -> Explained | None:
+def _out_of_step(case: Case) -> CauseFit | None:
     """The best constant shift that puts the input before the output that it causes."""
     step = max(each.data.sample_time for each in case.motions)
     spans = step * np.unique(np.round(_AHEAD * 1.4 ** np.arange(16)))
     shortest = min(float(each.t[-1] - each.t[0]) for each in case.motions)
     best, ahead = 1.0, 0.0
     for span in spans[spans < 0.1 * shortest].tolist():
-        share, found = _moved_by(case, span)
+        share, found = _shift_inputs(case, span)
         if share < best:
             # What is left of the shift stands in the column of the input's derivative: K d.
             best, ahead = share, span - found.coefficients[2] / found.coefficients[1]
@@ -73,10 +74,11 @@ def _out_of_step(case: Case) -> Explained | None:
         return None
     least = best * case.plain.misfit
     sentence = (
-        f"The output comes about {1000 * ahead:.3g} ms before the input that causes it: the two columns are out of step (a "
-        "row was lost in one of them, or they were filtered differently). Shift one of them."
+        f"The output comes about {1000 * ahead:.3g} ms before the input that causes it: the two "
+        "columns are misaligned (a row was lost in one of them, or they were filtered "
+        "differently). Shift one of them."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("delay-negative", sentence, parameters=("delay",)),
         misfit=least,
         chosen=1,
@@ -84,15 +86,15 @@ def _out_of_step(case: Case) -> Explained | None:
     )
 
 
-def _moved_by(case: Case, span: float) -> tuple[float, Regression]:
+def _shift_inputs(case: Case, span: float) -> tuple[float, Regression]:
     """What is left of the misfit with inputs that act earlier by a span, where they are known at both times."""
     known = np.concatenate([(each.t <= each.t[-1] - span)[each.rows] for each in case.motions])
     columns, speed = case.base
     plain = regression(columns[known], speed[known])
     moved = columns.copy()
     inputs = [(each, input_at(each.data, each.t + span)) for each in case.motions]
-    moved[:, 1] = np.concatenate([each.caused(u) for each, u in inputs])
-    moved[:, 2] = -np.concatenate([each.caused(u, 1) for each, u in inputs])
+    moved[:, 1] = np.concatenate([each.filter_through_chain(u) for each, u in inputs])
+    moved[:, 2] = -np.concatenate([each.filter_through_chain(u, 1) for each, u in inputs])
     found = regression(moved[known], speed[known])
     return found.misfit / plain.misfit if plain.misfit > 0 else 1.0, found
 

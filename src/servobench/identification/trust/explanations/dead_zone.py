@@ -9,10 +9,10 @@ import numpy as np
 
 from servobench.core.channels import Array
 from servobench.core.finding import warning
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
-from servobench.identification.trust.explanations.equation import Motion, swept
+from servobench.identification.trust.explanations.cause import CauseFit
+from servobench.identification.trust.explanations.equation import Motion, sweep_count
 
 _TURNING = 0.1  # of the top speed: a motor that turns, as friction alone lets none turn for long
 _SWEPT = 2.0  # times through its range: over one ramp or step a zone looks like friction
@@ -20,7 +20,7 @@ _SEEN = 0.01  # of the samples have to show a turning motor under an input in th
 _WIDTHS = (0.02, 0.035, 0.05, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 
 
-def _dead_zone(case: Case) -> Explained | None:
+def _dead_zone(case: Case) -> CauseFit | None:
     """The best width of a zone around zero in which the input has no effect."""
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     tried = [
@@ -28,15 +28,18 @@ def _dead_zone(case: Case) -> Explained | None:
         for width in (part * largest for part in _WIDTHS)
     ]
     found, width = min(tried, key=lambda each: each[0].misfit)
-    if max(swept(each.u) for each in case.motions) < _SWEPT or _seen(case.motions, width) < _SEEN:
+    if (
+        max(sweep_count(each.u) for each in case.motions) < _SWEPT
+        or _moving_share(case.motions, width) < _SEEN
+    ):
         return None
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"Inputs within about ±{width:.2g} {unit} don't act, even on a motor that turns: that is a dead zone of the "
-        "amplifier, and not friction, which brakes. Record the voltage behind the amplifier, or take the zone off the input "
-        "first."
+        f"Inputs within about ±{width:.2g} {unit} have no effect, even while the motor turns: that "
+        "is a dead zone of the amplifier, not friction, which would brake. Record the voltage "
+        "behind the amplifier, or subtract the dead zone from the input first."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("dead-zone", sentence, parameters=("gain", "coulomb_voltage")),
         misfit=found.misfit,
         chosen=1,
@@ -44,9 +47,9 @@ def _dead_zone(case: Case) -> Explained | None:
     )
 
 
-def _seen(motions: Sequence[Motion], width: float) -> float:
+def _moving_share(motions: Sequence[Motion], width: float) -> float:
     """The part of the samples in which the motor turns under an input in the zone, which isn't zero: what isn't friction's."""
-    speeds = [np.abs(np.interp(m.t, m.data.t_output, smoothed_speed(m.data))) for m in motions]
+    speeds = [np.abs(np.interp(m.t, m.data.t_output, smooth_speed(m.data))) for m in motions]
     top = max(float(np.percentile(speed, 99)) for speed in speeds)
     shown = [
         (np.abs(m.u) < width) & (m.u != 0) & (w > _TURNING * top)

@@ -5,25 +5,25 @@ from __future__ import annotations
 import numpy as np
 
 from servobench.core.finding import warning
-from servobench.identification.models.motion import smoothed_speed
+from servobench.identification.models.motion import smooth_speed
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
-from servobench.identification.trust.explanations.equation import swept, with_extra
+from servobench.identification.trust.explanations.cause import CauseFit
+from servobench.identification.trust.explanations.equation import sweep_count, with_extra
 from servobench.recordings.measurement.dataset import Dataset
 
 
-def _drag(case: Case) -> Explained | None:
+def _drag(case: Case) -> CauseFit | None:
     """Whether K c ω|ω| makes the equation hold, with a drag that brakes."""
     # Behind a chain the measured speed is another than the one that the drag goes by. Under one level from the first row on,
     # the only speed that lasts is that one's, which says nothing of how drag grows.
     if (
         any(each.data.chain.linear for each in case.motions)
-        or max(swept(each.u) for each in case.motions) < 1.0
+        or max(sweep_count(each.u) for each in case.motions) < 1.0
     ):
         return None
-    speeds = [np.interp(each.t, each.data.t_output, smoothed_speed(each.data)) for each in case.motions]
+    speeds = [np.interp(each.t, each.data.t_output, smooth_speed(each.data)) for each in case.motions]
     found = case.with_columns(
-        [-each.caused(w * np.abs(w)) for each, w in zip(case.motions, speeds, strict=True)]
+        [-each.filter_through_chain(w * np.abs(w)) for each, w in zip(case.motions, speeds, strict=True)]
     )
     factor = float(found.coefficients[5] / (found.coefficients[1] or 1.0))
     size = factor * max(float(np.percentile(np.abs(w), 99)) for w in speeds) ** 2
@@ -31,11 +31,12 @@ def _drag(case: Case) -> Explained | None:
         return None
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"Drag grows with the square of the speed, as of air or of a fan: it takes about {size:.2g} {unit} of the input at the "
-        "largest speed. A model that is linear in the speed has a gain that is too small, and friction that is wrong; take "
-        "speeds so low that this drag doesn't matter, or use the model at these speeds only."
+        f"Drag grows with the square of the speed, as with air or a fan: it takes about {size:.2g} "
+        f"{unit} of the input at the largest speed. A model that is linear in the speed has too "
+        "small a gain and the wrong friction; record at lower speeds, or use the model at these "
+        "speeds only."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("drag-not-linear", sentence, parameters=("gain", "time_constant", "coulomb_voltage")),
         structural=True,
         misfit=found.misfit,
@@ -46,7 +47,7 @@ def _drag(case: Case) -> Explained | None:
 
 def without_drag(data: Dataset, factor: float) -> Dataset:
     """Return a record whose input is less by c ω|ω|, c in the unit of the input over the square of the speed's."""
-    speed = smoothed_speed(data)
+    speed = smooth_speed(data)
     lost = factor * speed * np.abs(speed)
     return with_extra(data, lambda t, u: -np.interp(t, data.t_output, lost))
 

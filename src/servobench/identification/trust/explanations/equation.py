@@ -50,13 +50,13 @@ class Motion:
     step: float
     filter_time: float
 
-    def filtered(self, x: Array, order: int = 0) -> Array:
+    def filter(self, x: Array, order: int = 0) -> Array:
         """Return F x, or its derivative of that order, for a measured x (N,), at the rows of the regression (R,)."""
-        return filtered(x, self.step, self.filter_time, order)[self.rows]
+        return filter_bilinear(x, self.step, self.filter_time, order)[self.rows]
 
-    def caused(self, x: Array, order: int = 0) -> Array:
+    def filter_through_chain(self, x: Array, order: int = 0) -> Array:
         """Return F L x, or its derivative of that order, for an x (N,) that acts on the motor, L the measurement chain."""
-        return self.filtered(self.through_chain(x), order)
+        return self.filter(self.through_chain(x), order)
 
     def through_chain(self, x: Array) -> Array:
         """Return L x (N,) for an x (N,) that acts on the motor; a chain that makes a speed of a position gets its integral."""
@@ -86,13 +86,13 @@ class Motion:
         """The columns (R, 5) of τ, K, K d, K u_c and K u₀, and the speed (R,) that they make."""
         up = 1 if self.data.kind == "position" else 0
         columns = [
-            -self.filtered(self.y, 1 + up),
-            self.caused(self.u),
-            -self.caused(self.u, 1),
-            -self.caused(self.sense),
-            -self.caused(np.ones(len(self.t))),
+            -self.filter(self.y, 1 + up),
+            self.filter_through_chain(self.u),
+            -self.filter_through_chain(self.u, 1),
+            -self.filter_through_chain(self.sense),
+            -self.filter_through_chain(np.ones(len(self.t))),
         ]
-        return np.column_stack(columns), self.filtered(self.y, up)
+        return np.column_stack(columns), self.filter(self.y, up)
 
 
 def motion(data: Dataset) -> Motion | None:
@@ -106,7 +106,7 @@ def motion(data: Dataset) -> Motion | None:
     y = y - y[0]
     nearest = np.minimum(np.searchsorted(data.t_output, t), len(data.y) - 1)
     step = span / (count - 1)
-    if count == _MOST and _unseen(data, t) > _UNSEEN:
+    if count == _MOST and _grid_error(data, t) > _UNSEEN:
         return None
     found = Motion(
         data=data,
@@ -121,7 +121,7 @@ def motion(data: Dataset) -> Motion | None:
     return found if len(found.rows) >= 30 else None
 
 
-def _unseen(data: Dataset, t: Array) -> float:
+def _grid_error(data: Dataset, t: Array) -> float:
     """How far the input's mean between points of the grid lies off its values there, in its standard deviations."""
     spread = float(np.std(data.u))
     edges = np.concatenate([data.t_input, t])
@@ -144,7 +144,7 @@ def input_at(data: Dataset, t: Array) -> Array:
     return np.asarray(np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before), dtype=np.float64)
 
 
-def swept(u: Array) -> float:
+def sweep_count(u: Array) -> float:
     """Return how often an input u (N,) goes through its range: the sum of its changes over it, 1 for a step or a ramp."""
     reach = float(np.ptp(u)) if len(u) else 0.0
     return float(np.abs(np.diff(u)).sum()) / reach if reach > 0 else 0.0
@@ -157,7 +157,7 @@ def rings(u: Array) -> bool:
     """
     reach = float(np.ptp(u)) if len(u) else 0.0
     jumps = reach > 0 and float(np.abs(np.diff(u)).max()) > _JUMP * reach
-    return (jumps or swept(u) >= _SWEPT) and not is_one_sine(u)
+    return (jumps or sweep_count(u) >= _SWEPT) and not is_one_sine(u)
 
 
 def is_one_sine(u: Array) -> bool:
@@ -180,14 +180,14 @@ def filter_time(y: Array, step: float, order: int, lags: int = 3) -> float:
     random = np.random.default_rng(0).standard_normal(len(y))
     time = 2.0 * step
     while 4 * _SETTLED * time < len(y) * step:
-        signal = float(np.std(filtered(y, step, time, order, lags)))
-        if noise * float(np.std(filtered(random, step, time, order, lags))) <= _NOISE * signal:
+        signal = float(np.std(filter_bilinear(y, step, time, order, lags)))
+        if noise * float(np.std(filter_bilinear(random, step, time, order, lags))) <= _NOISE * signal:
             break
         time *= 2.0
     return time
 
 
-def filtered(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
+def filter_bilinear(x: Array, step: float, time: float, order: int, lags: int = 3) -> Array:
     """Return s^order/(T s + 1)ⁿ x (N,) by the bilinear rule, from rest; n is the number of lags, `step` and T in seconds."""
     from scipy.signal import lfilter
 
@@ -226,7 +226,7 @@ def regression(columns: Array, speed: Array) -> Regression:
     )
 
 
-def joined(motions: Sequence[Motion]) -> tuple[Array, Array]:
+def join_base(motions: Sequence[Motion]) -> tuple[Array, Array]:
     """The base of all records, one below the other."""
     bases = [each.base for each in motions]
     return np.vstack([columns for columns, _ in bases]), np.concatenate([speed for _, speed in bases])

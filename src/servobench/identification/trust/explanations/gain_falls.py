@@ -8,12 +8,12 @@ import numpy as np
 
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 
 _KNEES = (0.2, 0.3, 0.4, 0.5, 0.6, 0.7, 0.8, 0.85, 0.9, 0.95)
 
 
-def _gain_falls(case: Case) -> Explained | None:
+def _gain_falls(case: Case) -> CauseFit | None:
     """The best limit at which the input is clipped; None where the clipped one doesn't act less."""
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     tried = [
@@ -23,11 +23,11 @@ def _gain_falls(case: Case) -> Explained | None:
     found, limit = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"Inputs beyond about {limit:.3g} {unit} have no more effect than that: what was commanded didn't all reach the "
-        "motor (a limit of the amplifier, the supply or the controller). Record the voltage that was applied, or stay below "
-        "that."
+        f"Inputs beyond about {limit:.3g} {unit} have no further effect: the amplifier, the supply "
+        "or the controller limits the voltage. Record the voltage that was applied, or stay below "
+        "that level."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("gain-falls", sentence, parameters=("gain",)),
         misfit=found.misfit,
         chosen=1,

@@ -9,16 +9,16 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
-from servobench.identification.trust.explanations.equation import swept
+from servobench.identification.trust.explanations.cause import CauseFit
+from servobench.identification.trust.explanations.equation import sweep_count
 
 _SWEPT = 3.0  # times through its range: a play shows where the input turns round, more than once
 _WIDTHS = (0.02, 0.04, 0.07, 0.1, 0.15, 0.2, 0.3, 0.4)
 
 
-def _hysteresis(case: Case) -> Explained | None:
+def _hysteresis(case: Case) -> CauseFit | None:
     """The best half width of a play that the input goes through."""
-    if max(swept(each.u) for each in case.motions) < _SWEPT:
+    if max(sweep_count(each.u) for each in case.motions) < _SWEPT:
         return None
     largest = max(float(np.abs(each.u).max()) for each in case.motions)
     tried = [
@@ -28,11 +28,11 @@ def _hysteresis(case: Case) -> Explained | None:
     found, width = min(tried, key=lambda each: each[0].misfit)
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"What acts lags behind the input by about {width:.2g} {unit} whenever the input turns round (hysteresis, as of a "
-        "valve or of play before the motor): the same input has two effects, depending on where it came from. A linear "
-        "model is the wrong structure."
+        f"The effective input lags by about {width:.2g} {unit} whenever the input reverses "
+        "(hysteresis, as in a valve or play before the motor): the same input has two effects, "
+        "depending on its direction. A linear model is the wrong structure."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("hysteresis", sentence, parameters=("gain", "time_constant")),
         misfit=found.misfit,
         chosen=1,

@@ -8,14 +8,14 @@ import numpy as np
 
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 
 _MOST_LEVELS = 16
 _FEWEST = 4  # with fewer levels, one that is off is only another gain or offset
 _SHARE = 0.02  # of the samples at a level that counts
 
 
-def _level(case: Case) -> Explained | None:
+def _level(case: Case) -> CauseFit | None:
     """The level that, let free, makes the equation hold best, and what it really seems to be."""
     inputs = np.concatenate([each.u for each in case.motions])
     levels, counts = np.unique(inputs, return_counts=True)
@@ -23,7 +23,7 @@ def _level(case: Case) -> Explained | None:
         return None
     tried = []
     for level in levels[(counts > _SHARE * len(inputs)) & (levels != 0)]:  # at none, friction holds the shaft
-        extra = [each.caused(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
+        extra = [each.filter_through_chain(np.where(each.u == level, 1.0, 0.0)) for each in case.motions]
         tried.append((case.with_columns(extra), float(level)))
     if not tried:
         return None
@@ -31,10 +31,11 @@ def _level(case: Case) -> Explained | None:
     really = level + found.coefficients[-1] / found.coefficients[1]
     unit = case.motions[0].data.input_unit
     sentence = (
-        f"The level that the record calls {level:g} {unit} acts like {really:.3g} {unit}, measured by the other levels: its "
-        "label is wrong, or the supply couldn't hold it. Correct it, or leave it out."
+        f"The level recorded as {level:g} {unit} acts like {really:.3g} {unit}, compared with the "
+        "other levels: its label is wrong, or the supply couldn't hold it. Correct it, or leave "
+        "it out."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("level-disagrees", sentence, parameters=("gain",)),
         misfit=found.misfit,
         chosen=2,

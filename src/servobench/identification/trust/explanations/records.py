@@ -12,15 +12,15 @@ from servobench.core.rounding import plain
 from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import directions
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
-from servobench.identification.trust.explanations.equation import swept, with_extra
+from servobench.identification.trust.explanations.cause import CauseFit
+from servobench.identification.trust.explanations.equation import sweep_count, with_extra
 from servobench.recordings.measurement.dataset import Dataset
 
 _SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
 _APART = 0.02  # of the gain: records of one motor differ by less
 
 
-def _records(case: Case) -> Explained | None:
+def _records(case: Case) -> CauseFit | None:
     """Whether the records hold to the equation with a gain each, and not with a common one."""
     if len(case.motions) < 2:
         return None
@@ -41,10 +41,11 @@ def _records(case: Case) -> Explained | None:
     far = int(np.argmax(np.abs(gains - middle))) if len(gains) > 2 else int(np.argmin(np.abs(gains)))
     odd, times = case.motions[far].data, float(gains[far] / np.median(np.delete(gains, far)))
     sentence = (
-        f"The records disagree: {odd.name} moves as if its input were {times:.2g} times what it says, measured by the others. "
-        "They are of different motors or gears, or one has another supply, unit or label. Fit them one by one."
+        f"The records disagree: {odd.name} moves as if its input were {times:.2g} times the "
+        "recorded one, compared with the others. They come from different motors or gears, or one "
+        "has another supply, unit or label. Fit them one by one."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("records-disagree", sentence, parameters=("gain",)),
         misfit=found.misfit,
         chosen=1,
@@ -56,30 +57,33 @@ def _records(case: Case) -> Explained | None:
     )
 
 
-def _changes(case: Case) -> Explained | None:
+def _changes(case: Case) -> CauseFit | None:
     """Whether the gain or the friction changes steadily through the record."""
-    if max(swept(each.u) for each in case.motions) < _SWEPT:
+    if max(sweep_count(each.u) for each in case.motions) < _SWEPT:
         return None
     gone = [2 * (each.t - each.t[0]) / (each.t[-1] - each.t[0]) - 1 for each in case.motions]
-    by_gain = [each.caused(each.u * g) for each, g in zip(case.motions, gone, strict=True)]
-    by_friction = [each.caused(each.sense * g) for each, g in zip(case.motions, gone, strict=True)]
+    by_gain = [each.filter_through_chain(each.u * g) for each, g in zip(case.motions, gone, strict=True)]
+    by_friction = [
+        each.filter_through_chain(each.sense * g) for each, g in zip(case.motions, gone, strict=True)
+    ]
     found = case.with_columns(by_gain, by_friction)
     shares = found.coefficients[5:7] / (found.coefficients[1] or 1.0)
     added = np.column_stack([np.concatenate(by_gain), np.concatenate(by_friction)]) @ found.coefficients[5:]
     share = 2 * np.sqrt(3 * np.sum(added**2) / case.plain.total)  # from end to end, what changes evenly
     sentence = (
-        f"The motor answered differently at the end of the record than at its beginning, by about {plain(100 * share, 2)} % of "
-        "its speed: the supply sagged, the motor warmed up, or its friction changed. What was found is a mean over the record."
+        "The motor responded differently at the end of the record than at the beginning, by about "
+        f"{plain(100 * share, 2)} % of its speed: the supply sagged, the motor warmed up, or its "
+        "friction changed. The parameters are a mean over the record."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("motor-changes", sentence, parameters=("gain", "time_constant")),
         misfit=found.misfit,
         chosen=2,
-        remedy=lambda data: _unchanged(data, *shares),
+        remedy=lambda data: _undo_change(data, *shares),
     )
 
 
-def _unchanged(data: Dataset, of_gain: float, of_friction: float) -> Dataset:
+def _undo_change(data: Dataset, of_gain: float, of_friction: float) -> Dataset:
     """A record whose input has what the motor's change makes of it, by parts of the gain and of the input's unit at the end."""
     sense = directions(data)
 

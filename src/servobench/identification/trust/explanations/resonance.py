@@ -8,11 +8,11 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import (
     Motion,
+    filter_bilinear,
     filter_time,
-    filtered,
     regression,
     rings,
 )
@@ -23,15 +23,17 @@ _PERIODS = 5  # in the record: what swings fewer times is anything slow
 _LAGS = 5  # of the filter, so that the fourth derivative is proper
 
 
-def _resonance(case: Case) -> Explained | None:
+def _resonance(case: Case) -> CauseFit | None:
     """Whether a pair of poles that swings, and a pair of zeros, beside the motor's own pole make the equation hold.
 
     τ ω' + ω + b₂ ω'' + b₃ ω''' = K (u - d u' + c₂ u'') and friction, as of two masses with a spring between them.
     """
-    columns, speed = (np.concatenate(each) for each in zip(*map(swinging_columns, case.motions), strict=True))
+    columns, speed = (
+        np.concatenate(each) for each in zip(*map(resonance_columns, case.motions), strict=True)
+    )
     without, found = regression(columns[:, :5], speed), regression(columns, speed)
     tau, second, third = (float(found.coefficients[k]) for k in (0, 5, 6))
-    swinging = _swinging(np.roots([third, second, tau, 1.0]).astype(np.complex128))
+    swinging = _swing_frequency(np.roots([third, second, tau, 1.0]).astype(np.complex128))
     if not any(rings(each.u) for each in case.motions):
         return None
     fastest = _NYQUIST / max(each.step for each in case.motions)
@@ -39,11 +41,11 @@ def _resonance(case: Case) -> Explained | None:
     if swinging is None or not slowest < swinging < fastest or without.misfit == 0:
         return None
     sentence = (
-        f"The shaft swings at about {swinging:.2g} Hz, as two masses do that are coupled by something that gives (a long shaft, "
-        "a belt, a coupling). A first-order motor is the wrong structure: stiffen the coupling, take the load off, or excite it "
-        "well below that frequency."
+        f"The shaft oscillates at about {swinging:.2g} Hz, as two masses do with a compliant "
+        "coupling between them (a long shaft, a belt). A first-order motor is the wrong "
+        "structure: stiffen the coupling, remove the load, or excite it well below that frequency."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant")),
         structural=True,
         misfit=case.plain.misfit * found.misfit / without.misfit,
@@ -52,21 +54,21 @@ def _resonance(case: Case) -> Explained | None:
     )
 
 
-def _swinging(poles: NDArray[np.complex128]) -> float | None:
+def _swing_frequency(poles: NDArray[np.complex128]) -> float | None:
     """The frequency [Hz] of a stable pair of poles that is hardly damped; None where there is none."""
     pairs = poles[(poles.imag > 0) & (poles.real < 0)]
     swinging = [abs(pole) for pole in pairs if -pole.real < _DAMPED * abs(pole)]
     return float(swinging[0]) / (2 * np.pi) if swinging else None
 
 
-def swinging_columns(m: Motion) -> tuple[Array, Array]:
+def resonance_columns(m: Motion) -> tuple[Array, Array]:
     """Return the columns (R, 8) of τ, K, K d, K u_c, K u₀, b₂, b₃ and K c₂, and the speed (R,), behind filters of their own."""
     up = 1 if m.data.kind == "position" else 0
     time = filter_time(m.y, m.step, 3 + up, _LAGS)
     rows, u = m.rows_behind(time), m.through_chain(m.u)
 
     def behind(x: Array, order: int) -> Array:
-        return filtered(x, m.step, time, order, _LAGS)[rows]
+        return filter_bilinear(x, m.step, time, order, _LAGS)[rows]
 
     columns = [
         -behind(m.y, 1 + up),

@@ -7,28 +7,28 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import warning
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import rings
 
 
-def _second_order(case: Case) -> Explained | None:
+def _second_order(case: Case) -> CauseFit | None:
     """Whether the speed's second derivative makes the equation hold, and whether its poles swing."""
     if not any(rings(each.u) for each in case.motions):
         return None
-    found = case.with_columns(_bent(case))
+    found = case.with_columns(_bend(case))
     tau, squared = float(found.coefficients[0]), float(found.coefficients[5])
     if squared == 0:
         return None
     frequency = np.sqrt(abs(squared)) ** -1 / (2 * np.pi)
     swings = squared > 0 and tau**2 < 4 * squared
-    how = f"swings at about {frequency:.2g} Hz" if swings else "has a second pole"
+    how = f"oscillates at about {frequency:.2g} Hz" if swings else "has a second pole"
     sentence = (
-        f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a shaft that gives, or a controller "
-        "that closes a loop around the motor takes part. First order is the wrong structure; take one of second order, or "
-        "record the motor alone."
+        f"The output {how}, which a first-order motor doesn't: a pendulum, a spring, a compliant "
+        "shaft or a feedback controller acts on it. Use a second-order structure, or record the "
+        "motor alone."
     )
     code = "response-oscillates" if swings else "second-pole"
-    return Explained(
+    return CauseFit(
         finding=warning(code, sentence, parameters=("gain", "time_constant")),
         structural=True,
         misfit=found.misfit,
@@ -37,10 +37,10 @@ def _second_order(case: Case) -> Explained | None:
     )
 
 
-def _bent(case: Case) -> list[Array]:
+def _bend(case: Case) -> list[Array]:
     """Minus the speed's second derivative (R,) of each record, filtered as the equation is."""
     orders = [3 if each.data.kind == "position" else 2 for each in case.motions]
-    return [-each.filtered(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
+    return [-each.filter(each.y, order) for each, order in zip(case.motions, orders, strict=True)]
 
 
 EXPLANATIONS.member("second_order")(_second_order)

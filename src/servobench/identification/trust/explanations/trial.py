@@ -24,7 +24,7 @@ from servobench.identification.models.motion import turns_both_ways
 from servobench.recordings.measurement.dataset import Dataset
 
 if TYPE_CHECKING:
-    from servobench.identification.trust.explanations.cause import Explained
+    from servobench.identification.trust.explanations.cause import CauseFit
 
 _LEFT = 0.6  # of the squared residuals may be left with the cause
 _LIKELIER = 20.0
@@ -32,10 +32,10 @@ _FITS = 50.0  # percent of the output that a fit with the cause explains at leas
 _LONGEST = 0.1  # of the record: the longest lag over which residuals are differenced
 
 
-def is_borne_out(cause: Explained, records: Sequence[Dataset], without: Fit | None) -> bool:
+def is_borne_out(cause: CauseFit, records: Sequence[Dataset], without: Fit | None) -> bool:
     """Return whether the motor that the cause makes of the records, or of its structure, is the better one by simulation.
 
-    `without` is the fit without any cause, as `fitted_plainly` gives it.
+    `without` is the fit without any cause, as `fit_plainly` gives it.
     """
     motors = _motors(records)
     treated = [cause.remedy(each) for each in records] if cause.remedy else list(records)
@@ -52,7 +52,7 @@ def is_borne_out(cause: Explained, records: Sequence[Dataset], without: Fit | No
     return after == 0 or time / lag * float(np.log(before / after)) >= _LIKELIER
 
 
-def fitted_plainly(records: Sequence[Dataset], known: Mapping[str, Fit]) -> Fit | None:
+def fit_plainly(records: Sequence[Dataset], known: Mapping[str, Fit]) -> Fit | None:
     """Return the fit of a motor that nothing is wrong with, None where the records support none.
 
     `known` are output error's fits of these records by the names of their structures, as far as they have been made.

@@ -6,15 +6,15 @@ import numpy as np
 
 from servobench.core.finding import refusal
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import regression
-from servobench.identification.trust.explanations.resonance import swinging_columns
+from servobench.identification.trust.explanations.resonance import resonance_columns
 
 _SHARE = 0.9  # of what the equation leaves over without any input is still left over with it
 _SIMULATED = 90.0  # percent: an output that follows from the input so far has to do with it
 
 
-def _unrelated(case: Case) -> Explained | None:
+def _explain_unrelated(case: Case) -> CauseFit | None:
     """Whether the equation holds nearly as well without the input; then no other cause needs to be looked for."""
     if case.simulated > _SIMULATED or _swings_with_it(case):
         return None
@@ -26,12 +26,12 @@ def _unrelated(case: Case) -> Explained | None:
         return None
     name = case.motions[0].data.name
     sentence = (
-        f"{name}: the output doesn't follow this input: knowing the input tells "
-        f"{100 * (1 - np.sqrt(case.plain.misfit / without.misfit)):.0f} % of what moves the output. It is another column, "
-        "another motor's, or another recording's. Name the voltage of this motor with `input=COL:UNIT`; if the file has "
-        "none, the input wasn't recorded."
+        f"{name}: the output doesn't follow this input, which explains "
+        f"{100 * (1 - np.sqrt(case.plain.misfit / without.misfit)):.0f} % of its motion. The "
+        "column may be the wrong one, or belong to another motor or recording. Name the voltage "
+        "of this motor with `input=COL:UNIT`; if the file has none, the input wasn't recorded."
     )
-    return Explained(finding=refusal("input-unrelated", sentence), misfit=0.25 * case.plain.misfit, chosen=1)
+    return CauseFit(finding=refusal("input-unrelated", sentence), misfit=0.25 * case.plain.misfit, chosen=1)
 
 
 def _swings_with_it(case: Case) -> bool:
@@ -39,9 +39,11 @@ def _swings_with_it(case: Case) -> bool:
 
     Of a shaft that swings, the swing is nearly all that the first-order equation leaves over, and hides the input.
     """
-    columns, speed = (np.concatenate(each) for each in zip(*map(swinging_columns, case.motions), strict=True))
+    columns, speed = (
+        np.concatenate(each) for each in zip(*map(resonance_columns, case.motions), strict=True)
+    )
     without = regression(columns[:, [0, 3, 4, 5, 6]], speed)
     return regression(columns, speed).misfit < _SHARE * without.misfit
 
 
-EXPLANATIONS.member("unrelated")(_unrelated)
+EXPLANATIONS.member("unrelated")(_explain_unrelated)

@@ -7,7 +7,7 @@ import numpy as np
 from servobench.core.finding import warning
 from servobench.identification.models.nonlinear.structure import SINE
 from servobench.identification.trust.explanations.base import EXPLANATIONS, Case
-from servobench.identification.trust.explanations.cause import Explained
+from servobench.identification.trust.explanations.cause import CauseFit
 from servobench.identification.trust.explanations.equation import with_extra
 from servobench.recordings.measurement.dataset import Dataset
 
@@ -15,12 +15,12 @@ _LEAST = 0.02  # of the largest input: a smaller torque is cogging, or a belt th
 _TURNED = 0.2  # rad: over a smaller angle a weight pulls evenly, as an offset does
 
 
-def _weight(case: Case) -> Explained | None:
+def _weight(case: Case) -> CauseFit | None:
     """Whether sin θ and cos θ, the torque of a weight, make the equation hold."""
     if any(each.data.kind != "position" or each.data.position_unit != "rad" for each in case.motions):
         return None
-    sine = [each.caused(np.sin(each.y + each.data.y[0])) for each in case.motions]
-    cosine = [each.caused(np.cos(each.y + each.data.y[0])) for each in case.motions]
+    sine = [each.filter_through_chain(np.sin(each.y + each.data.y[0])) for each in case.motions]
+    cosine = [each.filter_through_chain(np.cos(each.y + each.data.y[0])) for each in case.motions]
     found = case.with_columns(sine, cosine)
     size = float(np.hypot(*found.coefficients[5:7])) / abs(found.coefficients[1] or 1.0)
     unit = case.motions[0].data.input_unit
@@ -31,20 +31,20 @@ def _weight(case: Case) -> Explained | None:
     seen = size <= largest
     how_large = f", as large as {size:.2g} {unit} of input" if seen else ""
     sentence = (
-        f"A torque depends on the shaft's angle, once a turn{how_large}: a weight hangs on the "
-        "shaft (a pendulum, an arm), which can swing. A first-order motor is the wrong structure; take one with gravity, or "
-        "take the weight off."
+        f"A torque varies with the shaft's angle, once per turn{how_large}: a weight hangs on the "
+        "shaft (a pendulum, an arm). A first-order motor is the wrong structure; use one with "
+        "gravity, or remove the weight."
     )
-    return Explained(
+    return CauseFit(
         finding=warning("response-oscillates", sentence, parameters=("gain", "time_constant", SINE.name)),
         structural=True,
         misfit=found.misfit,
         chosen=2,
-        remedy=lambda data: _unloaded(data, *(found.coefficients[5:7] / found.coefficients[1])),
+        remedy=lambda data: _unload(data, *(found.coefficients[5:7] / found.coefficients[1])),
     )
 
 
-def _unloaded(data: Dataset, sine: float, cosine: float) -> Dataset:
+def _unload(data: Dataset, sine: float, cosine: float) -> Dataset:
     """A record whose input has what the weight adds."""
     pull = sine * np.sin(data.y) + cosine * np.cos(data.y)
     return with_extra(data, lambda t, u: np.interp(t, data.t_output, pull))

@@ -93,7 +93,7 @@ class Fault(Settings, ABC):
         """Return what keeps a device from having this fault, as the end of a sentence; None where nothing does."""
         return None
 
-    def shown(self, info: DeviceInfo) -> DeviceInfo:
+    def info_shown(self, info: DeviceInfo) -> DeviceInfo:
         """Return what a device with this fault says of itself."""
         return info
 
@@ -129,7 +129,7 @@ class Final(Fault, ABC):
     from_: Annotated[Time, Field(ge=0)] = Field(default=1.0, alias="from")
     """When it happens, counted from the first sample [s]."""
 
-    def reached(self, run: Injected) -> bool:
+    def is_due(self, run: Injected) -> bool:
         """Whether the device's last sample is at that time or after it."""
         return run.now >= self.from_ - _SAME_TIME * run.sample_time
 
@@ -195,7 +195,7 @@ def table_of(text: str) -> dict[str, Any]:
         key, sign, value = setting.partition("=")
         if not (key and sign and value) or key in table:
             raise UsageError(
-                f"the fault {text!r}: {setting!r} is no setting, or is there twice; expected key=value, as in from=2s"
+                f"the fault {text!r}: {setting!r} isn't a setting, or occurs twice; expected key=value, as in from=2s"
             )
         table[key] = _value(value)
     try:

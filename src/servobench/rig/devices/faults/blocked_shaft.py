@@ -16,7 +16,7 @@ class BlockedShaft(Lasting):
         return (
             None
             if isinstance(device, Simulated)
-            else "nobody can take hold of its shaft from here; it takes a simulated motor"
+            else "a real shaft can't be blocked by software; use a simulated motor"
         )
 
     def begin(self, run: Injected) -> Injection:

@@ -10,7 +10,7 @@ from pydantic import model_validator
 from servobench.core.channels import Channel, DeviceInfo, Sample
 from servobench.rig.devices.base import Device
 from servobench.rig.devices.faults.base import FAULTS, Fault, Injected, Injection, Latch
-from servobench.rig.devices.faults.counting import counter_bits, wrapped
+from servobench.rig.devices.faults.counting import counter_bits, wrap_count
 
 
 @FAULTS.member("counter_wrap")
@@ -30,7 +30,7 @@ class CounterWrap(Fault):
         half = 1 << (self.bits - 1)
         if self.start is not None and not -half <= self.start < half:
             raise ValueError(
-                f"start = {self.start} can't be shown by {self.bits} bits; expected {-half} to {half - 1}"
+                f"start = {self.start} doesn't fit into {self.bits} bits; expected {-half} to {half - 1}"
             )
         return self
 
@@ -38,16 +38,16 @@ class CounterWrap(Fault):
         """A counter can only be made narrower."""
         bits = counter_bits(device.info)
         if bits is not None and bits < self.bits:
-            return f"its counter has {bits} bits, from which one of {self.bits} can't be made"
+            return f"its counter has {bits} bits, too few for one of {self.bits}"
         return None
 
-    def shown(self, info: DeviceInfo) -> DeviceInfo:
+    def info_shown(self, info: DeviceInfo) -> DeviceInfo:
         """Its counter has that width."""
 
-        def narrowed(channel: Channel) -> Channel:
+        def narrow(channel: Channel) -> Channel:
             return replace(channel, counter_bits=self.bits) if channel.name == "counts" else channel
 
-        return replace(info, channels=tuple(map(narrowed, info.channels)))
+        return replace(info, channels=tuple(map(narrow, info.channels)))
 
     def begin(self, run: Injected) -> Injection:
         """Wrap each sample's counts. As 2^bits divides the device's own range, its own wraps make no difference."""
@@ -58,6 +58,6 @@ class CounterWrap(Fault):
             sample = latch()
             if offset is None:
                 offset = 0 if self.start is None else self.start - sample.counts
-            return replace(sample, counts=wrapped(sample.counts + offset, self.bits))
+            return replace(sample, counts=wrap_count(sample.counts + offset, self.bits))
 
         return Injection(read=read)

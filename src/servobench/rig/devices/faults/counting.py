@@ -11,7 +11,7 @@ def counter_bits(info: DeviceInfo) -> int | None:
     return counts.counter_bits if counts else None
 
 
-def wrapped(count: int, bits: int | None) -> int:
+def wrap_count(count: int, bits: int | None) -> int:
     """Return what a signed counter of that width shows for a count; one without a width shows the count."""
     if bits is None:
         return count
@@ -29,7 +29,7 @@ class Travel:
 
     def went(self, shown: int) -> int:
         """Take what the counter shows; returns how far it went since the sample before, 0 at the first."""
-        step = 0 if self._shown is None else wrapped(shown - self._shown, self._bits)
+        step = 0 if self._shown is None else wrap_count(shown - self._shown, self._bits)
         self.count = shown if self._shown is None else self.count + step
         self._shown = shown
         return step

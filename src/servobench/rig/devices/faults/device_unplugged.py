@@ -21,15 +21,15 @@ class DeviceUnplugged(Final):
         def check() -> None:
             if gone:
                 raise DeviceError(
-                    f"the device {run.device.info.name!r} doesn't answer any more (it was unplugged on purpose, "
-                    f"by the fault device_unplugged)"
+                    f"the device {run.device.info.name!r} no longer responds (unplugged on purpose by the fault "
+                    "device_unplugged)"
                 )
 
         def read(latch: Latch) -> Sample:
             nonlocal gone
             check()
             sample = latch()
-            gone = self.reached(run)
+            gone = self.is_due(run)
             check()
             return sample
 

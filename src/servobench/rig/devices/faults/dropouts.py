@@ -10,7 +10,7 @@ from pydantic import Field
 from servobench.core.channels import Sample
 from servobench.core.settings import PositiveTime
 from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Latch, Occasional
-from servobench.rig.devices.faults.counting import Travel, counter_bits, wrapped
+from servobench.rig.devices.faults.counting import Travel, counter_bits, wrap_count
 
 
 @FAULTS.member("dropouts")
@@ -45,6 +45,6 @@ class Dropouts(Occasional):
             begins = happens(self.holds(run))
             if begins and not left:
                 left = length
-            return replace(sample, counts=wrapped(travel.count - lost, bits))
+            return replace(sample, counts=wrap_count(travel.count - lost, bits))
 
         return Injection(read=read)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from servobench.core.channels import Sample
 from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Lasting, Latch
-from servobench.rig.devices.faults.counting import Travel, counter_bits, wrapped
+from servobench.rig.devices.faults.counting import Travel, counter_bits, wrap_count
 
 
 @FAULTS.member("encoder_flipped")
@@ -26,6 +26,6 @@ class EncoderFlipped(Lasting):
             went = travel.went(sample.counts)
             shown = travel.count if shown is None else shown + (-went if flipped else went)
             flipped = self.holds(run)
-            return replace(sample, counts=wrapped(shown, bits))
+            return replace(sample, counts=wrap_count(shown, bits))
 
         return Injection(read=read)

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from servobench.core.channels import Sample
 from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Lasting, Latch
-from servobench.rig.devices.faults.counting import Travel, counter_bits, wrapped
+from servobench.rig.devices.faults.counting import Travel, counter_bits, wrap_count
 
 
 @FAULTS.member("encoder_unplugged")
@@ -26,6 +26,6 @@ class EncoderUnplugged(Lasting):
             went = travel.went(sample.counts)
             missing += went if unplugged else 0
             unplugged = self.holds(run)
-            return replace(sample, counts=wrapped(travel.count - missing, bits))
+            return replace(sample, counts=wrap_count(travel.count - missing, bits))
 
         return Injection(read=read)

@@ -28,18 +28,20 @@ class Jitter(Occasional):
         timing = device.info.timing
         if timing == "host":
             return (
-                "its clock notes the time before it asks, so set recorded = false" if self.recorded else None
+                "its clock records the time before it asks, so set recorded = false"
+                if self.recorded
+                else None
             )
         if timing == "virtual" and isinstance(device, Simulated):
             return None
-        return "it latches at times of its own, which nobody can change"
+        return "it samples by its own clock, which can't be changed"
 
     def begin(self, run: Injected) -> Injection:
         """Hold up each latch for which it is to happen."""
         if self.largest >= run.sample_time:
             raise UsageError(
                 f"jitter: the largest lateness is {self.largest:g} s; expected less than the sample time of "
-                f"{run.sample_time:g} s; for whole ticks there are slow_read and lost"
+                f"{run.sample_time:g} s; for whole ticks use slow_read or lost"
             )
         happens = self.occasions(run)
 

@@ -19,18 +19,18 @@ class Lost(Occasional):
     """
 
     @model_validator(mode="after")
-    def _something_is_left(self) -> Self:
+    def _is_any_left(self) -> Self:
         each = self.every == 1 or self.probability == 1 or (self.every is None and self.probability is None)
         if self.for_ is None and each:
             raise ValueError(
-                "would lose every sample and never end; give for, a probability below 1 or every above 1"
+                "would lose every sample and never end; give `for`, a probability below 1 or every above 1"
             )
         return self
 
     def unsupported(self, device: Device) -> str | None:
         """It takes a device that numbers its samples."""
         if device.info.timing == "host":
-            return "its samples are numbered by the clock that asks for them, so that none can be lost on the way"
+            return "the computer's clock numbers its samples, so none can be lost on the way"
         return None
 
     def begin(self, run: Injected) -> Injection:

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from servobench.core.channels import Sample
 from servobench.rig.devices.faults.base import FAULTS, Final, Injected, Injection, Latch, Put
-from servobench.rig.devices.faults.counting import Travel, counter_bits, wrapped
+from servobench.rig.devices.faults.counting import Travel, counter_bits, wrap_count
 
 
 @FAULTS.member("restart")
@@ -28,7 +28,7 @@ class Restart(Final):
             nonlocal first, count
             sample = latch()
             travel.went(sample.counts)
-            if first is None and self.reached(run):
+            if first is None and self.is_due(run):
                 first, count = sample, travel.count
             if first is None:
                 return sample
@@ -36,7 +36,7 @@ class Restart(Final):
                 sample,
                 index=sample.index - first.index,
                 time=sample.time - first.time,
-                counts=wrapped(travel.count - count, bits),
+                counts=wrap_count(travel.count - count, bits),
             )
 
         def write(voltage: float, put: Put) -> float:

@@ -24,7 +24,7 @@ class SlowRead(Occasional):
         timing = device.info.timing
         if timing == "host" or (timing == "virtual" and isinstance(device, Simulated)):
             return None
-        return "it latches at times of its own, however long its answer takes"
+        return "it samples by its own clock, however long a read takes"
 
     def begin(self, run: Injected) -> Injection:
         """Hold up each latch for which it is to happen."""

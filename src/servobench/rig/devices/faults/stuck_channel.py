@@ -7,7 +7,7 @@ from typing import Literal
 
 from servobench.core.channels import Sample
 from servobench.rig.devices.faults.base import FAULTS, Injected, Injection, Lasting, Latch
-from servobench.rig.devices.faults.counting import Travel, counter_bits, wrapped
+from servobench.rig.devices.faults.counting import Travel, counter_bits, wrap_count
 
 # Channels A and B through four counts of forward motion, and where each pair of levels lies in them.
 _LEVELS = ((0, 0), (1, 0), (1, 1), (0, 1))
@@ -44,17 +44,17 @@ class StuckChannel(Lasting):
                 decoded += went
             else:
                 levels[which] = stuck
-                decoded = _decoded(decoded, levels)
+                decoded = _decode(decoded, levels)
             if self.holds(run):
                 stuck = levels[which]
             elif stuck is not None:
                 # Let go, the channel jumps to its true level, which the decoder takes for an edge if it is another.
-                stuck, decoded = None, _decoded(decoded, list(_LEVELS[travel.count % 4]))
-            return replace(sample, counts=wrapped(decoded, bits))
+                stuck, decoded = None, _decode(decoded, list(_LEVELS[travel.count % 4]))
+            return replace(sample, counts=wrap_count(decoded, bits))
 
         return Injection(read=read)
 
 
-def _decoded(before: int, levels: list[int]) -> int:
+def _decode(before: int, levels: list[int]) -> int:
     """The decoder's count after one of the two channels may have changed; its place in four is that of the levels it saw."""
     return before + (_PLACE[levels[0], levels[1]] - before + 1) % 4 - 1

@@ -8,5 +8,5 @@ from servobench.rig.devices.base import Device
 def keeps_own_time(device: Device) -> str | None:
     """Return what keeps a device's time from going wrong, as the end of a sentence; None where it has a time of its own."""
     if device.info.timing == "host":
-        return "its samples carry the host's time, which is taken from a clock that nobody can set"
+        return "its samples carry the host's time, which can't be changed"
     return None

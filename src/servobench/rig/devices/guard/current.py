@@ -43,8 +43,8 @@ class CurrentMonitor:
             return None
         return Alarm(
             "current-above-limit",
-            f"the current was {_told(current)}, beyond the limit of {self._limit:g} A; "
-            "look for what holds the shaft, or raise limits.current",
+            f"the current was {_current_text(current)}, beyond the limit of {self._limit:g} A; find out what holds the "
+            "shaft, or raise limits.current",
         )
 
     def findings(self) -> tuple[Finding, ...]:
@@ -52,5 +52,5 @@ class CurrentMonitor:
         return ()
 
 
-def _told(current: float | None) -> str:
+def _current_text(current: float | None) -> str:
     return "not measured" if current is None else f"{current:.3g} A"

@@ -41,36 +41,38 @@ class Fault:
 def faults_found(faults: Iterable[Fault], told: Iterable[Finding]) -> list[Finding]:
     """Return a finding for each fault, but for those whose code has been told already."""
     known = {finding.code for finding in told}
-    return [_found(fault) for fault in faults if fault.code not in known]
+    return [_finding(fault) for fault in faults if fault.code not in known]
 
 
-def _found(fault: Fault) -> Finding:
+def _finding(fault: Fault) -> Finding:
     if fault.code == NOT_STOPPED:
         return danger(fault.code, f"SWITCH OFF THE SUPPLY: {fault.sentence}.")
     return (warning if fault.code.startswith(_DOUBTFUL) else info)(fault.code, f"Fault: {fault.sentence}.")
 
 
-def saturated(samples: int) -> Finding:
+def saturation_finding(samples: int) -> Finding:
     """Return that voltages were limited."""
     return info(
         "saturated",
-        f"At {samples} samples another voltage was put out than commanded, by a limit of the experiment or of the device; what "
-        "was put out is what is identified.",
+        f"At {samples} samples the applied voltage differed from the command, because of a limit of the experiment "
+        "or the device; the identification uses the applied voltage.",
     )
 
 
-def starved(silent: float, timeout: float) -> Alarm:
+def starvation_alarm(silent: float, timeout: float) -> Alarm:
     """Return that nobody drove for some time, longer than the timeout [s]."""
     return Alarm(
         "watchdog",
-        f"no new voltage came for {milliseconds(silent)} ms after a new sample (limit: {1000 * timeout:g} ms); find what held "
-        "the loop up, or raise limits.watchdog.timeout",
+        f"no new voltage came for {milliseconds(silent)} ms after a new sample (limit: {1000 * timeout:g} ms); find "
+        "what delayed the loop, or raise limits.watchdog.timeout",
     )
 
 
 def no_voltage(voltage: object) -> Alarm:
     """Return that something was to be written that is no voltage."""
-    return Alarm("voltage-not-finite", f"{value_text(voltage)} is no voltage; expected a finite number in V")
+    return Alarm(
+        "voltage-not-finite", f"{value_text(voltage)} isn't a voltage; expected a finite number in V"
+    )
 
 
 def not_stopped(error: BaseException, *, zero_volts: bool) -> Alarm:
@@ -78,6 +80,6 @@ def not_stopped(error: BaseException, *, zero_volts: bool) -> Alarm:
     known = "a write of zero volts had returned before" if zero_volts else "zero volts were not confirmed"
     return Alarm(
         NOT_STOPPED,
-        f"the device's own stop failed ({error_text(error)}; {known}), so nothing more is written to it, for its own watchdog to "
-        "stop it",
+        f"the device's own stop failed ({error_text(error)}; {known}), so nothing more is written to it and its own "
+        "watchdog stops it",
     )

@@ -112,7 +112,8 @@ class PlausibilityMonitor:
         stood = min(self._standing, self._pushed)
         return Alarm(
             "encoder-stands-still",
-            f"the encoder stood still for {milliseconds(self._standing)} ms, of which the last {milliseconds(stood)} ms under "
-            f"{self._voltage:g} V or more ({motion.applied:.3g} V at the end), where the motor turns within "
-            f"{1000 * self._patience:.2g} ms; look at its cable, and whether something blocked the shaft all at once",
+            f"the encoder stood still for {milliseconds(self._standing)} ms, of which the last "
+            f"{milliseconds(stood)} ms under {self._voltage:g} V or more ({motion.applied:.3g} V at the end), "
+            f"although the motor turns within {1000 * self._patience:.2g} ms; check its cable, and whether "
+            "something suddenly blocked the shaft",
         )

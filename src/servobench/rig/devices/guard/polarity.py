@@ -59,7 +59,7 @@ class PolarityMonitor:
     @classmethod
     def of(cls, rig: Rig) -> Self | None:
         """Return a monitor where what is put out is a voltage."""
-        channel = rig.info.limited(rig.limits.voltage).channel("voltage")
+        channel = rig.info.with_limit(rig.limits.voltage).channel("voltage")
         largest = (
             rig.limits.voltage if channel is None else min(abs(channel.minimum or 0), channel.maximum or 0)
         )
@@ -68,7 +68,7 @@ class PolarityMonitor:
     @property
     def limit(self) -> str:
         """What ends the run."""
-        return "under feedback, a shaft that speeds up against the voltage as a motor does whose encoder is flipped"
+        return "under feedback, a shaft that accelerates against the voltage, as with a reversed encoder"
 
     def check(self, motion: Motion) -> Alarm | None:
         """Return an alarm where the motion of the last 0.3 s is that of a flipped motor."""
@@ -124,9 +124,9 @@ class PolarityMonitor:
     def _alarm(self, voltage: float) -> Alarm:
         return Alarm(
             "encoder-flipped",
-            f"the shaft speeds up against the voltage ({voltage:.3g} V), as it does where the encoder counts backwards: swap its "
-            "channels A and B, or the motor's leads, or the sign in the device's settings; if a weight or a hand drove it, take "
-            "larger gains",
+            f"the shaft accelerates against the voltage ({voltage:.3g} V), as it does if the encoder counts "
+            "backwards: swap its channels A and B, the motor's leads, or the sign in the device's settings. If a "
+            "weight or a hand drove it, use larger gains",
         )
 
 

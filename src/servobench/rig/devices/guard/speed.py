@@ -42,8 +42,8 @@ class SpeedMonitor:
             return None
         return Alarm(
             "speed-above-limit",
-            f"the speed was {motion.fastest:.3g} rad/s, above the limit of {self._limit:g} rad/s; "
-            "take a smaller voltage, or raise limits.speed",
+            f"the speed was {motion.fastest:.3g} rad/s, above the limit of {self._limit:g} rad/s; use a lower "
+            "voltage, or raise limits.speed",
         )
 
     def findings(self) -> tuple[Finding, ...]:

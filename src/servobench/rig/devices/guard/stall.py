@@ -53,7 +53,7 @@ class StallMonitor:
         ):
             self.time_stalled = 0.0
             return None
-        return self._stalled(motion)
+        return self._stall_alarm(motion)
 
     def findings(self) -> tuple[Finding, ...]:
         """Return a warning where the shaft was stalled for longer than `limits.stall.warning`."""
@@ -62,12 +62,12 @@ class StallMonitor:
         return (
             warning(
                 "stalled",
-                f"The shaft {self._slow} under more than {self._control:g} V, for up to {self.longest:.3g} s: look for what "
-                "held it.",
+                f"The shaft {self._slow} under more than {self._control:g} V, for up to {self.longest:.3g} s: find "
+                "out what held it.",
             ),
         )
 
-    def _stalled(self, motion: Motion) -> Alarm | None:
+    def _stall_alarm(self, motion: Motion) -> Alarm | None:
         warned = self.time_stalled >= self._limits.warning
         self.time_stalled += motion.dt
         self.longest = max(self.longest, self.time_stalled)
@@ -77,5 +77,5 @@ class StallMonitor:
         return Alarm(
             "stalled",
             f"the shaft {self._slow} under {motion.applied:.3g} V for {self.time_stalled:.3g} s (limits: more than "
-            f"{self._control:g} V, {self._limits.duration:g} s); look for what holds it",
+            f"{self._control:g} V, {self._limits.duration:g} s); find out what holds it",
         )

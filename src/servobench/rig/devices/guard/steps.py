@@ -57,8 +57,8 @@ class StepMonitor:
         if self._half and possible >= self._half:
             return Alarm(
                 "wraps-unknown",
-                f"{milliseconds(motion.dt)} ms passed between two samples, in which the counter may have wrapped unseen; "
-                "the position is lost: sample faster, or use a wider counter",
+                f"{milliseconds(motion.dt)} ms passed between two samples, so the counter may have wrapped "
+                "unnoticed and the position is lost: sample faster, or use a wider counter",
             )
         largest = possible + self._fastest * self._sample_time + _ROUNDING
         return self._alarm(motion, largest) if step > largest else None
@@ -70,6 +70,6 @@ class StepMonitor:
     def _alarm(self, motion: Motion, largest: float) -> Alarm:
         return Alarm(
             "encoder-step-impossible",
-            f"the encoder stepped by {motion.step} counts in {milliseconds(motion.dt)} ms, of which a motor can make "
-            f"{largest:.0f}; look at its cable, or set limits.possible_speed",
+            f"the encoder stepped by {motion.step} counts in {milliseconds(motion.dt)} ms, and a motor can make at "
+            f"most {largest:.0f}; check its cable, or set limits.possible_speed",
         )

@@ -44,8 +44,8 @@ class TravelMonitor:
             return None
         return Alarm(
             "travel-above-limit",
-            f"the shaft was {motion.position * self._angle:.3g} rad from its start, beyond the limit of {self._limit:g} rad; "
-            "turn it back by hand, and take a smaller or a shorter voltage",
+            f"the shaft was {motion.position * self._angle:.3g} rad from its start, beyond the limit of "
+            f"{self._limit:g} rad; turn it back by hand, and use a lower or shorter voltage",
         )
 
     def findings(self) -> tuple[Finding, ...]:

@@ -8,7 +8,7 @@ from typing import Protocol, Self, TypeAlias, runtime_checkable
 
 from servobench.core.errors import SimulationDiverged
 from servobench.core.registry import Registry
-from servobench.rig.motor.friction import direction, stopped
+from servobench.rig.motor.friction import direction, has_stopped
 from servobench.rig.motor.physics import MotorState, Physics
 
 Slope: TypeAlias = Callable[[float, float], tuple[float, float]]
@@ -53,8 +53,8 @@ def stable_step(physics: Physics, tick: float, step: float | None, limit: float,
     electrical = physics.electrical_time_constant
     why = f"L/R = {electrical * 1e3:.3f} ms, of the winding" if electrical else f"{1e3 / fastest:.3g} ms"
     raise SimulationDiverged(
-        f"{method} with a step of {chosen * 1e3:.4g} ms diverges: the motor's fastest time constant is {why}; "
-        f'take a step below {limit / fastest * 1e3:.3f} ms (solver_step), leave the inductance out (inductance = "0 H"), '
+        f"{method} with a step of {chosen * 1e3:.4g} ms diverges: the motor's fastest time constant is {why}; take "
+        f'a step below {limit / fastest * 1e3:.3f} ms (solver_step), leave the inductance out (inductance = "0 H"), '
         'or use solver = "exact"'
     )
 
@@ -96,9 +96,9 @@ def in_steps(
         state = method(slopes(physics, voltage, sliding), state._replace(current=current), h)
         if not (math.isfinite(state.current) and math.isfinite(state.speed)):
             raise SimulationDiverged(
-                f"the solver left the finite numbers with a step of {h * 1e3:.4g} ms: take a shorter one"
+                f"the solution diverged with a step of {h * 1e3:.4g} ms: use a shorter one"
             )
-        if physics.coulomb_torque > 0 and stopped(sliding, state.speed):
+        if physics.coulomb_torque > 0 and has_stopped(sliding, state.speed):
             state = state._replace(speed=0.0)
     if physics.inductance == 0:
         state = state._replace(current=(voltage - physics.motor_constant * state.speed) / physics.resistance)

@@ -36,7 +36,7 @@ class Exact:
 
         if duration == self.tick:
             return MotorState(*kernels.tick(self.coefficients, *state, voltage))
-        return MotorState(*kernels.switched(self.coefficients, *state, voltage, duration))
+        return MotorState(*kernels.advance_switching(self.coefficients, *state, voltage, duration))
 
     def simulate(self, state: MotorState, voltage: Array) -> Array:
         """Return current, speed and angle, shape (N + 1, 3), at every tick for the voltages (N,) [V], the start first."""

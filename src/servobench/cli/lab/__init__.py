@@ -1,0 +1,1 @@
+"""`servobench lab`: a group of commands, each in a file of its own; `group` lists them."""

@@ -1,0 +1,45 @@
+"""`servobench lab list`: the exercises in their order."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from servobench.cli.lab.options import Folder
+
+if TYPE_CHECKING:
+    from servobench.lab.exercise import Exercise
+
+
+def list_exercises(folder: Folder = None) -> None:
+    """List the exercises in their order.
+
+    An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
+    """
+    from servobench.cli.lab.exercises import exercise_folder
+    from servobench.cli.layout import show_table
+    from servobench.cli.terminal import output
+    from servobench.core.errors import ServobenchError, UsageError
+    from servobench.lab.exercise_file import exercise, names
+
+    where = exercise_folder(folder)
+    found: list[Exercise] = []
+    mistakes: list[str] = []
+    for name in names(where):
+        try:
+            found.append(exercise(name, where))
+        except ServobenchError as error:  # one file with a mistake doesn't hide the others
+            mistakes.append(str(error))
+    if not found and not mistakes:
+        raise UsageError(f"there are no exercises in {where}; expected files NAME.md")
+    found.sort(key=lambda each: (each.order, each.name))
+    show_table(output(), ("name", "what it is about"), [(each.name, _subject(each)) for each in found])
+    if mistakes:
+        raise UsageError("\n".join(mistakes))
+
+
+def _subject(exercise: Exercise) -> str:
+    """Its title, and what it is about, as two sentences."""
+    from servobench.lab.formula import line_text
+
+    title = line_text(exercise.title)
+    return f"{title}{'' if title.endswith(('.', '?', '!')) else '.'} {line_text(exercise.sentence)}".rstrip()

@@ -1,0 +1,86 @@
+"""What is said of a rung of the ladder: that it was climbed, and what for, or why there is no further one."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from servobench.core.finding import Finding, info
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import TWO_SIDED, instead_of, round_value
+from servobench.core.rounding import plain as number
+from servobench.identification.choice.structure_ladder.trial import TERMS, Rung, amount
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.uncertainty.score_test import TermScore
+
+_CODES = {
+    "coulomb": "friction-found",
+    "stribeck": "stribeck-found",
+    "gravity": "gravity-found",
+    "coulomb_gravity": "gravity-found",
+    "asymmetric": "friction-asymmetric",
+    "load": "load-friction-found",
+    "winding": "winding-found",
+}
+_SAYS = {
+    "coulomb": "Coulomb friction is needed",
+    "stribeck": "Friction is larger near standstill than at speed (Stribeck)",
+    "gravity": "Gravity acts on the shaft, as on an arm or a pendulum",
+    "coulomb_gravity": "Gravity acts on the shaft, as on an arm or a pendulum, and so does Coulomb friction",
+    "asymmetric": "Friction differs between the two directions",
+    "load": "Friction grows with gravity's load on the shaft",
+    "winding": "The current lags behind the voltage because of the winding's inductance",
+}
+
+
+def rung_finding(rung: Rung, plain: Fit, fit: Fit) -> Finding:
+    """Return the finding that a rung is kept: how large the term is, what it explains, and what the gain would be without it.
+
+    `plain` is the fit below it as it is, `fit` as it is allowed for.
+    """
+    new = [n for n in rung.fit.model.names if n not in fit.model.names]
+    sizes = ", ".join(f"{parameter_in_words(n, rung.fit[n].unit)} {_estimate(rung.fit, n)}" for n in new)
+    value, sd = amount(rung.term, rung.fit)
+    if not sd < 0.5 * value:
+        sentence = (
+            f"The data don't show for certain whether there is {TERMS[rung.term]} ({sizes}), but leaving it out "
+            f"would make the other intervals too narrow. {_what_for(rung, plain, fit)}"
+        )
+        return info("term-possible", sentence, parameters=tuple(new))
+    sentence = f"{_SAYS[rung.term]}: {sizes}. {_what_for(rung, plain, fit)}"
+    return info(_CODES[rung.term], sentence, parameters=tuple(new))
+
+
+def _what_for(rung: Rung, plain: Fit, fit: Fit) -> str:
+    """What a rung is worth; two numbers that are printed alike would say nothing."""
+    percents = [f"{one.fit_percent:.2f}" for one in (plain, rung.plain)]
+    gains = [number(one.model["gain"]) for one in (fit, rung.fit)]
+    if percents[0] == percents[1] and gains[0] == gains[1]:
+        left = 100 * (1 - rung.plain.residual_sd / plain.residual_sd)
+        return (
+            f"The effect is small: the residual falls by {left:.2g} %, and the gain stays {gains[0]} to four "
+            "digits."
+        )
+    return (
+        f"Without it the simulation explains {percents[0]} % of the output, with it {percents[1]} %, and the gain would be "
+        f"{instead_of(fit.model['gain'], rung.fit.model['gain'])}."
+    )
+
+
+def _estimate(fit: Fit, name: str) -> str:
+    """A parameter with the half of its interval and its unit."""
+    unit = fit.model.units[fit.model.names.index(name)]
+    return str(round_value(float(fit.model[name]), TWO_SIDED * fit.sd(name), "" if unit == "1" else unit))
+
+
+def stop_finding(fit: Fit, shown: Sequence[TermScore], refused: dict[str, Rung]) -> Finding:
+    """Return the finding that says why no further rung was climbed: nothing asks for one, or what was tried can't be told."""
+    sentence = f"The structure is {fit.structure}."
+    strong = any(one.term.rung in refused and one.size > one.term.limit for one in shown)
+    # A rung that was tried on a hint, and explained nothing, is no news.
+    if refused and (strong or not explains_the_colour(fit)):
+        reasons = "; ".join(f"{TERMS[term]} ({rung.doubt.rstrip('.')})" for term, rung in refused.items())
+        sentence += f" Something remains unexplained, but the data don't show that it is {reasons}."
+    else:
+        sentence += " The data show no further friction or gravity."
+    return info("structure-chosen", sentence)

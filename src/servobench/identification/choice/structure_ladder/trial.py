@@ -1,0 +1,232 @@
+"""A rung of the ladder, tried: the fit with a term more, and what speaks against keeping it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, warning
+from servobench.core.rounding import TWO_SIDED, instead_of
+from servobench.core.rounding import plain as number
+from servobench.identification.choice.structure_ladder.comparison import deviance, shifts_parameters, worth_it
+from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
+from servobench.identification.estimators.output_error import best_minimum, fit_minimum_roughly
+from servobench.identification.models.base import STRUCTURES, Structure
+from servobench.identification.models.motion import smooth_speed
+from servobench.identification.models.nonlinear.grammar import with_term
+from servobench.identification.trust.validation import explains_the_colour
+from servobench.identification.trust.winding import about_winding
+from servobench.identification.uncertainty.score_test import LIMIT
+from servobench.recordings.measurement.dataset import Dataset
+
+_CHANCE = 0.05  # of the runs without a term, in which it seems likely enough to be worth a word
+_WITH_WINDING = {
+    "first_order": "second_order",
+    "first_order_coulomb": "second_order_coulomb",
+    "first_order_one_way": "second_order_one_way",
+}
+_NAMES = {
+    "coulomb": "coulomb_voltage",
+    "load": "load_friction",
+    "asymmetric": "drag_asymmetry",
+    "winding": "electrical_time_constant",
+}
+TERMS = {
+    "coulomb": "Coulomb friction",
+    "stribeck": "friction that falls with the speed",
+    "gravity": "gravity on an arm or a pendulum",
+    "coulomb_gravity": "gravity and Coulomb friction",
+    "asymmetric": "friction that differs by direction",
+    "load": "friction that grows with the load",
+    "winding": "the winding's lag",
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Rung:
+    """A rung that was tried: its term, the fit with it as it is (`plain`) and as it is allowed for (`fit`).
+
+    `doubt` is a sentence on why it can't be kept, empty where it can.
+    `hidden` is what to say of one that can't be left out for certain, either.
+    """
+
+    term: str
+    plain: Fit
+    fit: Fit
+    doubt: str
+    hidden: Finding | None = None
+
+
+def with_term_more(structure: str, term: str) -> str | None:
+    """Return the name of the structure with a term more, None where there is none: a rung, or the winding's pole."""
+    return _WITH_WINDING.get(structure) if term == "winding" else with_term(structure, term)
+
+
+def try_rung(
+    method: Estimator,
+    data: Sequence[Dataset],
+    plain: Fit,
+    fit: Fit,
+    term: str,
+    asked: bool,
+    allow: Callable[[Fit], Fit],
+) -> Rung:
+    """Return the rung with a term, fitted, and what speaks against it; `asked` says that a score test calls for it.
+
+    `plain` is the fit below it as it is, `fit` as it is allowed for, by `allow`.
+    """
+    structure = STRUCTURES[with_term_more(fit.structure, term) or ""]
+    if method.supports(structure, data) is not None:
+        return Rung(term=term, plain=plain, fit=fit, doubt=f"{fit.estimator} can't fit it")
+    try:
+        starts = (_embed(plain, structure, data), *structure.guesses(data))
+        nearest = best_minimum(structure, data, starts)
+        if not worth_it(nearest, data, plain, among=len(TERMS)):
+            return Rung(term=term, plain=plain, fit=fit, doubt="it explains no more")
+        if method is ESTIMATORS["output_error"]:
+            # Most rungs end here; the intervals near bounds, which nobody would see, take longer than all the rest.
+            doubt = _early_doubt(term, asked, fit_minimum_roughly(structure, data, nearest), plain, fit)
+            if doubt:
+                return Rung(term=term, plain=plain, fit=fit, doubt=doubt)
+        richer = method.fit(structure, data, (nearest.theta,))
+        doubt = _early_doubt(term, asked, richer, plain, fit)
+        if doubt:
+            return Rung(term=term, plain=plain, fit=fit, doubt=doubt)
+        allowed = allow(richer)
+    except NotIdentifiable as error:
+        return Rung(term=term, plain=plain, fit=fit, doubt=str(error))
+    doubt, hidden = _doubt(term, asked, richer, allowed, fit), None
+    if not doubt:
+        doubt, hidden = feedback_refusal(term, allowed, fit)
+    return Rung(term=term, plain=richer, fit=allowed, doubt=doubt, hidden=hidden)
+
+
+def _early_doubt(term: str, asked: bool, richer: Fit, plain: Fit, fit: Fit) -> str:
+    """Why a rung can't be kept, as far as that is seen before allowing for what disturbs the motor; empty where it isn't."""
+    doubt = _doubt(term, asked, richer, richer, fit)
+    if not doubt and _at_the_edge(richer, plain):
+        doubt = "it drives a parameter to the limit of its range"
+    if not doubt and not explains_the_colour(richer):
+        doubt = _doubt(term, asked, richer, _as_uncertain(richer, plain, fit), fit)
+    return doubt
+
+
+def _as_uncertain(richer: Fit, plain: Fit, fit: Fit) -> Fit:
+    """A rung that explains the colour no better, as unsure as allowing for it has made the rung below: that takes no search.
+
+    `plain` is the rung below as it is, `fit` as it is allowed for.
+    """
+    factors = [fit.sd(n) / plain.sd(n) for n in ("gain", "time_constant") if 0 < plain.sd(n) < np.inf]
+    return replace(richer, covariance=max([1.0, *factors]) ** 2 * richer.covariance)
+
+
+def _doubt(term: str, asked: bool, richer: Fit, allowed: Fit, fit: Fit) -> str:
+    """Why a rung that explains more can't be kept all the same; empty where it can.
+
+    A term whose size isn't known is kept only where the data ask for it and its absence would move gain or time constant.
+    """
+    if not richer.converged:
+        return "the search for it doesn't settle"
+    told = about_winding(allowed)
+    if told:
+        return told[0].sentence
+    if any(not allowed.sd(n) < 0.5 * abs(allowed.model[n]) for n in ("gain", "time_constant")):
+        return "gain and time constant could no longer be determined"
+    value, sd = amount(term, allowed)
+    if not sd < 0.5 * value and not (asked and shifts_parameters(allowed, fit)):
+        return f"its size isn't significantly different from zero ({number(value, 2)} ± {number(TWO_SIDED * sd, 1)})"
+    return ""
+
+
+def feedback_refusal(term: str, allowed: Fit, fit: Fit) -> tuple[str, Finding | None]:
+    """Return why a rung can't be kept where a controller answers to a random torque, and what to say if it can't be left out.
+
+    There a simulation from the input alone lacks what is no part of the motor, and a rung such as gravity, which pulls the shaft
+    to a place as the controller does, makes up for it. The innovations don't lack it, and are white: without the term, twice
+    the logarithm of their likelihoods' ratio is χ² with a degree of freedom for each parameter more (Wilks 1938). It has to be
+    beyond the limit of the score tests, and worth the parameters by Schwarz's criterion.
+    """
+    from scipy.special import chdtri, ndtr
+
+    if allowed.disturbance is None or not any(record.data.closed_loop for record in allowed.records):
+        return "", None
+    more = max(len(allowed.vector) - len(fit.vector), 1)
+    samples = sum(int(record.valid.sum()) for record in allowed.records)
+    worth = deviance(fit) - deviance(allowed)
+    needed = max(float(chdtri(more, 2 * ndtr(-LIMIT))), more * float(np.log(samples)))
+    if worth > needed:
+        return "", None
+    doubt = f"given the random torque, it explains little: likelihood ratio {number(worth, 2)}, limit {number(needed, 2)}"
+    chance = float(chdtri(more, _CHANCE))
+    if worth <= chance or not shifts_parameters(allowed, fit):
+        return doubt, None
+    sentence = (
+        f"This closed loop doesn't show whether there is {TERMS[term]}: with it the gain would be "
+        f"{instead_of(allowed.model['gain'], fit.model['gain'])}. Chance alone seldom gives a likelihood ratio of "
+        f"{number(worth, 2)} (it exceeds {number(chance, 2)} once in 20 runs), but the controller responds to a random torque: "
+        "record a longer run, larger steps, or one in open loop."
+    )
+    return doubt, warning("term-hidden", sentence, parameters=("gain", "time_constant"))
+
+
+def _at_the_edge(richer: Fit, plain: Fit) -> bool:
+    """Whether a rung drives a parameter to the edge of what is possible: then its term stands for something else.
+
+    Friction that falls up to the largest speed is viscous friction, and a motor without a time constant is none. That a parameter
+    of the simpler structure becomes zero is nothing bad: the new term may be what it stood for.
+    """
+    data = [record.data for record in richer.records]
+    at_edge = []
+    for fit in (richer, plain):
+        lower, upper = fit.model.structure.bounds(data)
+        values = zip(fit.model.names, fit.model.theta, lower, upper, strict=True)
+        at_edge.append({name for name, value, low, high in values if not low < value < high})
+    old = set(plain.model.names)
+    zero = {name for name in old if name in richer.model.names and richer.model[name] == 0}
+    return bool(at_edge[0] - at_edge[1] - zero)
+
+
+def amount(term: str, fit: Fit) -> tuple[float, float]:
+    """Return how much of a term a fit has, with its standard deviation: of Stribeck friction u_s ω_s, which reversals tell."""
+    names = fit.model.names
+    value, slope = 0.0, np.zeros(len(names), dtype=np.float64)
+    if term == "stribeck":
+        u, speed = (names.index(n) for n in ("stribeck_voltage", "stribeck_speed"))
+        value = float(fit.model.theta[u] * fit.model.theta[speed])
+        slope[u], slope[speed] = fit.model.theta[speed], fit.model.theta[u]
+    elif term in ("gravity", "coulomb_gravity"):
+        both = [names.index(n) for n in ("gravity_voltage_sine", "gravity_voltage_cosine")]
+        value = float(np.hypot(*fit.model.theta[both]))
+        slope[both] = fit.model.theta[both] / (value or 1.0)
+    else:
+        at_one = names.index(_NAMES[term])
+        value = abs(float(fit.model.theta[at_one]))
+        slope[at_one] = 1.0
+    concerned = np.flatnonzero(slope)
+    covariance = fit.covariance[np.ix_(concerned, concerned)]
+    if not np.isfinite(covariance).all():
+        return value, np.inf
+    variance = float(slope[concerned] @ covariance @ slope[concerned])
+    return value, float(np.sqrt(max(variance, 0.0)))
+
+
+def _embed(plain: Fit, structure: Structure, data: Sequence[Dataset]) -> Array:
+    """The simpler fit as a start vector of a richer structure, with a little of what is new."""
+    value = dict(zip(plain.model.names, plain.model.theta, strict=True))
+    coulomb, offset = value.get("coulomb_voltage", 0.0), value.get("offset_voltage", 0.0)
+    top = max(float(np.abs(smooth_speed(record)).max()) for record in data)
+    little = {
+        "coulomb_voltage": max(coulomb, 0.0),
+        "coulomb_voltage_forward": coulomb + offset,
+        "coulomb_voltage_backward": coulomb - offset,
+        "stribeck_voltage": 0.3 * abs(coulomb),
+        "stribeck_speed": 0.1 * top,
+        "load_friction": 0.05,
+        "electrical_time_constant": 0.5 * max(value.get("delay", 0.0), 0.0),
+    }
+    shared = [value.get(p.name, little.get(p.name, 0.0)) for p in structure.parameters]
+    return np.concatenate([shared, *(record.nuisance for record in plain.records)])

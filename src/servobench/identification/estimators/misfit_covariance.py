@@ -1,0 +1,148 @@
+"""What output error's parameters are worth where no noise model is right: the same data, weighed a second way.
+
+Friction that depends on speed or place, a play, a shaft that gives: what they leave over is neither white noise nor the work of
+a white torque, and it lasts as long as the features of the record. The residuals of one fit can't tell how large it is, as
+output error lets the model follow just those slow errors that would. Two ways of weighing tell more: output error looks
+at the slow wander of the position above all, prediction error at the accelerations. If the model were right, both would
+find the same motor; by how much they differ is what the model's error does to the parameters. (Hausman 1978 takes such a
+difference for a test of the model; here it widens the intervals, docs/decisions/0006-intervals.md.)
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+from typing import Final
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, info
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import instead_of
+from servobench.identification.estimators.base import Fit, IntervalsOnDemand
+from servobench.identification.estimators.budget import Contribution, beyond
+from servobench.identification.estimators.covariance import conservative, sandwich_over
+from servobench.identification.estimators.delay_prior import prior_of
+from servobench.identification.estimators.disturbance import (
+    Disturbance,
+    WhitenedStructure,
+    blocks_of,
+    longest_block,
+)
+from servobench.identification.estimators.least_squares import (
+    Layout,
+    Minimum,
+    information,
+    minimise,
+    square_jacobians,
+)
+from servobench.identification.estimators.near_bounds import intervals_near_bounds
+from servobench.identification.models.base import Structure
+from servobench.recordings.measurement.dataset import Dataset
+
+SOURCE: Final = "choice of noise model"
+_MEMORY = 0.1  # of τ: a first-order model need not be right within less
+_LAGS = 3.0  # τ: what a torque did to the speed is down to 5 % by then
+_ROUNDS = 4
+_SETTLED = 0.02  # of a standard deviation
+
+
+def allow_for_misfit(fit: Fit) -> Fit:
+    """Return output error's fit with a covariance that allows for an error of the model, of any colour.
+
+        C = max(C₁, C₂ + δ δ'),   δ = θ₁ - θ₂
+
+    θ₁ and C₁ are those of the fit. θ₂ minimises the innovations of a filter for a white torque that remembers a tenth of τ; C₂ is
+    its sandwich with lags of 3 τ, right for any colour within that time.
+    """
+    theta, covariance = _second(fit)
+    difference = fit.model.theta - theta
+    wide = conservative(fit.covariance, covariance + np.outer(difference, difference))
+    reason = "weighted for a random torque, the same data give other values"
+    line = Contribution(source=SOURCE, covariance=beyond(wide, fit.covariance), reason=reason)
+    wider = fit.widen(line)
+    return replace(
+        wider,
+        intervals=IntervalsOnDemand(partial(_near_bounds, fit, wider.covariance)),
+        findings=(*fit.findings, _finding(fit, theta)),
+    )
+
+
+def _near_bounds(fit: Fit, covariance: Array) -> dict[str, tuple[float, float]]:
+    """The intervals of parameters near a bound, with a wider covariance (P, P) than the fit's."""
+    data = [record.data for record in fit.records]
+    prior = prior_of(fit)
+    return intervals_near_bounds(
+        fit.model.structure, data, _minimum(fit), covariance, fit.residual_sd**2, prior
+    )
+
+
+def _second(fit: Fit) -> tuple[Array, Array]:
+    """The parameters (P,) and their covariance (P, P) by the other weighing."""
+    structure, data = fit.model.structure, tuple(record.data for record in fit.records)
+    at, shared, theta = fit.model.names.index("time_constant"), len(fit.model.theta), fit.vector
+    for _ in range(_ROUNDS):
+        tau = float(theta[at])
+        model = _weighting(structure, data, theta, tau)
+        minimum = minimise(model, model.whitened_data, theta)
+        theta = minimum.theta
+        covariance = _covariance(model, minimum, tau)[:shared, :shared]
+        if abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0)):
+            break
+    return theta[:shared], covariance
+
+
+def _weighting(
+    structure: Structure, data: tuple[Dataset, ...], theta: Array, tau: float
+) -> WhitenedStructure:
+    """The structure behind a filter that remembers a tenth of τ, or a sample; where the shaft sticks is taken from theta."""
+    step = max(record.sample_time for record in data)
+    noise = Disturbance.from_memory(max(_MEMORY * tau, step), tau, data[0].kind, step)
+    blocks = tuple(
+        blocks_of(record, structure.sliding(theta[place], record), longest_block(noise, tau, record))
+        for record, place in zip(data, Layout(structure, data).columns(), strict=True)
+    )
+    return WhitenedStructure(structure, noise, data, blocks)
+
+
+def _covariance(model: WhitenedStructure, minimum: Minimum, tau: float) -> Array:
+    """The sandwich of the joint vector, with lags of 3 τ, at most half a record; a parameter at its bound is held there."""
+    layout = Layout(model, model.whitened_data)
+    lower, upper = layout.bounds()
+    free = (minimum.theta > lower) & (minimum.theta < upper)
+    h = information(layout, square_jacobians(layout, minimum.predictions))
+    scores, lags = [], []
+    for record, prediction, place in zip(layout.data, minimum.predictions, layout.columns(), strict=True):
+        s = np.zeros((int(prediction.valid.sum()), len(minimum.theta)))
+        s[:, place] = (prediction.jacobian * (record.y - prediction.y)[:, None])[prediction.valid]
+        scores.append(s)
+        lags.append(min(int(_LAGS * tau * len(s) / record.duration), len(s) // 2))
+    return sandwich_over(h * np.outer(free, free), scores, lags)
+
+
+def _minimum(fit: Fit) -> Minimum:
+    """Where output error's search ended."""
+    structure, theta = fit.model.structure, fit.vector
+    layout = Layout(structure, tuple(record.data for record in fit.records))
+    predictions = tuple(
+        structure.predict(theta[place], record)
+        for record, place in zip(layout.data, layout.columns(), strict=True)
+    )
+    cost = sum(float(np.sum(record.residual[record.valid] ** 2)) for record in fit.records)
+    return Minimum(
+        theta=theta, predictions=predictions, cost=cost, converged=fit.converged, status=fit.status
+    )
+
+
+def _finding(fit: Fit, theta: Array) -> Finding:
+    value = dict(zip(fit.model.names, theta, strict=True))
+    first = fit.model.names[0]
+    return info(
+        "weighed-twice",
+        "The residual doesn't look like noise: part of it is something the model leaves out. Fitted as if a random torque caused "
+        "it, the same data give a "
+        f"{parameter_in_words(first, fit[first].unit)} of {instead_of(value[first], fit.model[first])} and a time constant of "
+        f"{instead_of(value['time_constant'], fit.model['time_constant'], unit='s')}; the intervals allow for the difference.",
+        parameters=("gain", "time_constant"),
+    )

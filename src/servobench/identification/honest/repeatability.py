@@ -1,0 +1,326 @@
+"""The verb honest: several runs of one motor, held against each other."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any, Unpack
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.errors import NotIdentifiable, UsageError
+from servobench.core.finding import Finding, info, warning
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import round_value
+from servobench.identification.estimators.base import Fit
+from servobench.identification.honest.causes import Cause, Trend, causes, follows_the_angle, trends, warming
+from servobench.identification.honest.scatter import Scatter, scatter
+from servobench.identification.identify import identify
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.reading import ReadingOptions, datasets_in
+
+SCHEMA = "servobench.honest/1"
+_CHANCE = 0.05  # that runs of one motor are said to differ in any parameter
+_SHAPE = 0.25  # of the largest input: a ramp and a step differ by more in mean size, two ways in their ends
+_FEW = 5  # runs below which little can be said
+
+
+@dataclass(frozen=True, kw_only=True, repr=False)
+class Honesty:
+    """What n runs say of the intervals: how each of the `parameters` scatters, what follows what (`trends`), causes, and
+    findings.
+
+    `structure` is that of all fits. `left_out` names runs that support no model.
+    """
+
+    runs: tuple[str, ...]
+    left_out: tuple[str, ...]
+    structure: str
+    parameters: tuple[Scatter, ...]
+    causes: tuple[Cause, ...]
+    trends: tuple[Trend, ...]
+    findings: tuple[Finding, ...]
+
+    def __str__(self) -> str:
+        """A line for each parameter, with its interval over all runs, and what was found."""
+        lines = [f"{len(self.runs)} runs, {self.structure}"]
+        for each in self.parameters:
+            over = round_value(each.mean, 0.5 * (each.interval[1] - each.interval[0]), each.unit)
+            lines.append(
+                f"{parameter_in_words(each.name, each.unit):16} {over}, {each.covered} of {len(self.runs)} intervals cover"
+            )
+        return "\n".join([*lines, *(f"- {finding.sentence}" for finding in self.findings)])
+
+    __repr__ = __str__
+
+    @property
+    def covers(self) -> bool:
+        """Whether the runs differ by no more than their intervals say."""
+        return not any(each.differs for each in self.parameters)
+
+    def __getitem__(self, name: str) -> Scatter:
+        """Return how a parameter scatters."""
+        return next(each for each in self.parameters if each.name == name)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same as plain data of the schema `servobench.honest/1`."""
+        return {
+            "schema": SCHEMA,
+            "covers": self.covers,
+            "runs": list(self.runs),
+            "left_out": list(self.left_out),
+            "structure": self.structure,
+            "parameters": {each.name: each.to_dict() for each in self.parameters},
+            "causes": [
+                {"name": c.name, "share": c.share, "changes": list(c.changes), "sentence": c.sentence}
+                for c in self.causes
+            ],
+            "trends": [
+                {"parameter": t.parameter, "follows": t.follows, "sense": t.sense, "p": t.p}
+                for t in self.trends
+            ],
+            "findings": [
+                {
+                    "code": f.code,
+                    "severity": str(f.severity),
+                    "sentence": f.sentence,
+                    "parameters": list(f.parameters),
+                }
+                for f in self.findings
+            ],
+        }
+
+
+def honest(
+    data: object = None,
+    structure: str = "auto",
+    estimator: str = "auto",
+    beside: Mapping[str, Sequence[float]] | None = None,
+    *,
+    starts_at_rest: bool = False,
+    **options: Unpack[ReadingOptions],
+) -> Honesty:
+    """Return whether the 95 % intervals of runs of one motor cover between runs, widened where they don't, and why.
+
+    `data` are the runs, read as by `identify`: a list of paths, DataFrames, recordings or datasets, or lists of arrays. Each is a
+    run of its own, in the order in which they were made; all get the same structure, with "auto" the one that
+    most of them need. `beside` are values that went with the runs, such as a temperature, to see whether the motor follows them;
+    the number of the run, the size of the input and the angle at the start are looked at always.
+    Tests of one procedure that stand in one file, such as a ramp and a step each way, are no runs of one experiment.
+    Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run, for values beside that
+    don't match the runs, and for tests of one procedure.
+    """
+    return _compare_runs(
+        datasets_in(data, starts_at_rest=starts_at_rest, **options), structure, estimator, beside or {}
+    )
+
+
+def _compare_runs(
+    data: Sequence[Dataset], structure: str, estimator: str, beside: Mapping[str, Sequence[float]]
+) -> Honesty:
+    for what, values in beside.items():
+        if len(values) != len(data):
+            raise UsageError(f"{what}: {len(values)} values for {len(data)} runs; expected one for each run")
+    if len(data) < 2:
+        raise UsageError(
+            f"{len(data)} run, and a comparison needs at least two: give more recordings of the motor"
+        )
+    _check_repeated(data)
+    fits = _fits(data, structure, estimator)
+    used = [n for n, fit in enumerate(fits) if fit is not None]
+    known = [fit for fit in fits if fit is not None]
+    if len(known) < 2:
+        raise NotIdentifiable(
+            f"{len(known)} of {len(data)} runs support a model, and a comparison needs at least two: record more "
+            "runs, or name a structure (`structure=...`)"
+        )
+    found = _scatters(known)
+    different = [each.name for each in found if each.differs]
+    apart = {
+        "the number of the run": [float(n) for n in used],
+        "the size of the input": [float(np.abs(data[n].u).max()) for n in used],
+        **{what: [float(values[n]) for n in used] for what, values in beside.items()},
+    }
+    why = causes(known, different) if different else ()
+    follows = trends(different, known, apart) + follows_the_angle(different, known)
+    return Honesty(
+        runs=tuple(data[n].name for n in used),
+        left_out=tuple(record.name for record, fit in zip(data, fits, strict=True) if fit is None),
+        structure=known[0].structure,
+        parameters=found,
+        causes=why,
+        trends=follows,
+        findings=(
+            *_without_model([record.name for n, record in enumerate(data) if n not in used]),
+            *_findings(found, why, follows, [data[n] for n in used]),
+        ),
+    )
+
+
+def _check_repeated(data: Sequence[Dataset]) -> None:
+    """Raise `UsageError` where recordings of one file had inputs of different shapes: then they are different tests."""
+    for n, one in enumerate(data):
+        for other in data[:n]:
+            same_file = bool(one.source.sha256) and one.source.sha256 == other.source.sha256
+            if same_file and not _alike(one, other):
+                raise UsageError(
+                    f"{other.name} and {one.name} aren't runs of one experiment: their inputs differ in shape. "
+                    "Repeat the whole procedure and compare the same test of each, or fit the tests together with "
+                    "identify"
+                )
+
+
+def _alike(one: Dataset, other: Dataset) -> bool:
+    """Whether two inputs have the same shape, whatever their size: their ends and mean size over the largest value."""
+    return bool(np.abs(_shape(one) - _shape(other)).max() <= _SHAPE)
+
+
+def _shape(data: Dataset) -> Array:
+    largest = float(np.abs(data.u).max()) or 1.0
+    u = data.u / largest
+    return np.array([u.min(), u.max(), np.abs(u).mean()])
+
+
+def _fits(data: Sequence[Dataset], structure: str, estimator: str) -> list[Fit | None]:
+    """Each run fitted by itself, all with one structure."""
+    fits = [identify(record, structure, estimator).fit for record in data]
+    names = Counter(fit.structure for fit in fits if fit is not None)
+    if len(names) < 2:
+        return fits
+    common = names.most_common(1)[0][0]
+    return [
+        fit if fit is not None and fit.structure == common else identify(record, common, estimator).fit
+        for record, fit in zip(data, fits, strict=True)
+    ]
+
+
+def _scatters(fits: Sequence[Fit]) -> tuple[Scatter, ...]:
+    """How each parameter scatters that every run determines; the chance of a false alarm is shared among them."""
+    names = [
+        name
+        for name in fits[0].model.names
+        if all(np.isfinite(fit[name].sd) and fit[name].sd > 0 for fit in fits)
+    ]
+    return tuple(
+        scatter(
+            name,
+            fits[0][name].unit,
+            [fit[name].value for fit in fits],
+            [fit[name].sd for fit in fits],
+            _CHANCE / len(names),
+        )
+        for name in names
+    )
+
+
+def _findings(
+    found: Sequence[Scatter], why: Sequence[Cause], follows: Sequence[Trend], data: Sequence[Dataset]
+) -> list[Finding]:
+    told = [_about(each, len(data)) for each in found if each.differs]
+    repeated = _repeats(data)
+    if not told and not repeated:
+        told.append(
+            info(
+                "runs-agree",
+                f"The {len(data)} runs differ no more than their intervals predict: there is no sign that the "
+                "intervals are too narrow.",
+            )
+        )
+    if len(data) < _FEW:
+        told.append(
+            info(
+                "few-runs",
+                f"{len(data)} runs are few: scatter twice as large as stated could go unseen. Record ten.",
+            )
+        )
+    if len(repeated) == len(data) - 1:
+        told.append(
+            warning(
+                "runs-identical",
+                "All runs are identical to the last count, so they can't show how a motor varies from run to run. "
+                "Either the same file was given again, or they come from a simulated motor without noise that "
+                "starts at the same angle.",
+            )
+        )
+    elif repeated:
+        told.append(
+            warning(
+                "runs-repeated",
+                f"Some runs are identical to another one to the last count: {', '.join(repeated)}. They add nothing "
+                "and make the runs look more alike than they are: give each recording once.",
+            )
+        )
+    if any(each.differs for each in found):
+        told += _reasons(why, follows)
+    return told
+
+
+def _repeats(data: Sequence[Dataset]) -> list[str]:
+    """The names of the runs that an earlier one has been already, to the last count."""
+    return [
+        record.name
+        for n, record in enumerate(data)
+        if any(np.array_equal(record.y, other.y) and np.array_equal(record.u, other.u) for other in data[:n])
+    ]
+
+
+def _without_model(names: Sequence[str]) -> list[Finding]:
+    if not names:
+        return []
+    return [
+        warning(
+            "runs-left-out",
+            f"Left out, as they support no model: {', '.join(names)}. The other runs may be a lucky selection; "
+            "`servobench identify` on each of these says why.",
+        )
+    ]
+
+
+def _about(each: Scatter, runs: int) -> Finding:
+    from servobench.core.rounding import plain, round_value
+
+    half = 0.5 * (each.interval[1] - each.interval[0])
+    narrow = 0.5 * (each.stated[1] - each.stated[0])
+    return warning(
+        "runs-differ",
+        f"The {parameter_in_words(each.name, each.unit)} differs from run to run by {plain(each.ratio, 2)} times what each run's "
+        f"interval predicts ({each.covered} of {runs} intervals cover the mean of the others). Over all runs it is "
+        f"{round_value(each.mean, half, each.unit)}, an interval {plain(half / narrow, 2)} times as wide as stated.",
+        parameters=(each.name,),
+    )
+
+
+def _reasons(why: Sequence[Cause], follows: Sequence[Trend]) -> list[Finding]:
+    """What the runs say about the reason of their differences."""
+    told = []
+    for trend in follows:
+        sense = {1: "rises", -1: "falls", 0: "changes"}[trend.sense]
+        told.append(
+            info(
+                "runs-follow",
+                f"The {parameter_in_words(trend.parameter)} {sense} with {trend.follows} (by chance once in {1 / trend.p:.0f}).",
+                parameters=(trend.parameter,),
+            )
+        )
+    if not why:
+        told.append(
+            info(
+                "cause-unknown",
+                "No single cause explains the differences between the runs: several things changed, or something "
+                "the model leaves out. Repeat the experiment with nothing touched, then change one thing at a time.",
+            )
+        )
+        return told
+    best = why[0]
+    sentence = f"Explanation: {best.sentence} ({100 * best.share:.0f} % of the scatter)."
+    if best.name == "resistance" and any(trend.follows == "the number of the run" for trend in follows):
+        sentence += (
+            f" A copper winding that is {warming(best):+.0f} K warmer in the last run than in the first "
+            "would explain it."
+        )
+    if len(why) > 1:
+        sentence += f" These fit as well: {', '.join(cause.name for cause in why[1:])}."
+    told.append(info("cause-of-scatter", sentence))
+    return told

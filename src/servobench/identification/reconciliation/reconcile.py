@@ -1,0 +1,204 @@
+"""What explains a difference: from a result and claims, or a fit and a data sheet, to causes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from servobench.core.arguments import check_type
+from servobench.core.errors import UsageError
+from servobench.core.finding import Finding, Verdict, info, lower_first, warning
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+from servobench.identification.reconciliation.base import CAUSES, Question
+from servobench.identification.reconciliation.claim import Claim
+from servobench.identification.reconciliation.explanation import Difference, Explanation
+from servobench.identification.reconciliation.judgement import JudgedCause, judge
+from servobench.identification.reconciliation.probabilities import (
+    CHANCE,
+    SOMETHING_ELSE,
+    TOLD,
+    Hypothesis,
+    chance_is_enough,
+    participation,
+    weigh,
+    without,
+)
+from servobench.identification.reconciliation.questions import about_claims, about_sheet, is_known
+from servobench.identification.reconciliation.readings import Reading
+from servobench.identification.reconciliation.reenactment import check_method
+from servobench.identification.reconciliation.sentences import differences_told, likeliest, sentences
+from servobench.identification.result import Result
+from servobench.rig.motor.parameters import MotorParameters, data_sheet
+
+_ALIKE = 1 / 3  # of the first one's probability: evidence "barely worth mentioning" (Jeffreys)
+_NO_CAUSE = (CHANCE, SOMETHING_ELSE)
+
+
+def explain(
+    result: Result,
+    claims: Sequence[Claim | str] | Mapping[str, float] = (),
+    *,
+    nominal: str | MotorParameters | None = None,
+    method: str | None = None,
+) -> Explanation:
+    """Return why claimed figures, or those of a data sheet, differ from what data say of a motor.
+
+    `claims` are texts such as `tau=0.13` or `gain=23.8`, or a mapping of such values; without any, the data sheet `nominal` is
+    what is explained. With both, the sheet is what is known of the motor, so that causes have sizes in ohms and kg·m².
+    `method` is how the claim was found, where that is known (`step_63`, `log_linear`, `rise_time`, `arx`, `output_error`).
+    Data that can't support a model give an explanation without differences, whose sentences say so. Raises `UsageError` where
+    there is nothing to explain, `UnknownName`, and `NotIdentifiable` where the data leave open what is claimed.
+    """
+    check_method(method)
+    motor = data_sheet(nominal).motor if isinstance(nominal, str) else nominal
+    told = _claims(claims, result)
+    if not told and motor is None:
+        raise UsageError("nothing to explain: name a claim, such as tau=0.13, or a data sheet")
+    if result.fit is None or result.verdict is Verdict.REFUSED:
+        refusals = [each.sentence for each in result.findings if each.severity == "refusal"]
+        return Explanation(
+            verdict=result.verdict,
+            findings=result.findings,
+            origin="claim" if told else "data sheet",
+            sentences=("These data can't support a model to compare the figure with.", *refusals),
+        )  # fmt: skip
+    if told:
+        question = about_claims(result.fit, told, motor=motor, method=method)
+    else:
+        question = about_sheet(result.fit, _require_parameters(motor))
+    return _explain(question, result)
+
+
+def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
+    """Return what explains the difference between a fit and a data sheet: which cause, how likely, and what would decide.
+
+    Nothing where the data leave the figures open, as then there is no difference to explain. Raises `UsageError` for data in
+    other units than V and rad.
+    """
+    check_type("fit", fit, Fit, "the fit of a Result, result.fit")
+    if not all(name in fit.model.names and is_known(fit[name]) for name in ("gain", "time_constant")):
+        return []
+    question = about_sheet(fit, parameters)
+    told = " ".join(differences_told(_differences(question), question))
+    if chance_is_enough(question):
+        return [info("nominal-agrees", told, parameters=("gain", "time_constant"))]
+    causes, hypotheses = _weigh(question)
+    explained = likeliest(question, causes, hypotheses, _alike(causes[0], hypotheses))
+    first = causes[0]
+    found = warning if first.name == "encoder_scale" and first.probability > 0.5 else info
+    return [
+        found("nominal-differs", " ".join((told, *explained)), parameters=("gain", "time_constant")),
+        info("deciding-experiment", _decisive(causes, hypotheses), parameters=("gain", "time_constant")),
+    ]
+
+
+def _claims(claims: Sequence[Claim | str] | Mapping[str, float], result: Result) -> tuple[Claim, ...]:
+    unit = "rad/(s·V)"
+    if result.fit is not None and "gain" in result.fit.model.names:
+        unit = result.fit["gain"].unit
+    given = [f"{name}={value!r}" for name, value in claims.items()] if isinstance(claims, Mapping) else claims
+    return tuple(each if isinstance(each, Claim) else Claim.parse(each, unit) for each in given)
+
+
+def _require_parameters(motor: MotorParameters | None) -> MotorParameters:
+    if motor is None:
+        raise UsageError("there is no data sheet to compare the data with: name one")
+    return motor
+
+
+def _explain(question: Question, result: Result) -> Explanation:
+    causes, hypotheses = _weigh(question)
+    differences = _differences(question)
+    agrees = chance_is_enough(question)
+    alike = _alike(causes[0], hypotheses)
+    told = differences_told(differences, question)
+    if not agrees:
+        told += sentences(question, causes, hypotheses, alike)
+    return Explanation(
+        verdict=result.verdict,
+        findings=result.findings,
+        origin=question.origin,
+        differences=differences,
+        agrees=agrees,
+        readings=question.readings,
+        nearest=_nearest(question),
+        causes=causes,
+        hypotheses=hypotheses,
+        alike=() if agrees else alike,
+        decision=causes[0].decision if causes[0].possible and not agrees else None,
+        sentences=tuple(told) if agrees else (*told, _decisive(causes, hypotheses)),
+    )
+
+
+def _weigh(question: Question) -> tuple[tuple[JudgedCause, ...], tuple[Hypothesis, ...]]:
+    """All causes, the most probable first and those that can't be one last, and the sets of those that can."""
+    hypotheses = weigh(question)
+    found = [judge(name, question, hypotheses) for name in CAUSES.names()]
+    excluded = {each.name for each in found if not each.possible}
+    causes = sorted(found, key=lambda each: (not each.possible, -each.probability))
+    return tuple(causes), without(hypotheses, excluded)
+
+
+def _differences(question: Question) -> tuple[Difference, ...]:
+    """The figures of the data and the other ones, with halves of their 95 % intervals."""
+    found = []
+    for n, name in enumerate(question.names):
+        estimate = question.fit[name]
+        data, half = question.fit[name].value, TWO_SIDED * estimate.sd
+        is_claim = question.origin == "claim"
+        other = question.after[name] if is_claim else question.before[name]
+        scale = question.before["time_constant"] if name == "delay" else other
+        own = question.covariance[n, n] - (estimate.sd / (scale if name == "delay" else abs(data))) ** 2
+        found.append(
+            Difference(
+                name=name,
+                unit=estimate.unit,
+                data=abs(data) if name == "gain" else data,
+                data_half=half,
+                other=other,
+                other_half=TWO_SIDED * float(np.sqrt(max(own, 0.0))) * scale,
+            )
+        )
+    return tuple(found)
+
+
+def _nearest(question: Question) -> Reading | None:
+    """The reading that is nearest to the claim; None without any."""
+
+    def far(reading: Reading) -> float:
+        return sum(
+            abs(float(np.log(abs(getattr(reading, name)) / question.after[name]))) for name in question.names
+        )
+
+    usable = [each for each in question.readings if not each.why_not and each.time_constant > 0]
+    return min(usable, key=far, default=None)
+
+
+def _alike(first: JudgedCause, hypotheses: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """The causes that may stand in the place of the first one, in the likeliest set with it, about as probably."""
+    best = next((each for each in hypotheses if first.name in each.causes), None)
+    if best is None:
+        return ()
+    rest = set(best.causes) - {first.name}
+    found: list[str] = []
+    for each in hypotheses:
+        others = set(each.causes) - rest
+        replaced = rest < set(each.causes) and len(others) == 1 and not others & {first.name, *_NO_CAUSE}
+        if replaced and each.probability > _ALIKE * best.probability:
+            found += others
+    return tuple(found)
+
+
+def _decisive(causes: Sequence[JudgedCause], hypotheses: Sequence[Hypothesis]) -> str:
+    """The experiment that tells the first cause from the one that is likeliest without it."""
+    first = causes[0]
+    if not first.possible:
+        return "None of these causes remains: check how both figures were found."
+    instead = participation(tuple(each for each in hypotheses if first.name not in each.causes))
+    rivals = [each for each in causes[1:] if each.possible and instead.get(each.name, 0.0) >= TOLD]
+    if not rivals:
+        return f"To decide whether it is {first.label}: {lower_first(first.decision.sentence)}"
+    second = max(rivals, key=lambda each: instead[each.name])
+    return f"To decide between {first.label} and {second.label}: {lower_first(first.decision.sentence)}"

@@ -1,0 +1,65 @@
+"""A position that was said to be a speed, or the other way round."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, refusal
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_NEARLY_ALL = 90.0  # percent: what explains so much, with a gain that is known, is the right kind
+_LEFT = 0.5  # of the misfit may be left of an output that is taken for what it is
+_ENOUGH = 5000  # samples to tell the two kinds apart
+_BEHAVES = {
+    "position": "it goes on growing while the input stands still",
+    "speed": "it settles while the input stands still",
+}
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether a record that its model explains badly is explained well by the same motor, its output taken for the other kind."""
+    data = fit.records[0].data
+    if len(fit.records) > 1 or data.chain.linear or "gain" not in fit.model.names:
+        return []
+    if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
+        return []
+    other = _as_the_other(data)
+    explained = _percent_explained(other)
+    if not (explained >= _NEARLY_ALL and 100 - explained < _LEFT * (100 - fit.fit_percent)):
+        return []
+    sentence = (
+        f"{data.name}: the output was said to be a {data.kind}, and behaves like a {other.kind}: {_BEHAVES[other.kind]}. As a "
+        f"{other.kind} a motor explains {explained:.0f} % of it, as a {data.kind} {max(fit.fit_percent, 0.0):.0f} %. Give it the "
+        f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has."
+    )
+    return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]
+
+
+def _as_the_other(data: Dataset) -> Dataset:
+    """The same values, no more of them than it takes, as a speed in place of a position or the other way round."""
+    part = (
+        data if len(data.y) <= _ENOUGH else data.part(float(data.t_output[0]), float(data.t_output[_ENOUGH]))
+    )
+    if data.kind == "position":
+        return replace(part, kind="speed", output_unit=f"{data.output_unit}/s", quantum=None)
+    return replace(part, kind="position", output_unit=data.position_unit, quantum=None)
+
+
+def _percent_explained(data: Dataset) -> float:
+    """How much of a record a motor explains, in percent."""
+    found = [0.0]
+    for name in ("first_order_coulomb", "first_order_one_way"):
+        try:
+            found.append(ESTIMATORS["output_error"].fit(STRUCTURES[name], [data]).fit_percent)
+        except NotIdentifiable:
+            continue
+    return max(each for each in found if np.isfinite(each))
+
+
+DOUBTS.member("kind")(Doubt(codes=("kind-mistaken",), about_fit=_about_fit))

@@ -1,0 +1,259 @@
+"""What a record tells of each parameter: its value, a combination that it is part of, a bound, or nothing.
+
+A record may know a gain to 1 % and nothing of a time constant. Two parameters that nothing tells apart are often well known
+together: time constant and delay as the lag behind a slow input, gain and friction as the speed that a voltage leads to, gain
+and time constant as the acceleration that a voltage begins with, all three of gain, friction and time constant as that under
+one level.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from enum import StrEnum
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.estimate import Estimate
+from servobench.core.rounding import TWO_SIDED
+from servobench.identification.estimators.base import Fit
+
+_KNOWN = 0.5  # of the value: half-width of a 95 % interval up to which a parameter is known
+_TOGETHER = 0.5  # the same of a combination
+_BETTER = 3.0  # times: a combination known so much better is what the record tells
+_ROUGH = 0.2  # of the value: a parameter known better than that is stated by itself all the same
+_FAR = 10.0  # times the value
+_SMALL = 0.05  # of the largest input, or of the lag: what is known to lie below that is known
+_FRICTION = ("coulomb_voltage", "coulomb_voltage_forward", "coulomb_voltage_backward", "offset_voltage")
+_GRAVITY = ("gravity_voltage_sine", "gravity_voltage_cosine")
+
+
+class State(StrEnum):
+    """What is known of a parameter."""
+
+    KNOWN = "known"
+    COMBINATION = "combination"
+    BOUNDED = "bounded"
+    UNKNOWN = "unknown"
+
+
+@dataclass(frozen=True, kw_only=True)
+class Combination:
+    """What is known of several parameters together: `parameters`, in words as `meaning`, with its 95 % interval."""
+
+    name: str
+    """`lag`, `speed_at_level`, `acceleration` or `acceleration_at_level`."""
+    meaning: str
+    parameters: tuple[str, ...]
+    estimate: Estimate
+    """Its value with the interval."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class ParameterStatus:
+    """What a record tells of one parameter.
+
+    `combination` is the name of the combination that it is known in, `remedy` what would tell it; empty where it is known.
+    """
+
+    name: str
+    state: State
+    """Known, in a combination only, bounded, or unknown."""
+    estimate: Estimate
+    """What the fit says of it, whatever it is worth."""
+    combination: str = ""
+    remedy: str = ""
+
+
+def parameter_statuses(fit: Fit) -> dict[str, ParameterStatus]:
+    """Return what a fit tells of each of its parameters, by name."""
+    known = {each.name: each for each in combinations(fit)}
+    return {name: _status(fit, name, estimate, known) for name, estimate in fit.estimates.items()}
+
+
+def combinations(fit: Fit) -> tuple[Combination, ...]:
+    """Return the combinations of parameters that are known where not all of their parts are, in the order of `answers`."""
+    parts = fit.estimates
+    found = [
+        each
+        for each in (make(fit) for make in (_lag, _drive, _acceleration, _acceleration_at_level))
+        if each is not None and _relative(each.estimate) <= _TOGETHER and _tells_more(each, parts)
+    ]
+    # The acceleration under one level follows from either of the others.
+    elsewhere = any(each.name in ("acceleration", "speed_at_level") for each in found)
+    return tuple(each for each in found if not (elsewhere and each.name == "acceleration_at_level"))
+
+
+def _tells_more(whole: Combination, parts: Mapping[str, Estimate]) -> bool:
+    """Whether a combination is known much better than the first of its parts, which isn't known well."""
+    part = _relative(parts[whole.parameters[0]])
+    return part > max(_ROUGH, _BETTER * _relative(whole.estimate))
+
+
+def _status(fit: Fit, name: str, estimate: Estimate, known: Mapping[str, Combination]) -> ParameterStatus:
+    among = next((each.name for each in known.values() if name in each.parameters), "")
+    if among and not _is_known(fit, name, estimate, among):
+        return ParameterStatus(
+            name=name, state=State.COMBINATION, estimate=estimate, combination=among, remedy=_remedy(name)
+        )
+    if _is_known(fit, name, estimate, among):
+        return ParameterStatus(name=name, state=State.KNOWN, estimate=estimate)
+    bounded = all(map(np.isfinite, estimate.interval)) and 0 < estimate.interval[1] <= _largest(fit, name)
+    state = State.BOUNDED if bounded else State.UNKNOWN
+    return ParameterStatus(name=name, state=state, estimate=estimate, remedy=_remedy(name))
+
+
+def _is_known(fit: Fit, name: str, estimate: Estimate, among: str) -> bool:
+    if not np.isfinite(estimate.sd):
+        return False
+    if name in ("gain", "time_constant", "loop_gain"):
+        return _relative(estimate) <= (_ROUGH if among else _KNOWN)
+    if name == "delay" and estimate.half_width > max(record.data.duration for record in fit.records):
+        return False
+    if name == "delay" or name in _FRICTION + _GRAVITY:
+        return estimate.half_width <= max(_KNOWN * abs(estimate.value), _SMALL * _size(fit, name))
+    return True
+
+
+def _largest(fit: Fit, name: str) -> float:
+    """Up to where an upper end says something."""
+    longest = max(record.data.duration for record in fit.records)
+    if name == "time_constant":
+        value, step = abs(fit.model[name]), max(record.data.sample_time for record in fit.records)
+        # Of one that isn't resolved the end is all that is told; one that is, and may be ten times as long, isn't bounded.
+        return min(longest, _FAR * value) if value > step else longest
+    if name == "delay":
+        return min(_size(fit, name), longest)
+    return _size(fit, name) if name in _FRICTION else -np.inf
+
+
+def _size(fit: Fit, name: str) -> float:
+    """What a parameter is small or large beside: the lag of the motor, or the largest input."""
+    if name == "delay":
+        return (
+            float(fit.model["time_constant"] + abs(fit.model["delay"]))
+            if "time_constant" in fit.model.names
+            else 0.0
+        )
+    return max(float(np.abs(record.data.u).max(initial=0.0)) for record in fit.records)
+
+
+def _relative(estimate: Estimate) -> float:
+    half = estimate.half_width
+    return half / abs(estimate.value) if np.isfinite(half) and estimate.value else np.inf
+
+
+def _remedy(name: str) -> str:
+    if name in ("time_constant", "delay"):
+        return "steps, sampled at least ten times in a time constant"
+    if name == "gain" or name in _FRICTION:
+        return "a second level of the input, or coasting"
+    return "a longer record whose input changes often"
+
+
+def _lag(fit: Fit) -> Combination | None:
+    if not {"time_constant", "delay"} <= set(fit.model.names):
+        return None
+    return _combine(
+        fit,
+        "lag",
+        "time constant + delay",
+        ("time_constant", "delay"),
+        "s",
+        lambda value: (value["time_constant"] + value["delay"], {"time_constant": 1.0, "delay": 1.0}),
+    )
+
+
+def _drive(fit: Fit) -> Combination | None:
+    """The speed that the level leads to which the motor moved under."""
+    lost = [name for name in _FRICTION if name in fit.model.names]
+    if "gain" not in fit.model.names or len(lost) != 1:
+        return None
+    data = fit.records[0].data
+    level = drive_level(fit)
+
+    def speed(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        left = level - value[lost[0]] * sense
+        return value["gain"] * left, {"gain": left, lost[0]: -value["gain"] * sense}
+
+    sense = _sense_of_friction(fit, level)
+    meaning = f"speed at {_level_in_words(level, data.input_unit)}"
+    return _combine(fit, "speed_at_level", meaning, ("gain", lost[0]), f"{data.position_unit}/s", speed)
+
+
+def drive_level(fit: Fit) -> float:
+    """Return the input under which the motor moved for most of the way."""
+    way = u = np.zeros(0)
+    for record in fit.records:
+        data = record.data
+        speed = np.gradient(record.prediction) if data.kind == "position" else record.prediction
+        way, u = np.concatenate([way, np.abs(speed)]), np.concatenate([u, data.input_at_output])
+    order = np.argsort(u)
+    gone = np.cumsum(way[order])
+    return float(u[order][np.searchsorted(gone, 0.5 * gone[-1])]) if gone[-1] > 0 else float(u[0])
+
+
+def _acceleration(fit: Fit) -> Combination | None:
+    if not {"gain", "time_constant"} <= set(fit.model.names):
+        return None
+    data = fit.records[0].data
+
+    def slope(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        k, tau = value["gain"], value["time_constant"]
+        return k / tau, {"gain": 1 / tau, "time_constant": -k / tau**2}
+
+    unit = f"{data.position_unit}/(s²·{data.input_unit})"
+    return _combine(fit, "acceleration", "gain / time constant", ("gain", "time_constant"), unit, slope)
+
+
+def _acceleration_at_level(fit: Fit) -> Combination | None:
+    """That with which a level of the input sets a motor off whose record ends long before it has its speed."""
+    lost = [name for name in _FRICTION if name in fit.model.names]
+    if not {"gain", "time_constant"} <= set(fit.model.names) or len(lost) != 1:
+        return None
+    data, level = fit.records[0].data, drive_level(fit)
+    sense = _sense_of_friction(fit, level)
+
+    def slope(value: Mapping[str, float]) -> tuple[float, dict[str, float]]:
+        k, tau, left = value["gain"], value["time_constant"], level - value[lost[0]] * sense
+        return k * left / tau, {
+            "gain": left / tau,
+            lost[0]: -k * sense / tau,
+            "time_constant": -k * left / tau**2,
+        }
+
+    meaning = f"acceleration at {_level_in_words(level, data.input_unit)}"
+    parameters = ("gain", lost[0], "time_constant")
+    return _combine(fit, "acceleration_at_level", meaning, parameters, f"{data.position_unit}/s²", slope)
+
+
+def _level_in_words(level: float, unit: str) -> str:
+    return f"{level:.4g}" if unit == "1" else f"{level:.4g} {unit}"
+
+
+def _sense_of_friction(fit: Fit, level: float) -> float:
+    """The sign of what friction takes of a level: of a motor that turns one way it is that of its own parameter."""
+    return float(np.sign(level)) if fit.model.structure.friction and "one_way" not in fit.structure else 1.0
+
+
+def _combine(
+    fit: Fit,
+    name: str,
+    meaning: str,
+    parameters: tuple[str, ...],
+    unit: str,
+    function: Callable[[Mapping[str, float]], tuple[float, dict[str, float]]],
+) -> Combination:
+    value, slopes = function(dict(zip(fit.model.names, map(float, fit.model.theta), strict=True)))
+    gradient = np.array([slopes.get(each, 0.0) for each in fit.model.names])
+    sd = float(np.sqrt(max(_quadratic(gradient, fit.covariance), 0.0)))
+    half = TWO_SIDED * sd
+    estimate = Estimate(value=value, sd=sd, interval=(value - half, value + half), level=0.95, unit=unit)
+    return Combination(name=name, meaning=meaning, parameters=parameters, estimate=estimate)
+
+
+def _quadratic(gradient: Array, covariance: Array) -> float:
+    at = np.flatnonzero(gradient)
+    part = covariance[np.ix_(at, at)]
+    return float(gradient[at] @ part @ gradient[at]) if np.isfinite(part).all() else np.inf

@@ -1,0 +1,53 @@
+"""What is said of parameters that a record doesn't tell by themselves, and when nothing at all is known."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from servobench.core.finding import Finding, info, refusal
+from servobench.core.parameter_names import parameter_in_words
+from servobench.core.rounding import rounded_interval
+from servobench.identification.uncertainty.identifiability import Combination, ParameterStatus, State
+
+_ASKED_FOR = ("gain", "loop_gain", "time_constant")
+
+
+def about_answers(
+    answers: Mapping[str, ParameterStatus], combinations: Sequence[Combination]
+) -> list[Finding]:
+    """Return a finding for each of gain and time constant that isn't known by itself, or a refusal where nothing is known."""
+    asked = [answers[name] for name in _ASKED_FOR if name in answers]
+    lacking = [each for each in asked if each.state is not State.KNOWN]
+    if asked and not combinations and all(each.state is State.UNKNOWN for each in asked):
+        return [_nothing(asked)]
+    told = [
+        _together(each, answers) for each in combinations if any(p.name in each.parameters for p in lacking)
+    ]
+    alone = [_alone(each) for each in lacking if each.state in (State.BOUNDED, State.UNKNOWN)]
+    return told + alone
+
+
+def _together(known: Combination, answers: Mapping[str, ParameterStatus]) -> Finding:
+    *first, last = (parameter_in_words(name, answers[name].estimate.unit) for name in known.parameters)
+    names = f"{', '.join(first)} and {last}"
+    value = rounded_interval(known.estimate.value, known.estimate.interval, known.estimate.unit)
+    sentence = f"The data determine {names} only together: {known.meaning} is {value}."
+    return info("known-together", sentence, parameters=known.parameters)
+
+
+def _alone(answer: ParameterStatus) -> Finding:
+    name, estimate = parameter_in_words(answer.name, answer.estimate.unit), answer.estimate
+    value = rounded_interval(estimate.value, estimate.interval, estimate.unit)
+    if answer.state is State.BOUNDED:
+        sentence = f"The data show only that the {name} is at most {value.high} {value.unit}".rstrip()
+    else:
+        sentence = f"The data don't determine the {name}"
+    return info("parameter-unknown", f"{sentence}; {answer.remedy} would.", parameters=(answer.name,))
+
+
+def _nothing(asked: Sequence[ParameterStatus]) -> Finding:
+    names = " nor the ".join(parameter_in_words(answer.name, answer.estimate.unit) for answer in asked)
+    sentence = (
+        f"The data determine neither the {names} nor any combination of them: record {asked[0].remedy}."
+    )
+    return refusal("nothing-known", sentence, parameters=tuple(answer.name for answer in asked))

@@ -1,0 +1,41 @@
+"""The verb why: from data and somebody's figure to what makes the difference."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Unpack
+
+from servobench.core.errors import UsageError
+from servobench.identification.identify import identify
+from servobench.identification.reconciliation.claim import Claim
+from servobench.identification.reconciliation.explanation import Explanation
+from servobench.identification.reconciliation.reconcile import explain
+from servobench.identification.result import Result
+from servobench.recordings.reading import ReadingOptions
+from servobench.rig.motor.parameters import MotorParameters
+
+
+def why(
+    data: object = None,
+    claims: str | Sequence[Claim | str] | Mapping[str, float] = (),
+    *,
+    nominal: str | MotorParameters | None = None,
+    method: str | None = None,
+    starts_at_rest: bool = False,
+    **options: Unpack[ReadingOptions],
+) -> Explanation:
+    """Return why claimed figures, or those of a data sheet, differ from what data say of a motor.
+
+    `data` is a `Result`, or what `identify` makes one of, read in the same way. `claims` are texts such as "tau=0.13" or
+    "gain=23.8", or a mapping of such values; without any, the data sheet `nominal` is what is explained. `method` is how the
+    claim was found, where that is known: see `explain`, which also says what comes out.
+    Raises `UsageError` where there is nothing to explain, and what `identify` and `explain` raise.
+    """
+    if isinstance(data, Result):
+        if options:
+            raise UsageError(f"data is a Result already: leave {', '.join(options)} out")
+        result = data
+    else:
+        result = identify(data, starts_at_rest=starts_at_rest, **options)
+    said = (claims,) if isinstance(claims, str) else claims
+    return explain(result, said, nominal=nominal, method=method)

@@ -1,0 +1,29 @@
+"""The verb `load`, which reads foreign files in a child process."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+
+from servobench.recordings.formats.base import FORMATS, read_here
+from servobench.recordings.formats.base import load as load_with
+from servobench.recordings.loading.reader_process import the_reader
+from servobench.recordings.recording import Recording
+
+
+def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
+    """Return the recordings in a file of any format that is known.
+
+    The format is the one that the ending of the name and the content agree on; where they don't, the content decides, and a
+    finding says so. `source` of a recording is then the file: its name as given, its SHA-256 and the format.
+    A file that isn't plain text is read by its library in a child process with limits on memory and time, which is kept for
+    the next file; in a browser, which has no processes, in this one.
+    Raises `UsageError` where there is no such file, `FormatError` where it can't be read.
+    """
+    return load_with(path, read=_read)
+
+
+def _read(format: str, file: Path) -> tuple[Recording, ...]:
+    in_child = FORMATS[format].by_library and sys.platform != "emscripten"  # a browser has no processes
+    return the_reader().read(format, file) if in_child else read_here(format, file)

@@ -1,0 +1,224 @@
+"""What somebody has at hand, made data for identification: the one way in, for Python and for the command line."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from servobench.core.arguments import check_type
+from servobench.core.errors import UnknownName, UsageError
+from servobench.recordings.adapters.base import recordings_in
+from servobench.recordings.arrays import recordings_of_arrays
+from servobench.recordings.evidence import Evidence, evidence_of
+from servobench.recordings.formats.mapping import Mapping
+from servobench.recordings.formats.roles import ColumnSpec
+from servobench.recordings.formats.timing import seconds
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.recording import Recording
+
+
+class ReadingOptions(TypedDict, total=False):
+    """How to read what isn't a `Dataset` yet; each option means what the command line's option of that name does.
+
+    Columns are `COL` or `COL:UNIT`.
+    """
+
+    time: str
+    """The column of the times, such as `t:ms`."""
+    input: str
+    """The column of what drives the motor, such as `u:V`."""
+    output: str
+    """The column of what was measured, such as `angle:deg`; its unit decides whether that is a position or a speed."""
+    reference: str
+    """The column of what a feedback loop was told to follow."""
+    supply: str
+    """What feeds the amplifier of an input that is a duty: a column, or a constant such as `7.4 V`."""
+    current: str
+    """The column of the armature's current."""
+    mapping: str | os.PathLike[str] | Mapping
+    """A mapping, or the TOML file of one; the other options come before it."""
+    recordings: Sequence[str]
+    """The names of the recordings that are meant; all without it."""
+    sample_time: float | str
+    """The time between samples [s], or a text such as `20 ms`, where there are no times."""
+    counts_per_rev: float
+    """The counts in one turn of the shaft, edges of both channels included [counts/rev]."""
+    chain: str
+    """What lies between the shaft and the output, such as `derivative | lowpass 50 rad/s`; `none` for nothing."""
+    t: ArrayLike | Sequence[ArrayLike]
+    """Times (N,) [s]; a list of arrays for several records, as `u` and `y`."""
+    u: ArrayLike | Sequence[ArrayLike]
+    """Input (N,), in `input_unit`."""
+    y: ArrayLike | Sequence[ArrayLike]
+    """Output (N,), in `output_unit`."""
+    input_unit: str
+    """The unit of the input, such as `V`."""
+    output_unit: str
+    """The unit of the output, such as `rad` or `rpm`."""
+
+
+_TEXTS = ("time", "input", "output", "reference", "supply", "current", "chain")
+_UNITS = ("input_unit", "output_unit")
+_ARRAYS = ("t", "u", "y")
+_KNOWN = tuple(ReadingOptions.__annotations__)
+
+
+@dataclass(frozen=True, kw_only=True)
+class _Said:
+    """The options, checked, by what they are about."""
+
+    mapping: Mapping
+    base: Mapping
+    units: dict[str, str]
+
+    def of(self, recording: Recording) -> Mapping:
+        """What holds for a recording: the file of the mapping, over that the options, with their units."""
+        own = self.base.of(recording.name).override_with(self.mapping)
+        for role, unit in self.units.items():
+            column = getattr(own, role) or getattr(recording, role)
+            if column is None:
+                raise UsageError(
+                    f'{role}_unit is {unit!r}, but no column is the {role}: say {role}="COL:{unit}"'
+                )
+            name = column if column in recording else ColumnSpec.parse(column).column
+            said: dict[str, Any] = {role: f"{name}:{unit}"}
+            own = own.override_with(Mapping(**said))
+        return own
+
+
+def datasets_in(
+    data: object = None, *, starts_at_rest: bool = False, argument: str = "data", **options: Any
+) -> tuple[Dataset, ...]:
+    """Return the datasets in what somebody has at hand: those that are, and what is measured of the rest.
+
+    `options` are those of `ReadingOptions`; `starts_at_rest` is as for `measure`. Raises `UsageError`, which names the argument,
+    and what reading and `measure` raise.
+    """
+    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
+    parts = evidence_in(data, argument=argument, **options)
+    return tuple(each if isinstance(each, Dataset) else each.dataset(starts_at_rest) for each in parts)
+
+
+def evidence_in(
+    data: object = None, *, argument: str = "data", **options: Any
+) -> tuple[Evidence | Dataset, ...]:
+    """Return the recordings in what somebody has at hand, with roles, units and times; a `Dataset` as it is.
+
+    Raises `UsageError`, which names the argument, for what can't be read or doesn't go together; `MissingInformation` where
+    something has to be said first.
+    """
+    options = {name: value for name, value in options.items() if value is not None}
+    said = _parse_options(options)
+    if any(name in options for name in _ARRAYS):
+        return tuple(evidence_of(each, said.of(each)) for each in _of_arrays(data, argument, options))
+    datasets = _datasets(data, argument, options)
+    if datasets:
+        return datasets
+    recordings = recordings_in(data, argument)
+    names = said.mapping.recordings or said.base.recordings
+    _check_are_there((*names, *said.base.each), recordings)
+    meant = [each for each in recordings if not names or each.name in names]
+    return tuple(evidence_of(each, said.of(each)) for each in meant)
+
+
+def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dataset, ...]:
+    """The datasets where that is what is given, none where all is still to be read."""
+    parts = data if isinstance(data, list | tuple) else [data]
+    found = tuple(each for each in parts if isinstance(each, Dataset))
+    if found and len(found) < len(parts):
+        raise UsageError(
+            f"{argument} has Datasets beside things that are still to be read; make Datasets of all of them with measure()"
+        )
+    if found and options:
+        raise UsageError(
+            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(options)} out"
+        )
+    return found
+
+
+def _of_arrays(data: object, argument: str, options: dict[str, Any]) -> tuple[Recording, ...]:
+    given = [name for name in _ARRAYS if name in options]
+    if data is not None:
+        raise UsageError(f"both {argument} and {' and '.join(given)} are given; give one or the other")
+    if not {"u", "y"} <= set(given):
+        raise UsageError(
+            f"{' and '.join(given)} alone: give the input as u= and the output as y=, arrays of the same length"
+        )
+    columns = [name for name in _TEXTS[:6] if name in options]
+    if columns:
+        raise UsageError(
+            f"{columns[0]} names a column, and there are none where arrays are given: leave it out"
+        )
+    return recordings_of_arrays(
+        options["u"], options["y"], options.get("t"), options.get("input_unit"), options.get("output_unit")
+    )
+
+
+def _check_are_there(names: Sequence[str], recordings: Sequence[Recording]) -> None:
+    known = [recording.name for recording in recordings]
+    for name in names:  # also of a mapping's, where a name that isn't there would change nothing
+        if name not in known:
+            raise UnknownName("recording", name, known)
+
+
+def _parse_options(options: dict[str, Any]) -> _Said:
+    """The options, each of the type that it has to have; raises an error that names the one that isn't."""
+    for name in options:
+        if name not in _KNOWN:
+            raise UnknownName("option", name, _KNOWN)
+    said = {}
+    for name in (*_TEXTS, *_UNITS):
+        if name in options:
+            if not isinstance(options[name], str):
+                raise UsageError(
+                    f"{name} is {options[name]!r}; expected a text such as {name}={_EXAMPLES[name]!r}"
+                )
+            said[name] = options[name]
+    units = {name.removesuffix("_unit"): said.pop(name) for name in _UNITS if name in said}
+    if "u" in options:  # whose unit the recording has already
+        units = {}
+    return _Said(
+        mapping=Mapping(
+            **said,
+            sample_time=seconds(options["sample_time"]) if "sample_time" in options else None,
+            counts_per_rev=_turn(options.get("counts_per_rev")),
+            recordings=_names(options.get("recordings", ())),
+        ),
+        base=_mapping(options.get("mapping")),
+        units=units,
+    )
+
+
+_EXAMPLES = {
+    "time": "t:ms", "input": "u:V", "output": "angle:deg", "reference": "r:deg", "supply": "7.4 V", "current": "i:A",
+    "chain": "derivative | lowpass 50 rad/s", "input_unit": "V", "output_unit": "rad",
+}  # fmt: skip
+
+
+def _turn(given: Any) -> float | None:
+    if given is None:
+        return None
+    if isinstance(given, bool) or not isinstance(given, int | float | np.number) or not 0 < given < np.inf:
+        raise UsageError(f"counts_per_rev is {given!r}; expected a number above 0, such as 2048")
+    return float(given)
+
+
+def _names(given: Any) -> tuple[str, ...]:
+    if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
+        raise UsageError(f'recordings is {given!r}; expected a list of names, such as ["run 1"]')
+    return tuple(given)
+
+
+def _mapping(given: Any) -> Mapping:
+    if given is None:
+        return Mapping()
+    if isinstance(given, Mapping):
+        return given
+    if isinstance(given, str | os.PathLike):
+        return Mapping.read(given)
+    raise UsageError(f"mapping is {given!r}; expected the path of a TOML file, or a Mapping")

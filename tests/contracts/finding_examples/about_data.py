@@ -1,0 +1,195 @@
+"""What is found in records before any fit, and not in sound ones."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from servobench.core.finding import Finding, info
+from servobench.identification.trust.doubts.base import about_data
+from servobench.recordings.measurement.base import Chain
+from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.measure import measure
+from servobench.recordings.recording import Source
+from servobench.rig.motor.parameters import QUBE_SERVO_2
+from tests.contracts.finding_examples.base import TIME, Example, driven, sound
+from tests.datasets import QUANTUM, dataset
+from tests.recordings.measurement.test_measure import recording
+
+
+def _square() -> Dataset:
+    """±2 V at 1 Hz: the shaft goes to and fro between two places."""
+    return driven(np.where(TIME % 1.0 < 0.5, 2.0, -2.0))
+
+
+def _clipped() -> Dataset:
+    """The sensor ends in the middle of the range."""
+    y = _square().y
+    return replace(_square(), y=np.minimum(y, y.min() + 0.5 * np.ptp(y)))
+
+
+def _blocked_late() -> Dataset:
+    """The shaft stands still for the last fifth of the record."""
+    return replace(sound(), y=sound().y[np.minimum(np.arange(5000), 4000)])
+
+
+def _within_a_count() -> Dataset:
+    """The shaft stands at the edge between two counts."""
+    y = _square().y
+    return replace(_square(), y=np.where(y > y.mean(), QUANTUM, 0.0))
+
+
+def _with_spikes() -> Dataset:
+    """Two values are 0.5 rad off."""
+    y = sound().y.copy()
+    y[[1000, 2000]] += 0.5
+    return replace(sound(), y=y)
+
+
+def _without(rows: NDArray[np.intp]) -> Dataset:
+    """The record without some rows."""
+    left, whole = np.setdiff1d(np.arange(5000), rows), sound()
+    return replace(
+        whole, t_input=whole.t_input[left], u=whole.u[left], t_output=whole.t_output[left], y=whole.y[left]
+    )
+
+
+def _already_turning() -> Dataset:
+    """2 V throughout, begun when the motor was at its speed."""
+    return replace(driven(np.full(3000, 2.0)).part(2.0, 6.0), input_before=2.0)
+
+
+def _differenced(chain: str) -> Dataset:
+    """A speed of which the file doesn't say that it is differenced, or says it."""
+    return replace(dataset(seed=1, samples=500, chain="derivative"), applied=Chain.parse(chain))
+
+
+def _speed_loop(share: float) -> Dataset:
+    """A speed that follows its reference within 40 ms, and settles at a share of its value."""
+    u = np.repeat([10.0, 30.0, 20.0, 40.0, 10.0], 500)
+    lag = np.exp(-0.002 / 0.04)
+    speed = np.zeros(len(u))
+    for n in range(1, len(u)):
+        speed[n] = u[n - 1] + (speed[n - 1] - u[n - 1]) * lag
+    noise = 0.01 * np.random.default_rng(1).standard_normal(len(u))
+    like = dataset(seed=1, samples=len(u), u=u, y=np.zeros(len(u)))
+    return replace(like, y=share * speed + noise, kind="speed", output_unit="rad/s", quantum=None)
+
+
+def _jittered(share: float) -> Dataset:
+    """Samples that come late by chance, by up to a share of the sample time."""
+    late = 0.002 * share * np.random.default_rng(1).random(5000)
+    return replace(sound(), t_output=sound().t_output + late)
+
+
+def _relay(noise: float) -> Dataset:
+    """An ideal motor (24 rad/(s·V), 0.1 s) behind a relay of ±3 V that switches where the shaft is 0.5 rad off, more or less."""
+    random, angle, speed, volts = np.random.default_rng(1), 0.0, 0.0, 3.0
+    us, angles = [], []
+    for _ in range(5000):
+        us.append(volts)
+        angles.append(angle)
+        if volts * (angle + noise * random.standard_normal()) > 3.0 * 0.5:
+            volts = -volts
+        speed += (24.0 * volts - speed) * -np.expm1(-0.002 / 0.1)
+        angle += 0.002 * speed
+    return dataset(seed=1, u=np.array(us), y=np.floor(np.array(angles) / QUANTUM) * QUANTUM)
+
+
+def _in_a_loop(u: NDArray[np.float64], y: NDArray[np.float64]) -> Dataset:
+    """A loop that was to stay at 1 rad, with these voltages and angles."""
+    like = dataset(seed=1, samples=len(u), u=u, y=y)
+    return replace(like, reference=np.ones(len(u)), reference_unit="rad")
+
+
+def _loop_at_its_limits(period: int) -> Dataset:
+    """3 V to and fro in so many samples."""
+    u = np.where(np.arange(1000) % period < period / 2, 3.0, -3.0)
+    return _in_a_loop(u, 1.0 + 0.1 * np.sin(np.arange(1000)))
+
+
+def _step_to(end: float) -> Dataset:
+    """The shaft goes from 0 to there."""
+    y = end * -np.expm1(-np.arange(1000) / 100.0)
+    return _in_a_loop(np.linspace(1.0, 0.0, 1000), y)
+
+
+def _with_current(scale: float) -> Dataset:
+    """The reference motor's speed times a scale, and the current that its back-emf leaves."""
+    data, motor = driven(np.repeat([3.0, -3.0, 2.0, -2.0], 500)), QUBE_SERVO_2.motor
+    speed = np.gradient(data.y, data.t_output)
+    current = (data.u - motor.motor_constant * speed) / motor.resistance
+    return replace(data, y=scale * data.y, quantum=scale * QUANTUM, current=current)
+
+
+def _given_twice(digests: tuple[str, str]) -> list[Dataset]:
+    return [replace(sound(), source=Source(name="a.csv", sha256=digest)) for digest in digests]
+
+
+def _table(code: str) -> Dataset:
+    """Each row another voltage, in order."""
+    u = np.linspace(-3.0, 3.0, 41)
+    found = (info(code, "The sample time is given."),) if code else ()
+    return replace(dataset(seed=1, samples=41, u=u, y=20.0 * u), findings=found)
+
+
+def _slow(code: str) -> Dataset:
+    """A sample each second."""
+    found = (info(code, "The times are in seconds."),) if code else ()
+    whole = sound()
+    return replace(whole, t_input=500 * whole.t_input, t_output=500 * whole.t_output, findings=found)
+
+
+def _wrapped(size: float) -> Dataset:
+    """An angle that is kept within half a turn to either side of 0, where the size is a turn."""
+    data = sound()
+    return measure(recording((data.y + size / 2) % size - size / 2, "rad", t=data.t_output, u=data.u))
+
+
+def _example(code: str, faulty: Callable[[], Dataset], like: Callable[[], Dataset]) -> Example:
+    def of(made: Callable[[], Dataset]) -> list[Finding]:
+        return about_data([made()])
+
+    return Example(code=code, raised=partial(of, faulty), absent=partial(of, like))
+
+
+EXAMPLES = (
+    Example(
+        code="angle-wraps",
+        raised=lambda: _wrapped(2 * np.pi).findings,
+        absent=lambda: _wrapped(1e6).findings,
+    ),
+    _example("chain-unknown", lambda: _differenced(""), lambda: _differenced("derivative")),
+    Example(
+        code="data-repeated",
+        raised=lambda: about_data(_given_twice(("ab", "ab"))),
+        absent=lambda: about_data(_given_twice(("ab", "cd"))),
+    ),
+    Example(
+        code="factor-off",
+        raised=lambda: about_data([_with_current(4.0)], QUBE_SERVO_2.motor),
+        absent=lambda: about_data([_with_current(1.0)], QUBE_SERVO_2.motor),
+    ),
+    # Rows 1000 to 1149 hold several bits of the PRBS; a single row is no gap.
+    _example("gap-input-unknown", lambda: _without(np.arange(1000, 1150)), sound),
+    _example("input-constant", _already_turning, sound),
+    _example("input-is-output", lambda: replace(sound(), u=0.01 * sound().y), sound),
+    _example("input-settles-at-output", lambda: _speed_loop(1.0), lambda: _speed_loop(0.9)),
+    _example("limit-cycle", lambda: _relay(0.1), sound),
+    _example("loop-runs-away", lambda: _step_to(-5.0), lambda: _step_to(1.0)),
+    _example("loop-swings", lambda: _loop_at_its_limits(20), lambda: _loop_at_its_limits(1000)),
+    _example("motion-too-small", _within_a_count, _square),
+    _example("output-clipped", _clipped, _square),
+    _example("output-spikes", _with_spikes, sound),
+    _example("output-still", lambda: replace(sound(), y=np.zeros(5000)), sound),
+    _example("output-stops", _blocked_late, sound),
+    _example("single-level", lambda: driven(np.where(TIME[:2000] < 0.4, 0.0, 2.0)), sound),
+    _example("size-absurd", lambda: replace(sound(), u=1000 * sound().u), sound),
+    _example("table-static", lambda: _table("sample-time-given"), lambda: _table("")),
+    _example("time-uneven", lambda: _jittered(0.9), lambda: _jittered(0.0)),
+    _example("time-unit-doubtful", lambda: _slow("time-recognised"), lambda: _slow("")),
+)

@@ -1,0 +1,207 @@
+"""What is found in a fit, and not in a sound one."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, partial
+
+import numpy as np
+
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Fit
+from servobench.identification.estimators.output_error import best_minimum, remarks
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.trust.doubts.base import about_fit
+from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.held_out import about_validation, validate_with
+from servobench.identification.trust.validation import validate
+from servobench.identification.uncertainty.identifiability import combinations, parameter_statuses
+from servobench.identification.uncertainty.status_findings import about_answers
+from servobench.recordings.measurement.dataset import Dataset
+from tests.contracts.finding_examples.base import (
+    TIME,
+    Example,
+    driven,
+    fitted,
+    sound,
+    sound_fit,
+    with_sd,
+    with_values,
+)
+from tests.datasets import QUANTUM, dataset
+from tests.identification.trust.test_lag_not_split import fit_with
+from tests.identification.trust.test_small_swing import fit_of_swings
+from tests.rig.motor.reference import Truth
+
+
+def _of_data(**changes: object) -> Fit:
+    """The sound fit, of records that say something else of themselves."""
+    fit = sound_fit()
+    return replace(
+        fit, records=tuple(replace(each, data=replace(each.data, **changes)) for each in fit.records)
+    )
+
+
+@cache
+def _of_another_motor() -> Fit:
+    """A swing of its own, under the input of another motor."""
+    swing = np.sin(2 * np.pi * 0.9 * TIME[:2000])
+    return fitted(replace(sound(samples=2000), y=np.floor(swing / QUANTUM) * QUANTUM))
+
+
+@cache
+def _as_speed() -> Fit:
+    """A position that was said to be a speed."""
+    return fitted(replace(sound(samples=2000), kind="speed", output_unit="rad/s", quantum=None))
+
+
+@cache
+def _one_way(offset: float) -> Fit:
+    """1 to 3 V; of which an offset in volts is acted on and not in the file."""
+    u = np.where(np.arange(3000) % 500 < 250, 3.0, 1.0)
+    return fitted(replace(driven(u + offset), u=u), "first_order_one_way")
+
+
+@cache
+def _near(level: float, swing: float) -> Fit:
+    """A PRBS about a level [V]."""
+    return fitted(driven(level + swing / 3.0 * sound(samples=2000).u))
+
+
+@cache
+def _ramp(rises: int) -> Fit:
+    """From 0 to 3 V so many times in 10 s."""
+    return fitted(driven(3.0 * ((rises * TIME / 10.0) % 1.0)))
+
+
+@cache
+def _coarse(counts: int) -> Fit:
+    """The same record behind so many counts per turn."""
+    step, fine = 2 * np.pi / counts, sound(samples=2000)
+    return fitted(replace(fine, y=(np.floor(fine.y / step) + 0.5) * step, quantum=step))
+
+
+@cache
+def _slow(tau: float) -> Fit:
+    """The sound fit with that time constant [s]."""
+    return with_values(sound_fit(), time_constant=tau)
+
+
+@cache
+def _position_loop(unit: str) -> Fit:
+    """A position that follows the input, in that unit."""
+    u = np.repeat(np.random.default_rng(2).uniform(-1.0, 1.0, 20), 100)
+    lag, y = np.exp(-0.002 / 0.02), np.zeros(2000)
+    for n in range(1, 2000):
+        y[n] = u[n - 1] + (y[n - 1] - u[n - 1]) * lag
+    fit = sound_fit()
+    (record,) = fit.records
+    return replace(fit, records=(replace(record, data=replace(record.data, u=u, y=y, input_unit=unit)),))
+
+
+def _from_search(converged: bool) -> list[Finding]:
+    """What the search says of itself that ended, or was ended by its largest number of steps."""
+    structure, data = STRUCTURES["first_order_coulomb"], [sound(samples=500)]
+    minimum = best_minimum(structure, data, structure.guesses(data))
+    return remarks(structure, data, replace(minimum, converged=converged))
+
+
+def _statuses(fit: Fit) -> list[Finding]:
+    return about_answers(parameter_statuses(fit), combinations(fit))
+
+
+def _validated(other: Dataset) -> list[Finding]:
+    fit = sound_fit()
+    return about_validation(fit, validate_with(fit, [other]), [other])
+
+
+def _with_another_lag(chain: str) -> tuple[Finding, ...]:
+    """A speed behind a low-pass of 50 rad/s, whose file says so or names another chain."""
+    data = dataset(seed=1, kind="prbs", samples=2000, chain="derivative | lowpass 50 rad/s")
+    return validate(fitted(replace(data, applied=type(data.applied).parse(chain), chain_known=True)))
+
+
+def _example(code: str, faulty: Callable[[], Fit], like: Callable[[], Fit] = sound_fit) -> Example:
+    def of(made: Callable[[], Fit]) -> list[Finding]:
+        return about_fit(made())
+
+    return Example(code=code, raised=partial(of, faulty), absent=partial(of, like))
+
+
+EXAMPLES = (
+    _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
+    _example("fit-poor", _of_another_motor),
+    _example("friction-and-offset-together", lambda: _one_way(0.0)),
+    _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
+    _example("input-is-a-goal", lambda: _position_loop("rad"), lambda: _position_loop("V")),
+    _example("input-is-reference", lambda: _of_data(input_unit="rad")),
+    _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
+    _example("kind-mistaken", _as_speed),
+    Example(
+        code="lag-not-split",
+        raised=lambda: with_what_the_lag_tells(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,
+        absent=lambda: with_what_the_lag_tells(sound_fit()).findings,
+    ),
+    _example(
+        "loop-tells-little",
+        lambda: with_sd(
+            _of_data(reference=np.zeros(2000), reference_unit="rad"), gain=0.3, time_constant=0.3
+        ),
+        lambda: _of_data(reference=np.zeros(2000), reference_unit="rad"),
+    ),
+    Example(
+        code="not-identifiable",
+        raised=lambda: identify(sound().part(0.0, 0.005)).findings,
+        absent=lambda: identify(sound(samples=2000)).findings,
+    ),
+    _example("offset-found", lambda: _one_way(0.0)),
+    _example("offset-negative", lambda: _one_way(1.0), lambda: _one_way(0.0)),
+    Example(
+        code="parameter-at-bound",
+        raised=lambda: _as_speed().findings,
+        absent=lambda: sound_fit().findings,
+    ),
+    Example(
+        code="parameter-unknown",
+        raised=lambda: _statuses(with_sd(sound_fit(), time_constant=30.0)),
+        absent=lambda: _statuses(sound_fit()),
+    ),
+    _example("record-too-short", lambda: _slow(3.0)),
+    Example(
+        code="residual-coloured",
+        raised=lambda: _with_another_lag("derivative"),
+        absent=lambda: validate(sound_fit()),
+    ),
+    Example(
+        code="residual-follows-input",
+        raised=lambda: _with_another_lag("derivative"),
+        absent=lambda: _with_another_lag("derivative | lowpass 50 rad/s"),
+    ),
+    _example("resolution-coarse", lambda: _coarse(8)),
+    _example("sampling-too-slow", lambda: _slow(0.001)),
+    Example(
+        code="search-not-settled",
+        raised=lambda: _from_search(converged=False),
+        absent=lambda: _from_search(converged=True),
+    ),
+    _example("sign-negative", lambda: with_values(sound_fit(), gain=-sound_fit().model["gain"])),
+    _example(
+        "structure-wrong", lambda: _of_data(findings=(info("bench-pendulum", "A pendulum hangs there."),))
+    ),
+    _example("swing-small", lambda: fit_of_swings(1.2, 2.0), lambda: fit_of_swings(1.2, 0.5)),
+    _example("two-levels", sound_fit, lambda: fitted(driven(np.repeat([1.0, 3.0, -2.0, 2.0], 400)))),
+    Example(
+        code="validation-poor",
+        raised=lambda: _validated(replace(sound(seed=4, samples=2000), u=-sound(seed=4, samples=2000).u)),
+        absent=lambda: _validated(sound(seed=4, samples=2000)),
+    ),
+    Example(
+        code="validation-worse",
+        raised=lambda: _validated(
+            dataset(seed=4, kind="prbs", hold=20, samples=2000, truth=Truth(inertia=3e-5))
+        ),
+        absent=lambda: _validated(sound(seed=4, samples=2000)),
+    ),
+)

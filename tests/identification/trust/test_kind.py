@@ -1,0 +1,49 @@
+"""A position that was said to be a speed is told, and the other way round."""
+
+from dataclasses import replace
+from typing import Literal
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import Verdict
+from servobench.identification.identify import identify
+from servobench.identification.result import Result
+from servobench.recordings.measurement.dataset import Dataset
+from tests.datasets import dataset
+
+
+def told(result: Result) -> list[str]:
+    return [each.sentence for each in result.findings if each.code == "kind-mistaken"]
+
+
+def as_speed(data: Dataset) -> Dataset:
+    return replace(data, kind="speed", output_unit="rad/s", quantum=None)
+
+
+@pytest.mark.parametrize("kind", ["square", "prbs"])
+def test_a_position_that_is_said_to_be_a_speed_is_told_with_the_unit_to_give(
+    kind: Literal["square", "prbs"],
+) -> None:
+    result = identify(as_speed(dataset(seed=1, samples=2000, kind=kind)))
+
+    (sentence,) = told(result)
+    assert "behaves like a position" in sentence
+    assert "`output=COL:rad`" in sentence
+    assert result.verdict is Verdict.REFUSED
+    assert not {"nothing-known", "input-unrelated"} & {each.code for each in result.findings}
+
+
+def test_a_speed_that_is_said_to_be_a_position_is_told() -> None:
+    position = dataset(seed=1, samples=2000)
+    speed = np.gradient(position.y, position.t_output)
+    result = identify(replace(position, y=np.convolve(speed, np.full(9, 1 / 9), "same"), quantum=None))
+
+    (sentence,) = told(result)
+    assert "behaves like a speed" in sentence
+
+
+def test_a_record_of_the_kind_that_it_is_said_to_be_is_left_alone() -> None:
+    position = dataset(seed=1, samples=2000)
+
+    assert not told(identify(position))

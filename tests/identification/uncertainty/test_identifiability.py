@@ -1,0 +1,109 @@
+"""What is known of each parameter: values, combinations, bounds, and sentences for what isn't known."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from servobench.core.finding import Verdict
+from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.identify import identify
+from servobench.identification.models.base import STRUCTURES
+from servobench.identification.uncertainty.identifiability import State, combinations, parameter_statuses
+from servobench.identification.uncertainty.purpose import good_for
+from servobench.identification.uncertainty.status_findings import about_answers
+from tests.datasets import dataset
+from tests.identification.test_one_level import stepped
+
+
+def fitted() -> Fit:
+    return ESTIMATORS["output_error"].fit(STRUCTURES["first_order_one_way"], [dataset(seed=1, samples=2500)])
+
+
+def with_spread(fit: Fit, **directions: float) -> Fit:
+    """The fit with so much more standard deviation [1] along directions of the parameters, relative to their values."""
+    along = np.array([directions.get(name, 0.0) for name in fit.model.names]) * np.abs(fit.model.theta)
+    return replace(fit, covariance=fit.covariance + np.outer(along, along))
+
+
+def test_what_is_known_to_half_of_itself_is_known() -> None:
+    fit = fitted()
+
+    assert {each.state for each in parameter_statuses(fit).values()} == {State.KNOWN}
+    assert combinations(fit) == ()
+
+
+def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_sum() -> None:
+    fit = fitted()
+    tau, delay = fit.model["time_constant"], fit.model["delay"]
+    fit = with_spread(fit, time_constant=0.6, delay=-0.6 * tau / abs(delay))
+    (lag,) = combinations(fit)
+
+    assert lag.name == "lag"
+    assert lag.estimate.value == pytest.approx(tau + delay)
+    assert lag.estimate.sd < 1e-2 * tau
+    told = parameter_statuses(fit)
+    assert told["time_constant"].state is told["delay"].state is State.COMBINATION
+    assert told["gain"].state is State.KNOWN
+    sentences = [finding.sentence for finding in about_answers(told, (lag,))]
+    assert len(sentences) == 1
+    assert "only together" in sentences[0]
+
+
+def test_what_nothing_tells_has_a_remedy() -> None:
+    fit = with_spread(fitted(), time_constant=30.0)
+    told = parameter_statuses(fit)
+
+    assert told["time_constant"].state is State.UNKNOWN
+    (finding,) = about_answers(told, combinations(fit))
+    assert finding.code == "parameter-unknown"
+    assert "steps" in finding.sentence
+
+
+def test_an_upper_end_that_says_something_is_a_bound() -> None:
+    fit = with_spread(fitted(), time_constant=0.5)
+    told = parameter_statuses(fit)["time_constant"]
+
+    assert told.state is State.BOUNDED
+
+
+def test_a_result_of_which_nothing_is_known_is_refused() -> None:
+    fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
+    (finding,) = about_answers(parameter_statuses(fit), combinations(fit))
+
+    assert finding.code == "nothing-known"
+    assert finding.severity == "refusal"
+
+
+def test_one_level_tells_its_speed_and_the_time_constant() -> None:
+    """K (u - u_c) = 23.7 (2 - 0.16) rad/s, which is all that the steady speed at 2 V says."""
+    result = identify(stepped(0.0, 2.0))
+    (speed,) = result.combinations
+
+    assert result.verdict is Verdict.TRUSTED
+    assert speed.name == "speed_at_level"
+    truth = 0.042 / (8.4 * 1e-6 + 0.042**2) * (2.0 - 0.16)
+    assert speed.estimate.interval[0] < truth < speed.estimate.interval[1]
+    assert speed.estimate.sd < 0.02 * truth
+    states = {name: each.state for name, each in result.answers.items()}
+    assert states["gain"] is states["coulomb_voltage"] is State.COMBINATION
+    assert states["time_constant"] is State.KNOWN
+
+
+def test_what_a_result_is_good_for_follows_from_its_intervals() -> None:
+    """The phase of a lag T turns by ω ΔT: 5° are reached at 0.0873/ΔT. Two gains differ by √2 half-widths."""
+    fit = with_spread(fitted(), gain=0.01 / 1.959964, time_constant=0.05 / 1.959964)
+    sentence = good_for(parameter_statuses(fit), (), 97.3, 1e-4)
+    tau = fit.model["time_constant"]
+
+    assert "97 %" in sentence
+    assert f"up to {np.deg2rad(5) / (0.05 * tau):.2g} rad/s" in sentence
+    assert "more than 1.4 %" in sentence
+
+
+def test_figures_that_are_good_for_nothing_have_no_sentence() -> None:
+    fit = with_spread(with_spread(fitted(), gain=40.0), time_constant=30.0)
+
+    assert good_for(parameter_statuses(fit), (), float("nan"), 0.002) == ""
