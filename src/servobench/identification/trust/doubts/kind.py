@@ -29,23 +29,32 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     if fit.fit_percent >= _NEARLY_ALL and fit.sd("gain") < abs(fit.model["gain"]):
         return []
-    other = _as_the_other(data)
+    same, other = _enough_of(data), _as_the_other(data)
     explained = _percent_explained(other)
-    if not (explained >= _NEARLY_ALL and 100 - explained < _LEFT * (100 - fit.fit_percent)):
+    if not explained >= _NEARLY_ALL:
+        return []
+    # Compared is what the same search finds: a fit that explains the output by a random torque may simulate it badly.
+    as_said = max(fit.fit_percent, _percent_explained(same))
+    if not 100 - explained < _LEFT * (100 - as_said):
         return []
     sentence = (
         f"{data.name}: the output was said to be a {data.kind}, and behaves like a {other.kind}: {_BEHAVES[other.kind]}. As a "
-        f"{other.kind} a motor explains {explained:.0f} % of it, as a {data.kind} {max(fit.fit_percent, 0.0):.0f} %. Give it the "
+        f"{other.kind} a motor explains {explained:.0f} % of it, as a {data.kind} {as_said:.0f} %. Give it the "
         f"unit of a {other.kind}: `output=COL:{other.output_unit}`, or whichever unit it has."
     )
     return [refusal("kind-mistaken", sentence, parameters=("gain", "time_constant"))]
 
 
+def _enough_of(data: Dataset) -> Dataset:
+    """The record, or of a long one the beginning: no more than it takes to tell the two kinds apart."""
+    if len(data.y) <= _ENOUGH:
+        return data
+    return data.part(float(data.t_output[0]), float(data.t_output[_ENOUGH]))
+
+
 def _as_the_other(data: Dataset) -> Dataset:
-    """The same values, no more of them than it takes, as a speed in place of a position or the other way round."""
-    part = (
-        data if len(data.y) <= _ENOUGH else data.part(float(data.t_output[0]), float(data.t_output[_ENOUGH]))
-    )
+    """The same values as a speed in place of a position, or the other way round."""
+    part = _enough_of(data)
     if data.kind == "position":
         return replace(part, kind="speed", output_unit=f"{data.output_unit}/s", quantum=None)
     return replace(part, kind="position", output_unit=data.position_unit, quantum=None)
