@@ -220,3 +220,14 @@ def test_a_fit_that_knows_nothing_tells_nothing_of_the_motor() -> None:
     found = motor_parameters(fitted(steady, "first_order_one_way"))
 
     assert not {"inertia", "viscous_friction", "coulomb_torque"} & set(found.estimates)
+
+
+def test_a_torque_constant_that_friction_would_have_to_drive_is_doubted() -> None:
+    """With k > 1/K the motor turns faster than its own back-emf lets it; with k < 1/K friction takes the rest."""
+    fit = fitted(dataset(seed=1, kind="prbs"))
+
+    def codes(constant: float) -> list[str]:
+        return [f.code for f in motor_parameters(fit, known={"motor_constant": constant}).findings]
+
+    assert "motor-parameters-disagree" in codes(1.2 / fit.model["gain"])
+    assert "motor-parameters-disagree" not in codes(0.9 / fit.model["gain"])

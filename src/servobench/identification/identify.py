@@ -5,7 +5,7 @@ The model and its fit: source: see `identification.estimators.output_error`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from typing import Unpack
@@ -24,8 +24,8 @@ from servobench.identification.choice.noise_choice import (
 )
 from servobench.identification.choice.records_apart import with_what_records_tell
 from servobench.identification.choice.restored_counts import with_counts_restored
-from servobench.identification.choice.structure_choice import choose_structure
-from servobench.identification.estimators.base import ESTIMATORS, Fit
+from servobench.identification.choice.structure_choice import Choice, choose_structure
+from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
 from servobench.identification.estimators.unseen_torque import with_unseen_torque
 from servobench.identification.models.level import single_level
 from servobench.identification.models.motion import smooth_speed
@@ -138,15 +138,40 @@ def identify_evidence(
     recordings = [part.recording for part in parts if isinstance(part, Evidence)]
     try:
         records = _datasets(parts, starts_at_rest)
-        others = _datasets(validate_on, starts_at_rest)
     except NotIdentifiable as error:
         return _without_data(recordings, error)
+    others = _validation_data(validate_on, starts_at_rest, records)
     result = _identify(records, structure, estimator, nominal, others, known)
     return with_other_output(result, recordings)
 
 
 def _datasets(parts: Sequence[Evidence | Dataset], starts_at_rest: bool) -> tuple[Dataset, ...]:
     return tuple(part if isinstance(part, Dataset) else part.dataset(starts_at_rest) for part in parts)
+
+
+def _validation_data(
+    parts: Sequence[Evidence | Dataset], starts_at_rest: bool, records: Sequence[Dataset]
+) -> tuple[Dataset, ...]:
+    """The records to try the model on: usable ones, and others than those that it is fitted to."""
+    try:
+        others = _datasets(parts, starts_at_rest)
+    except NotIdentifiable as error:
+        raise UsageError(f"the data to validate on can't be used: {error}") from error
+    fitted = {record.digest for record in records}
+    for other in others:
+        if other.digest in fitted:
+            raise UsageError(
+                f"{other.name} is to validate the model, but the model is fitted to the same samples, which proves nothing; give "
+                "another recording of the motor, or none: then parts of the data are left out in turn"
+            )
+    return others
+
+
+def _validate_on(fit: Fit, others: Sequence[Dataset]) -> Validation:
+    try:
+        return validate_with(fit, others)
+    except NotIdentifiable as error:
+        raise UsageError(f"the data to validate on can't be used: {error}") from error
 
 
 def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
@@ -238,20 +263,10 @@ def _judge(
     method = ESTIMATORS["output_error" if estimator == "auto" else estimator]
     allow = allow_for_disturbance if estimator == "auto" else as_it_is
     choice = choose_structure(method, records, structure, estimator, allow)
-    fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
-    one_level = single_level(records) is not None
-    fit = with_weak_priors(fit) if one_level else fit
-    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
-    if estimator == "auto":
-        fit = with_unseen_torque(fit)
-    fit = with_missing_terms(fit, choice.shown)
-    fit = with_rounded_times(fit)
-    fit = with_unresolved_time_constant(with_model_error(fit, one_level))
-    fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
-    fit = with_gain_and_friction_apart(fit)
+    fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
     told = parameter_statuses(fit), combinations(fit)
     fit = with_what_one_level_tells(fit)
-    validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
+    validation = _validate_on(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,
         *fit.findings,
@@ -259,7 +274,7 @@ def _judge(
         *about_fit(fit, _parameters(nominal)),
         *about_winding(fit),
         *about_current_input(fit),
-        *validate(fit),
+        *([] if choice.computed else validate(fit)),
         *missing_terms(choice.shown),
         *superfluous_terms(fit),
         *about_validation(fit, validation, validate_on),
@@ -278,6 +293,27 @@ def _judge(
         nominal=_compare(fit, nominal),
         motor=motor,
     )
+
+
+def _with_allowances(
+    choice: Choice,
+    method: Estimator,
+    records: tuple[Dataset, ...],
+    estimator: str,
+    allow: Callable[[Fit], Fit],
+) -> Fit:
+    """The fit with all the lines of its budget: what the data and experience say that a model may be wrong by."""
+    fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
+    one_level = single_level(records) is not None
+    fit = with_weak_priors(fit) if one_level else fit
+    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
+    if estimator == "auto":
+        fit = with_unseen_torque(fit)
+    fit = with_missing_terms(fit, choice.shown)
+    fit = with_rounded_times(fit)
+    fit = with_unresolved_time_constant(with_model_error(fit, one_level))
+    fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
+    return with_gain_and_friction_apart(fit)
 
 
 def _in_model(cause: Finding, fit: Fit | None) -> bool:

@@ -130,8 +130,15 @@ def _example(code: str, faulty: Callable[[], Fit], like: Callable[[], Fit] = sou
     return Example(code=code, raised=partial(of, faulty), absent=partial(of, like))
 
 
+@cache
+def _one_way_that_reverses() -> Fit:
+    """A motor that turns both ways, fitted by the structure for one."""
+    return fitted(sound(samples=2000), "first_order_one_way")
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
+    _example("fit-by-chance", _of_another_motor),
     _example("fit-poor", _of_another_motor),
     _example("friction-and-offset-together", lambda: _one_way(0.0)),
     _example("gain-local", lambda: _near(3.0, 0.3), lambda: _near(0.0, 3.0)),
@@ -139,6 +146,7 @@ EXAMPLES = (
     _example("input-is-reference", lambda: _of_data(input_unit="rad")),
     _example("input-too-slow", lambda: _ramp(1), lambda: _ramp(10)),
     _example("kind-mistaken", _as_speed),
+    _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",
         raised=lambda: with_what_the_lag_tells(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from servobench.core.errors import UsageError
 from servobench.identification.estimators.output_error import OutputError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
@@ -119,3 +120,25 @@ def test_refits_begin_at_the_fit_and_guess_no_parameters(monkeypatch: pytest.Mon
     assert validation is not None
     assert len(validation.records) == 3
     assert validation.fit_percent > 99.9
+
+
+def test_the_data_that_the_model_is_fitted_to_do_not_validate_it() -> None:
+    run = driven(staircase())
+
+    with pytest.raises(UsageError, match="fitted to the same samples"):
+        identify([run], validate_on=[replace(run, name="a copy")])
+
+
+def test_a_record_too_short_to_validate_on_is_named() -> None:
+    run, other = driven(staircase()), driven(staircase()[::-1], name="other")
+
+    with pytest.raises(UsageError, match="validate on can't be used: other.*at least"):
+        identify([run], validate_on=[other.part(0.0, 0.01)])
+
+
+def test_copies_of_a_record_are_told_from_repetitions() -> None:
+    run = driven(staircase())
+    again = driven(staircase()[::-1], name="again")
+
+    assert "data-repeated" in [f.code for f in identify([run, replace(run, name="a copy")]).findings]
+    assert "data-repeated" not in [f.code for f in identify([run, again]).findings]

@@ -20,6 +20,7 @@ import numpy as np
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.rounding import instead_of
+from servobench.identification.choice.computed_data import about_computed, fit_to_computed
 from servobench.identification.choice.structure_ladder.comparison import (
     better,
     clearly_better,
@@ -54,11 +55,13 @@ _NEARLY_ALL = 90.0  # % of the output
 class Choice:
     """The fit of the structure that was chosen, `findings` that say why, and what of terms the score tests have `shown` in it.
 
-    `causes` are what may be wrong with the records, as far as that has been looked into.
+    `causes` are what may be wrong with the records, as far as that has been looked into. `computed` says that the output has no
+    noise at all, so that there is nothing to allow for.
     """
 
     fit: Fit
     causes: Causes
+    computed: bool = False
     shown: tuple[TermScore, ...] = ()
     findings: tuple[Finding, ...] = ()
 
@@ -89,6 +92,9 @@ def choose_structure(
         fit = allow(fit_structure(method, STRUCTURES[structure], data))
         return Choice(fit=fit, causes=Causes(tuple(data)), shown=score_terms(fit))
     base = _base(method, data)
+    computed = fit_to_computed(method, data, base.fit)
+    if computed is not None:
+        return Choice(fit=computed, causes=Causes(tuple(data)), findings=(about_computed(),), computed=True)
     known = base.fits if method is ESTIMATORS["output_error"] else {}
     return _climb(method, data, base, Causes(tuple(data), known), allow)
 

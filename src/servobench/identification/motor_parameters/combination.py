@@ -131,7 +131,7 @@ class _Solution:
         return {name: self._estimate(name) for name in self.motor if self.is_determined(name)}
 
     def _estimate(self, name: str) -> Estimate:
-        value, relative = self.motor[name], self.relative(name)
+        value, relative = float(self.motor[name]), self.relative(name)
         if name == "viscous_friction":
             sd = relative * _drag_scale(self.motor)
             interval = (value - TWO_SIDED * sd, value + TWO_SIDED * sd)
@@ -225,6 +225,8 @@ def _about(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
         findings.append(_vague(vague, solution))
     if "viscous_friction" in told:
         findings += _near_zero(solution)
+    if "motor_constant" in told:
+        findings += _beyond_back_emf(solution, fit, joint)
     if solution.spare > 0 and solution.misfit > _CONFLICT + 2.0 * (solution.spare - 1):
         findings.append(_disagree(joint))
     if "coulomb_torque" in told and "one_way" in fit.structure:
@@ -254,6 +256,20 @@ def _vague(names: Sequence[str], solution: _Solution) -> Finding:
         "proportional; use an input that changes often, in both directions.",
         parameters=tuple(names),
     )
+
+
+def _beyond_back_emf(solution: _Solution, fit: Fit, joint: Observation) -> list[Finding]:
+    """Whether the back-emf alone would hold the motor below the speed that it reaches: K k = 1/(1 + R b/k²) is at most 1."""
+    constant = solution.estimates()["motor_constant"].interval[0]
+    gain = min(map(abs, fit["gain"].interval))
+    if constant * gain <= 1:
+        return []
+    sentence = (
+        f"The torque constant is at least {constant:.4g} V·s/rad, and a motor with that can't turn faster than "
+        f"{1 / constant:.4g} rad/s for each volt, where this one reaches {gain:.4g}: friction would have to drive it. The model and "
+        f"{joint.sentence} contradict each other; check the torque constant, and the units of input and output."
+    )
+    return [warning("motor-parameters-disagree", sentence, parameters=("motor_constant", "viscous_friction"))]
 
 
 def _near_zero(solution: _Solution) -> list[Finding]:

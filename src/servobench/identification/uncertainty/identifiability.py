@@ -247,13 +247,19 @@ def _combine(
 ) -> Combination:
     value, slopes = function(dict(zip(fit.model.names, map(float, fit.model.theta), strict=True)))
     gradient = np.array([slopes.get(each, 0.0) for each in fit.model.names])
-    sd = float(np.sqrt(max(_quadratic(gradient, fit.covariance), 0.0)))
+    sd = float(np.sqrt(_quadratic(gradient, fit.covariance)))
     half = TWO_SIDED * sd
     estimate = Estimate(value=value, sd=sd, interval=(value - half, value + half), level=0.95, unit=unit)
     return Combination(name=name, meaning=meaning, parameters=parameters, estimate=estimate)
 
 
 def _quadratic(gradient: Array, covariance: Array) -> float:
+    """The variance that a covariance gives to a combination; infinite where the covariance doesn't resolve it."""
     at = np.flatnonzero(gradient)
     part = covariance[np.ix_(at, at)]
-    return float(gradient[at] @ part @ gradient[at]) if np.isfinite(part).all() else np.inf
+    if not np.isfinite(part).all():
+        return np.inf
+    terms = gradient[at][:, None] * part * gradient[at]
+    # Two parameters that run to infinity together leave a difference of huge terms, of which rounding may be all that is left.
+    rounding = np.abs(terms - terms.T).sum() + terms.size * np.finfo(float).eps * np.abs(terms).sum()
+    return float(terms.sum()) if terms.sum() > rounding else np.inf

@@ -10,17 +10,19 @@ from servobench.recordings.measurement.dataset import Dataset
 
 
 def _find_repeats(records: Sequence[Dataset]) -> list[Finding]:
-    """Whether the same recording is there twice: it would count twice, and the intervals come out too narrow."""
-    seen: set[tuple[str, str]] = set()
+    """Whether the same samples are there twice: they would count twice, and the intervals come out too narrow."""
+    seen: dict[bytes, str] = {}
     for record in records:
-        key = (record.source.sha256, record.name)
-        if record.source.sha256 and key in seen:
-            sentence = (
-                f"{record.name} is given more than once: the copy adds no information "
-                "and makes the intervals too narrow."
+        first = seen.get(record.digest)
+        if first is not None:
+            which = (
+                f"{first} and {record.name} hold the same samples"
+                if first != record.name
+                else f"{first} is given twice"
             )
+            sentence = f"{which}: a copy adds no information and makes the intervals too narrow. Leave one of them out."
             return [warning("data-repeated", sentence)]
-        seen.add(key)
+        seen[record.digest] = record.name
     return []
 
 

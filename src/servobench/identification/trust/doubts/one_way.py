@@ -8,7 +8,7 @@ from servobench.core.finding import Finding, info, warning
 from servobench.core.parameter_names import parameter_in_words
 from servobench.core.rounding import with_unit
 from servobench.identification.estimators.base import Fit
-from servobench.identification.models.motion import directions
+from servobench.identification.models.motion import directions, turns_both_ways
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 
 
@@ -16,6 +16,14 @@ def _one_way(fit: Fit) -> list[Finding]:
     """What the one voltage stands for where the motor turned one way only."""
     if fit.structure not in ("first_order_one_way", "first_order_one_way_rest"):
         return []
+    if turns_both_ways([record.data for record in fit.records]):
+        sentence = (
+            f"The structure {fit.structure} is that of a motor that turns one way, and this one turns both ways: friction changes "
+            "sign there, which the model doesn't. Use `structure=first_order_coulomb`, or leave the choice to the program."
+        )
+        return [
+            warning("structure-reverses", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))
+        ]
     estimate = fit["coulomb_voltage"]
     unit = estimate.unit
     name = parameter_in_words("coulomb_voltage", unit)
@@ -57,5 +65,8 @@ def _one_way(fit: Fit) -> list[Finding]:
 
 
 DOUBTS.member("one_way")(
-    Doubt(codes=("friction-and-offset-together", "offset-negative", "offset-found"), about_fit=_one_way)
+    Doubt(
+        codes=("structure-reverses", "friction-and-offset-together", "offset-negative", "offset-found"),
+        about_fit=_one_way,
+    )
 )

@@ -1,0 +1,60 @@
+"""Records that nobody measured: what a linear model explains to the last digit that a computer keeps.
+
+Who tries the program begins with a simulation of his own. What such a record leaves over is the arithmetic's rounding, in which
+there is neither friction nor a random torque to be found, and experience with real motors says nothing about it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from servobench.core.errors import NotIdentifiable
+from servobench.core.finding import Finding, info
+from servobench.identification.estimators.base import Estimator, Fit
+from servobench.identification.estimators.budget import Contribution
+from servobench.identification.choice.structure_ladder.comparison import fit_structure
+from servobench.identification.models.base import STRUCTURES
+from servobench.recordings.measurement.dataset import Dataset
+
+# Of the output's variation: a thousand times what arithmetic with 53 bits leaves after 10⁴ steps, and a thousandth of the finest
+# encoder's step in a run of one turn.
+_ROUNDING = 1e-9
+
+
+def fit_to_computed(method: Estimator, data: Sequence[Dataset], found: Fit) -> Fit | None:
+    """Return the fit without friction of data that it explains to the last digit; None for data with any noise.
+
+    `found` is a fit of a structure that has first_order in it: where it leaves more than rounding, so does that.
+    """
+    if not _is_rounding(found):
+        return None
+    try:
+        linear = fit_structure(method, STRUCTURES["first_order"], data)
+    except NotIdentifiable:
+        return None
+    if not _is_rounding(linear):
+        return None
+    sizes = {
+        "offset_voltage": max(float(np.abs(record.u).max()) for record in data),
+        "delay": linear.model["time_constant"],
+    }
+    spread = np.array([_ROUNDING * sizes.get(name, abs(linear.model[name])) for name in linear.model.names])
+    reason = "the arithmetic that computed the output keeps so many digits"
+    return linear.widen(Contribution(source="arithmetic", covariance=np.diag(spread**2), reason=reason))
+
+
+def about_computed() -> Finding:
+    """Return what there is to say of such data."""
+    return info(
+        "output-computed",
+        "The model explains the output to the last digit that a computer keeps, so these values were computed, not measured. The "
+        "intervals are those of the arithmetic, and allow for nothing that a real motor does.",
+    )
+
+
+def _is_rounding(fit: Fit) -> bool:
+    """Whether a fit leaves nothing but the rounding of the arithmetic."""
+    spread = max(float(np.ptp(record.data.y)) for record in fit.records)
+    return fit.residual_sd <= _ROUNDING * spread

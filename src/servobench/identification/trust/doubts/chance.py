@@ -1,0 +1,89 @@
+"""An input that explains the output no better than chance."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from servobench.core.channels import Array
+from servobench.core.finding import Finding, warning
+from servobench.identification.estimators.base import Fit
+from servobench.identification.trust.doubts.base import DOUBTS, Doubt
+from servobench.recordings.measurement.dataset import Dataset
+
+_WELL = 90.0  # percent: nothing explains so much by chance
+_LEVELS = 8  # held one after another: with fewer there are too few orders to put them in
+_ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 by chance in 5 % of the cases
+_AS_GOOD = 2  # of these orders
+_SAMPLES = 2000  # from the beginning of each record
+_LAGS = 8  # time constants that are tried, from one sample to the whole record
+
+
+def _about_fit(fit: Fit) -> list[Finding]:
+    """Whether the same levels of the input explain the output as well when they come in another order.
+
+    A position drifts, and a drift is explained to 70 % by nearly anything: what counts is that the recorded order of the levels does it
+    better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
+    """
+    records = [record.data for record in fit.records]
+    if fit.fit_percent >= _WELL or any(_changes(data) < _LEVELS for data in records):
+        return []
+    generator = np.random.default_rng(0)
+    recorded = _misfit(records, [_input(data) for data in records])
+    others = [
+        _misfit(records, [_reorder(_input(data), generator) for data in records]) for _ in range(_ORDERS)
+    ]
+    as_good = sum(other <= recorded for other in others)
+    if as_good < _AS_GOOD:
+        return []
+    sentence = (
+        f"The input explains the output no better than chance does: of {_ORDERS} other orders of the same levels {as_good} explain "
+        "as much. Either the input changes between the samples, unseen, or this column doesn't drive this motor: record faster "
+        "than the input changes, and check the columns."
+    )
+    return [warning("fit-by-chance", sentence, parameters=("gain", "time_constant"))]
+
+
+def _changes(data: Dataset) -> int:
+    return int(np.count_nonzero(np.diff(_input(data))))
+
+
+def _input(data: Dataset) -> Array:
+    """The input at the times of the output, (N,)."""
+    return np.asarray(data.input_at_output[:_SAMPLES])
+
+
+def _reorder(u: Array, generator: np.random.Generator) -> Array:
+    """The same levels, each held for as long as it was, in another order."""
+    held = np.split(u, np.flatnonzero(np.diff(u)) + 1)
+    return np.concatenate([held[at] for at in generator.permutation(len(held))])
+
+
+def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
+    """The smallest sum of squares that a motor leaves of the records, relative to that of each record's own variation.
+
+    Linear least squares in gain, offset and start for each of several time constants: the same small search for every order.
+    """
+    shares = []
+    for data, u in zip(records, inputs, strict=True):
+        y = data.y[:_SAMPLES]
+        lags = np.geomspace(1.0, len(y), _LAGS)
+        shares.append([_left_over(y, u, lag, data.kind) for lag in lags])
+    return float(np.min(np.sum(shares, axis=0)))
+
+
+def _left_over(y: Array, u: Array, lag: float, kind: str) -> float:
+    """What a motor with a time constant of `lag` samples leaves of the output's variation."""
+    from scipy.signal import lfilter
+
+    decay = np.exp(-1.0 / lag)
+    steps = np.arange(len(y))
+    speed = np.append(0.0, lfilter([1.0 - decay], [1.0, -decay], u)[:-1])
+    columns = [speed, np.ones_like(speed), decay**steps]
+    if kind == "position":
+        columns = [np.cumsum(speed), *columns[1:], steps]
+    matrix = np.column_stack(columns)
+    rest = y - matrix @ np.linalg.lstsq(matrix, y, rcond=None)[0]
+    return float(np.sum(rest**2) / np.sum((y - y.mean()) ** 2))
+
+
+DOUBTS.member("chance")(Doubt(codes=("fit-by-chance",), about_fit=_about_fit))

@@ -1,0 +1,40 @@
+"""Records that somebody computed: the parameters to many digits, and no friction or random torque found in rounding errors."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import servobench as sb
+
+GAIN, TIME_CONSTANT, STEP = 20.0, 0.1, 0.002  # rad/(s·V), s, s
+
+
+def computed(levels: tuple[float, float], noise: float = 0.0) -> sb.Result:
+    """What is identified from the exact response of K/(τ s + 1) to a square wave, with noise [rad/s] on it."""
+    t = np.arange(2000) * STEP
+    u = np.where(t % 1.0 < 0.5, *levels)
+    speed, decay = np.zeros(len(t)), np.exp(-STEP / TIME_CONSTANT)
+    for k in range(len(t) - 1):
+        speed[k + 1] = decay * speed[k] + (1 - decay) * GAIN * u[k]
+    speed += noise * np.random.default_rng(0).standard_normal(len(t))
+    return sb.identify(t=t, u=u, y=speed, input_unit="V", output_unit="rad/s", chain="none")
+
+
+@pytest.mark.parametrize("levels", [(2.0, 4.0), (-3.0, 3.0)])
+def test_what_was_computed_is_known_to_many_digits(levels: tuple[float, float]) -> None:
+    result = computed(levels)
+
+    assert result["gain"].value == pytest.approx(GAIN, rel=1e-9)
+    assert result["time_constant"].value == pytest.approx(TIME_CONSTANT, rel=1e-9)
+    assert result["gain"].interval[0] < GAIN < result["gain"].interval[1]
+    codes = {finding.code for finding in result.findings}
+    assert "output-computed" in codes
+    assert not codes & {"friction-found", "friction-possible", "disturbance-found", "residual-coloured"}
+
+
+def test_a_little_noise_makes_it_a_measurement() -> None:
+    result = computed((-3.0, 3.0), noise=1e-5)  # of 120 rad/s; the limit is a hundredth of that
+
+    assert "output-computed" not in {finding.code for finding in result.findings}
+    assert result["gain"].sd > computed((-3.0, 3.0))["gain"].sd
