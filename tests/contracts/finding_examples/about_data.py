@@ -14,7 +14,6 @@ from servobench.identification.trust.doubts.base import about_data
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.measurement.measure import measure
-from servobench.recordings.recording import Source
 from servobench.rig.motor.parameters import QUBE_SERVO_2
 from tests.contracts.finding_examples.base import TIME, Example, driven, sound
 from tests.datasets import QUANTUM, dataset
@@ -126,8 +125,9 @@ def _with_current(scale: float) -> Dataset:
     return replace(data, y=scale * data.y, quantum=scale * QUANTUM, current=current)
 
 
-def _given_twice(digests: tuple[str, str]) -> list[Dataset]:
-    return [replace(sound(), source=Source(name="a.csv", sha256=digest)) for digest in digests]
+def _two_records(names: tuple[str, str], turned: float = 0.0) -> list[Dataset]:
+    """A record, and the same samples once more, or those of a shaft that began elsewhere [rad]."""
+    return [replace(sound(), name=names[0]), replace(sound(), name=names[1], y=sound().y + turned)]
 
 
 def _table(code: str) -> Dataset:
@@ -166,8 +166,8 @@ EXAMPLES = (
     _example("chain-unknown", lambda: _differenced(""), lambda: _differenced("derivative")),
     Example(
         code="data-repeated",
-        raised=lambda: about_data(_given_twice(("ab", "ab"))),
-        absent=lambda: about_data(_given_twice(("ab", "cd"))),
+        raised=lambda: about_data(_two_records(("a", "b"))),
+        absent=lambda: about_data(_two_records(("a", "a"), turned=1.0)),
     ),
     Example(
         code="factor-off",

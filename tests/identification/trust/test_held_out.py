@@ -132,7 +132,7 @@ def test_the_data_that_the_model_is_fitted_to_do_not_validate_it() -> None:
 def test_a_record_too_short_to_validate_on_is_named() -> None:
     run, other = driven(staircase()), driven(staircase()[::-1], name="other")
 
-    with pytest.raises(UsageError, match="validate on can't be used: other.*at least"):
+    with pytest.raises(UsageError, match=r"validate on can't be used: other.*at least"):
         identify([run], validate_on=[other.part(0.0, 0.01)])
 
 

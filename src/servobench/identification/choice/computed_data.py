@@ -12,9 +12,9 @@ import numpy as np
 
 from servobench.core.errors import NotIdentifiable
 from servobench.core.finding import Finding, info
+from servobench.identification.choice.structure_ladder.comparison import fit_structure
 from servobench.identification.estimators.base import Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
-from servobench.identification.choice.structure_ladder.comparison import fit_structure
 from servobench.identification.models.base import STRUCTURES
 from servobench.recordings.measurement.dataset import Dataset
 

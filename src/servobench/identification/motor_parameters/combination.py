@@ -266,8 +266,8 @@ def _beyond_back_emf(solution: _Solution, fit: Fit, joint: Observation) -> list[
         return []
     sentence = (
         f"The torque constant is at least {constant:.4g} V·s/rad, and a motor with that can't turn faster than "
-        f"{1 / constant:.4g} rad/s for each volt, where this one reaches {gain:.4g}: friction would have to drive it. The model and "
-        f"{joint.sentence} contradict each other; check the torque constant, and the units of input and output."
+        f"{1 / constant:.4g} rad/s for each volt, where this one reaches {gain:.4g}: friction would have to drive it. The "
+        f"model and {joint.sentence} contradict each other; check the torque constant, and the units of input and output."
     )
     return [warning("motor-parameters-disagree", sentence, parameters=("motor_constant", "viscous_friction"))]
 

@@ -101,7 +101,7 @@ class Dataset:
 
     @cached_property
     def digest(self) -> bytes:
-        """What tells the samples of input and output from others, whatever they are called: two records of one run never agree."""
+        """What tells the samples of input and output from those of any other run, whatever the record is called."""
         return hashlib.sha256(self.u.tobytes() + self.y.tobytes()).digest()
 
     @property

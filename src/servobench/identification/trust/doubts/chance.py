@@ -21,8 +21,8 @@ _LAGS = 8  # time constants that are tried, from one sample to the whole record
 def _about_fit(fit: Fit) -> list[Finding]:
     """Whether the same levels of the input explain the output as well when they come in another order.
 
-    A position drifts, and a drift is explained to 70 % by nearly anything: what counts is that the recorded order of the levels does it
-    better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
+    A position drifts, and a drift is explained to 70 % by nearly anything: what counts is that the recorded order of the levels
+    does it better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
     """
     records = [record.data for record in fit.records]
     if fit.fit_percent >= _WELL or any(_changes(data) < _LEVELS for data in records):
@@ -36,9 +36,9 @@ def _about_fit(fit: Fit) -> list[Finding]:
     if as_good < _AS_GOOD:
         return []
     sentence = (
-        f"The input explains the output no better than chance does: of {_ORDERS} other orders of the same levels {as_good} explain "
-        "as much. Either the input changes between the samples, unseen, or this column doesn't drive this motor: record faster "
-        "than the input changes, and check the columns."
+        f"The input explains the output no better than chance does: of {_ORDERS} other orders of the same levels {as_good} "
+        "explain as much. Either the input changes between the samples, unseen, or this column doesn't drive this motor: record "
+        "faster than the input changes, and check the columns."
     )
     return [warning("fit-by-chance", sentence, parameters=("gain", "time_constant"))]
 

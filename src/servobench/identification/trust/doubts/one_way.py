@@ -18,8 +18,8 @@ def _one_way(fit: Fit) -> list[Finding]:
         return []
     if turns_both_ways([record.data for record in fit.records]):
         sentence = (
-            f"The structure {fit.structure} is that of a motor that turns one way, and this one turns both ways: friction changes "
-            "sign there, which the model doesn't. Use `structure=first_order_coulomb`, or leave the choice to the program."
+            f"The structure {fit.structure} is that of a motor that turns one way, and this one turns both ways: friction "
+            "changes sign there, but not in this model. Use `structure=first_order_coulomb`, or leave the choice to the program."
         )
         return [
             warning("structure-reverses", sentence, parameters=("gain", "time_constant", "coulomb_voltage"))
