@@ -60,7 +60,9 @@ def outcome(number: int, departure: Departure = NONE) -> Row:
     row["seconds"] = round(time.process_time() - began, 4)
     if "estimates" in row:
         row["true"] |= together(row["true"], row["level"])
-    if row.get("structure") == "first_order_one_way_rest":  # its friction brakes whichever way the shaft turns: it has no sign
+    if (
+        row.get("structure") == "first_order_one_way_rest"
+    ):  # its friction brakes whichever way the shaft turns: it has no sign
         least, most = sorted(map(abs, row["true"]["coulomb_voltage"]))
         row["true"]["coulomb_voltage"] = (least, most)
     return row

@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 import inspect
-from typing import Any
+from contextlib import suppress
+from functools import cache
+from typing import Any, get_type_hints
 
 import numpy as np
 import pandas
 import pytest
 
 import servobench as sb
-from servobench.core.errors import ServobenchError
+from servobench.core.errors import ServobenchError, UsageError
+from servobench.recordings.reading import ReadingOptions
+from tests.datasets import dataset
 
 WRONG: dict[str, Any] = {
     "None": None,
@@ -58,3 +62,77 @@ def test_a_wrong_first_argument_is_told_in_a_sentence(
     with pytest.raises(ServobenchError) as caught:
         getattr(sb, name)(WRONG[wrong], **MORE.get(name, {}))
     assert len(str(caught.value)) > 20
+
+
+@cache
+def result() -> sb.Result:
+    return sb.identify([dataset(seed=1, kind="prbs", samples=400)])
+
+
+def right_arguments() -> dict[str, dict[str, Any]]:
+    """A call of each function that is right, so that one argument after the other can be wrong."""
+    data, system = dataset(seed=1, kind="prbs", samples=400), result().transfer_function
+    return {
+        "bibo": {"data": data},
+        "compare": {"models": result(), "data": data},
+        "connect": {"name": "twin"},
+        "design": {
+            "data": result(),
+            "limits": {"voltage": 5.0},
+            "duration": 0.5,
+            "experiment_sample_time": 0.01,
+        },
+        "from_control": {"system": sb.to_control(system), "output": "speed", "unit": "rad/(s·V)"},
+        "from_scipy": {"system": sb.to_scipy(system), "output": "speed", "unit": "rad/(s·V)"},
+        "honest": {"data": [data, dataset(seed=2, kind="prbs", samples=400)]},
+        "identify": {"data": data},
+        "predict": {"fit": result(), "data": data},
+        "residuals": {"fit": result()},
+        "simulate": {"model": result(), "drive": data.u, "t": data.t_input},
+        "stability": {"system": system},
+        "to_control": {"system": system},
+        "to_scipy": {"system": system},
+        "validate": {"fit": result().fit},
+        "why": {"data": result(), "claims": ["tau=0.13"]},
+    }
+
+
+def arguments(name: str) -> list[str]:
+    """The names of a function's arguments, those of how to read data with them."""
+    found = inspect.signature(getattr(sb, name)).parameters.values()
+    reads = any(each.kind is each.VAR_KEYWORD for each in found) and name != "connect"
+    own = [each.name for each in found if each.kind not in (each.VAR_KEYWORD, each.VAR_POSITIONAL)]
+    return [*own, *(get_type_hints(ReadingOptions) if reads else ())]
+
+
+@pytest.mark.parametrize("name", sorted(right_arguments()))
+def test_the_right_arguments_are_right(name: str) -> None:
+    getattr(sb, name)(**right_arguments()[name])
+
+
+@pytest.mark.parametrize(
+    ("name", "argument"), [(name, each) for name in sorted(right_arguments()) for each in arguments(name)]
+)
+def test_no_wrong_argument_passes_a_foreign_error(name: str, argument: str) -> None:
+    """What happens to be right may pass, such as None where there is a default; what is wrong is said in a sentence."""
+    right, wrong = right_arguments()[name], [*WRONG.values(), -1, float("nan"), {1: 2}, True]
+    for each in wrong:
+        with suppress(ServobenchError):
+            getattr(sb, name)(**{**right, argument: each})
+
+
+@pytest.mark.parametrize("name", [name for name in sb.__all__ if inspect.isclass(getattr(sb, name))])
+def test_what_is_made_of_wrong_settings_is_told_in_a_sentence(name: str) -> None:
+    made = getattr(sb, name)
+    for argument in inspect.signature(made).parameters:
+        with pytest.raises((UsageError, TypeError)) as caught:
+            made(**{argument: object()})
+        # Python itself says which argument is missing.
+        assert isinstance(caught.value, UsageError) or "missing" in str(caught.value)
+
+
+def test_settings_are_named() -> None:
+    with pytest.raises(UsageError, match=r"Step\(initial=..., final=..., start=...\)"):
+        sb.Step(3.0)  # type: ignore[call-arg]
+    with pytest.raises(UsageError, match="did you mean 'final'"):
+        sb.Step(finl=3.0)  # type: ignore[call-arg]

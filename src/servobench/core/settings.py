@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 from difflib import get_close_matches
-from typing import Annotated, Any, Self, TypeAlias, get_args, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Self, TypeAlias, get_args, get_origin
 
 from pydantic import (
     BaseModel,
@@ -183,7 +183,37 @@ def none_for(word: str) -> BeforeValidator:
     return BeforeValidator(lambda given: None if isinstance(given, str) and given == word else given)
 
 
-class Settings(BaseModel):
+def problems_text(error: ValidationError) -> str:
+    """Return what is wrong with settings, a sentence for each problem, after the name of the setting."""
+    return "; ".join(
+        ": ".join(filter(None, [".".join(map(str, each["loc"])), _in_words(each["msg"])]))
+        for each in error.errors(include_url=False)
+    )
+
+
+def _in_words(problem: str) -> str:
+    """A problem as pydantic tells it, in the manner of all other sentences."""
+    sentence = problem.removeprefix("Value error, ")
+    expected = sentence.removeprefix("Input should be ")
+    return sentence if expected == sentence else f"expected {expected}"
+
+
+class _TellsMistakes(type(BaseModel)):
+    """Makes a call with wrong settings a sentence; what reads a file validates a table, and sees each problem with its place."""
+
+    if not TYPE_CHECKING:
+
+        def __call__(cls, *positional: object, **settings: object) -> object:
+            if positional:
+                names = ", ".join(f"{name}=..." for name in cls.model_fields)
+                raise UsageError(f"{cls.__name__} takes its settings by their names: {cls.__name__}({names})")
+            try:
+                return super().__call__(**settings)
+            except ValidationError as error:
+                raise UsageError(f"{cls.__name__}: {problems_text(error)}") from None
+
+
+class Settings(BaseModel, metaclass=_TellsMistakes):
     """What all settings are: frozen, and without a place for a misspelt name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

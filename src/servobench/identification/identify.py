@@ -13,7 +13,7 @@ from typing import Unpack
 import numpy as np
 
 from servobench._version import __version__
-from servobench.core.arguments import check_type
+from servobench.core.arguments import check_mapping, check_type
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, Verdict, refusal, verdict
 from servobench.core.parameter_names import plain_words
@@ -71,7 +71,7 @@ from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.reading import ReadingOptions, evidence_in
 from servobench.recordings.recording import Recording
-from servobench.rig.motor.parameters import MotorParameters, data_sheet
+from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
 
 def identify(
@@ -113,7 +113,12 @@ def identify(
     >>> round(result["gain"].value, 3), round(result["time_constant"].value, 4)
     (20.0, 0.1)
     """
+    check_type("structure", structure, str, "a name, or 'auto'")
+    check_type("estimator", estimator, str, "a name, or 'auto'")
     check_type("starts_at_rest", starts_at_rest, bool, "True or False")
+    nominal_motor(nominal)
+    if known is not None:
+        check_mapping("known", known, '{"resistance": 8.4}')
     parts = evidence_in(data, **options)
     others: tuple[Evidence | Dataset, ...] = ()
     if not (isinstance(validate_on, Sequence) and not len(validate_on)):
@@ -207,7 +212,7 @@ def _identify(
     _check_together(records)
     findings = [finding for record in records for finding in record.findings]
     records, restored = with_counts_restored(records, estimator)
-    findings += [*restored, *about_data(records, _parameters(nominal))]
+    findings += [*restored, *about_data(records, nominal_motor(nominal))]
     records, left_out = stretches_of_motion(records)
     findings += left_out
     judged = _Judgement(causes=Causes(records))
@@ -271,7 +276,7 @@ def _judge(
         *choice.findings,
         *fit.findings,
         *about_answers(*told),
-        *about_fit(fit, _parameters(nominal)),
+        *about_fit(fit, nominal_motor(nominal)),
         *about_winding(fit),
         *about_current_input(fit),
         *([] if choice.computed else validate(fit)),
@@ -332,13 +337,9 @@ def _check_together(records: Sequence[Dataset]) -> None:
             )
 
 
-def _parameters(nominal: str | MotorParameters | None) -> MotorParameters | None:
-    return data_sheet(nominal).motor if isinstance(nominal, str) else nominal
-
-
 def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Comparison, ...]:
     """The estimates beside the nominal values, for data in volts and radians."""
-    motor = _parameters(nominal)
+    motor = nominal_motor(nominal)
     if motor is None:
         return ()
     data = fit.records[0].data
@@ -367,7 +368,7 @@ def _compare(fit: Fit, nominal: str | MotorParameters | None) -> tuple[Compariso
 
 def _causes(fit: Fit, nominal: str | MotorParameters | None) -> list[Finding]:
     """What explains the difference to the nominal values."""
-    motor = _parameters(nominal)
+    motor = nominal_motor(nominal)
     return [] if motor is None else reconcile(fit, motor)
 
 

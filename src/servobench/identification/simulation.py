@@ -9,13 +9,14 @@ from typing import Protocol, runtime_checkable
 
 import numpy as np
 
-from servobench.core.arguments import check_type
+from servobench.core.arguments import check_mapping, check_type, text_of_value, to_number
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.identification.estimators.base import Fit, FittedRecord
 from servobench.identification.estimators.disturbance import Disturbance, innovation_sd, whiten
 from servobench.identification.estimators.output_error import simulate_record
 from servobench.identification.models.base import Model, Output, check_output
+from servobench.recordings.cells import to_numbers
 from servobench.recordings.measurement.base import Chain
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.recordings.recording import Source
@@ -65,7 +66,7 @@ def simulate(
     elif t is None:
         raise UsageError("an input without times can't be simulated: give t, the times of its values [s]")
     else:
-        data = _input_dataset(known, drive, np.asarray(t, dtype=np.float64), output, chain)
+        data = _input_dataset(known, drive, _values("t", t), output, chain)
     return known.simulate(data, _start(known, data, start))
 
 
@@ -110,7 +111,7 @@ def _input_dataset(
     return Dataset(
         name="simulation",
         t_input=t,
-        u=np.asarray(u, dtype=np.float64),
+        u=_values("drive", u),
         input_unit=model.data.input_unit,
         input_before=0.0,
         t_output=t,
@@ -122,15 +123,26 @@ def _input_dataset(
     )
 
 
+def _values(argument: str, given: object) -> Array:
+    """An argument as a series of numbers (N,)."""
+    values, _ = to_numbers(argument, given)
+    if values is None or values.ndim != 1:
+        raise UsageError(
+            f"{argument} is {text_of_value(given)}; expected an array of numbers, a value for each time"
+        )
+    return values
+
+
 def _start(model: Model, data: Dataset, start: Mapping[str, float]) -> Array:
     """The record's own parameters (Q,): zero where nothing else is said."""
+    check_mapping("start", start, '{"start_speed": 10.0}')
     names = [parameter.name for parameter in model.structure.nuisance(data)]
     unknown = sorted(set(start) - set(names))
     if unknown:
         raise UsageError(
             f"a {data.kind} of this model has no {' or '.join(map(repr, unknown))} to start from; it has {', '.join(names)}"
         )
-    return np.array([float(start.get(name, 0.0)) for name in names])
+    return np.array([to_number(f"start[{name!r}]", start.get(name, 0.0)) for name in names])
 
 
 def _record(fit: Fit, data: Dataset) -> FittedRecord:

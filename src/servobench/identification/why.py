@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Unpack
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import UsageError
 from servobench.identification.identify import identify
 from servobench.identification.reconciliation.claim import Claim
@@ -31,6 +32,7 @@ def why(
     claim was found, where that is known: see `explain`, which also says what comes out.
     Raises `UsageError` where there is nothing to explain, and what `identify` and `explain` raise.
     """
+    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
     if isinstance(data, Result):
         if options:
             raise UsageError(f"data is a Result already: leave {', '.join(options)} out")

@@ -9,6 +9,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import StorageError
 from servobench.identification.result import Result
 from servobench.recordings.recording import Recording
@@ -25,6 +26,12 @@ class Report:
     recording: Recording | Sequence[Recording] | None
     result: Result
     command: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        check_type("result", self.result, Result, "a Result, which identify() returns")
+        if self.recording is not None:
+            for each in self.recording if isinstance(self.recording, Sequence) else (self.recording,):
+                check_type("recording", each, Recording, "Recordings, which load() and run() return, or None")
 
     @property
     def recordings(self) -> tuple[Recording, ...]:

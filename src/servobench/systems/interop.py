@@ -134,6 +134,7 @@ def without_delay(system: TransferFunction, pade_order: int = PADE_ORDER) -> Tra
 
     Raises `UsageError` for an order below 1, and for a negative delay, which no causal system has.
     """
+    check_type("pade_order", pade_order, int, "a whole number from 1 on")
     if pade_order < 1:
         raise UsageError(f"a Padé approximation of order {pade_order} omits the delay; expected 1 or more")
     if system.delay == 0.0:

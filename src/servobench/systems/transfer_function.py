@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from numbers import Real
 
 import numpy as np
 from numpy.typing import NDArray
 
+from servobench.core.arguments import check_type, text_of_value
 from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 
@@ -33,6 +36,15 @@ class TransferFunction:
     unit: str = "rad/(s·V)"
 
     def __post_init__(self) -> None:
+        for name in ("numerator", "denominator"):
+            given = getattr(self, name)
+            if not isinstance(given, Sequence | np.ndarray) or not all(
+                isinstance(each, Real) for each in given
+            ):
+                raise UsageError(
+                    f"{name} is {text_of_value(given)}; expected numbers, highest power of s first"
+                )
+        check_type("delay", self.delay, Real, "a number of seconds")
         values = (*self.numerator, *self.denominator, self.delay)
         if (
             not self.numerator

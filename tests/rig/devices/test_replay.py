@@ -3,7 +3,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
 from servobench.core.channels import Channel
 from servobench.core.errors import FormatError, UsageError
@@ -155,7 +154,7 @@ def test_a_file_is_played_by_the_name_or_the_place_of_its_recording(
     for unknown in ("nothing", 4, "twice"):
         with pytest.raises(UsageError, match="it holds 0: 'run', 1: 'foreign', 2: 'twice', 3: 'twice'"):
             played(recording=unknown)
-    with pytest.raises(ValidationError):
+    with pytest.raises(UsageError):
         played(recording=-1)
 
 

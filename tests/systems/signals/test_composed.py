@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
+from servobench.core.errors import UsageError
 from servobench.systems.signals.constant import Constant
 from servobench.systems.signals.prbs import PRBS
 from servobench.systems.signals.ramp import Ramp
@@ -114,5 +114,5 @@ def test_a_deep_nest_of_sums_is_looked_at_once() -> None:
     ],
 )
 def test_what_is_no_signal_is_no_part(make, message: str) -> None:
-    with pytest.raises(ValidationError, match=message):
+    with pytest.raises(UsageError, match=message):
         make()

@@ -4,8 +4,8 @@ import math
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
+from servobench.core.errors import UsageError
 from servobench.systems.signals.prbs import _LAGS, PRBS
 
 ORDERS = sorted(_LAGS)
@@ -118,7 +118,7 @@ def test_it_begins_at_its_start_with_its_seed_and_is_low_before() -> None:
 
 @pytest.mark.parametrize(("order", "seed"), [(4, 16), (4, 0), (4, -1), (21, 1), (1, 1), (8, 1.0), (8, True)])
 def test_an_impossible_register_is_refused(order: int, seed: int) -> None:
-    with pytest.raises(ValidationError):
+    with pytest.raises(UsageError):
         PRBS(order=order, seed=seed)
 
 

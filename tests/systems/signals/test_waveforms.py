@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 import scipy.signal
-from pydantic import ValidationError
 
+from servobench.core.errors import UsageError
 from servobench.systems.signals.pulse import Pulse
 from servobench.systems.signals.ramp import Ramp
 from servobench.systems.signals.sawtooth import Sawtooth
@@ -90,7 +90,7 @@ def test_a_staircase_holds_each_level_and_stays_at_the_last() -> None:
 
 @pytest.mark.parametrize("wave", [Square, Triangle, Sawtooth])
 def test_a_high_level_below_the_low_one_is_refused(wave: type) -> None:
-    with pytest.raises(ValidationError, match="high = 3 is below low = 5; exchange them"):
+    with pytest.raises(UsageError, match="high = 3 is below low = 5; exchange them"):
         wave(low=5)
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Unpack, get_args
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
 from servobench.core.units import quantity
 from servobench.identification.design.assumed_motor import AssumedMotor, from_data_sheet, from_result
@@ -44,6 +45,8 @@ def design(
     >>> found.chosen.used["travel"] <= 1
     True
     """
+    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
+    check_type("wish", wish, str, "a text")
     if wish not in get_args(Wish):
         raise UsageError(f"wish is {wish!r}; expected {' or '.join(map(repr, get_args(Wish)))}")
     kept = _limits(limits)

@@ -9,6 +9,7 @@ from typing import Any, Unpack
 
 import numpy as np
 
+from servobench.core.arguments import check_mapping, check_type, to_number
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
@@ -112,6 +113,11 @@ def honest(
     Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run, for values beside that
     don't match the runs, and for tests of one procedure.
     """
+    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
+    check_type("structure", structure, str, "a name, or 'auto'")
+    check_type("estimator", estimator, str, "a name, or 'auto'")
+    if beside is not None:
+        check_mapping("beside", beside, '{"temperature": [21.5, 24.0, 30.5]}')
     return _compare_runs(
         datasets_in(data, starts_at_rest=starts_at_rest, **options), structure, estimator, beside or {}
     )
@@ -121,6 +127,7 @@ def _compare_runs(
     data: Sequence[Dataset], structure: str, estimator: str, beside: Mapping[str, Sequence[float]]
 ) -> Honesty:
     for what, values in beside.items():
+        check_type(f"beside[{what!r}]", values, (Sequence, np.ndarray), "a list of numbers, one for each run")
         if len(values) != len(data):
             raise UsageError(f"{what}: {len(values)} values for {len(data)} runs; expected one for each run")
     if len(data) < 2:
@@ -141,7 +148,9 @@ def _compare_runs(
     apart = {
         "the number of the run": [float(n) for n in used],
         "the size of the input": [float(np.abs(data[n].u).max()) for n in used],
-        **{what: [float(values[n]) for n in used] for what, values in beside.items()},
+        **{
+            what: [to_number(f"beside[{what!r}]", values[n]) for n in used] for what, values in beside.items()
+        },
     }
     why = causes(known, different) if different else ()
     follows = trends(different, known, apart) + follows_the_angle(different, known)

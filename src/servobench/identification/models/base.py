@@ -119,7 +119,7 @@ STRUCTURES: Registry[Structure] = Registry(
 
 def check_output(output: str) -> None:
     """Raise `UsageError` where a name is none of an output of the shaft."""
-    if output not in get_args(Output):
+    if not isinstance(output, str) or output not in get_args(Output):
         raise UsageError(f"output is {output!r}; expected 'position' or 'speed'")
 
 

@@ -9,6 +9,7 @@ from typing import TypeAlias
 
 import numpy as np
 
+from servobench.core.arguments import to_number
 from servobench.core.channels import Array
 from servobench.core.errors import UnknownName, UsageError
 from servobench.core.finding import Finding
@@ -64,15 +65,16 @@ def from_values(known: Mapping[str, float | tuple[float, float]]) -> Observation
     for name, given in known.items():
         if name not in UNITS:
             raise UnknownName("parameter of a motor", name, UNITS)
-        value, sd = given if isinstance(given, tuple) else (given, 0.0)
+        stated = given if isinstance(given, tuple) and len(given) == 2 else (given, 0.0)
+        value, sd = (to_number(f"known {name}", each) for each in stated)
         if not (math.isfinite(value) and value > 0 and math.isfinite(sd) and sd >= 0):
             raise UsageError(
                 f"known {name}: {value:g} with a standard deviation of {sd:g} {UNITS[name]}; expected a value above 0, and a "
                 "standard deviation of 0 or more"
             )
         laws.append(_itself(name))
-        values.append(float(value))
-        sds.append(max(float(sd), _EXACT * value))
+        values.append(value)
+        sds.append(max(sd, _EXACT * value))
     named = " and ".join(parameter_in_words(name) for name in known)
     return Observation(
         laws=tuple(laws),

@@ -30,7 +30,7 @@ from servobench.identification.reconciliation.readings import Reading
 from servobench.identification.reconciliation.reenactment import check_method
 from servobench.identification.reconciliation.sentences import differences_told, likeliest, sentences
 from servobench.identification.result import Result
-from servobench.rig.motor.parameters import MotorParameters, data_sheet
+from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
 _ALIKE = 1 / 3  # of the first one's probability: evidence "barely worth mentioning" (Jeffreys)
 _NO_CAUSE = (CHANCE, SOMETHING_ELSE)
@@ -52,7 +52,7 @@ def explain(
     there is nothing to explain, `UnknownName`, and `NotIdentifiable` where the data leave open what is claimed.
     """
     check_method(method)
-    motor = data_sheet(nominal).motor if isinstance(nominal, str) else nominal
+    motor = nominal_motor(nominal)
     told = _claims(claims, result)
     if not told and motor is None:
         raise UsageError("nothing to explain: name a claim, such as tau=0.13, or a data sheet")
@@ -98,7 +98,12 @@ def _claims(claims: Sequence[Claim | str] | Mapping[str, float], result: Result)
     unit = "rad/(s·V)"
     if result.fit is not None and "gain" in result.fit.model.names:
         unit = result.fit["gain"].unit
+    check_type(
+        "claims", claims, (Mapping, Sequence), 'texts such as "tau=0.13", or a dict such as {"tau": 0.13}'
+    )
     given = [f"{name}={value!r}" for name, value in claims.items()] if isinstance(claims, Mapping) else claims
+    for each in given:
+        check_type("a claim", each, (Claim, str), "a text such as 'tau=0.13', or a Claim")
     return tuple(each if isinstance(each, Claim) else Claim.parse(each, unit) for each in given)
 
 

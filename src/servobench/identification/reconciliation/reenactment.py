@@ -123,7 +123,7 @@ SPOKEN: Mapping[str, str] = {
 
 def check_method(name: str | None) -> None:
     """Raise `UnknownName` for a method that can't be re-enacted."""
-    if name is not None and name not in METHODS:
+    if name is not None and not (isinstance(name, str) and name in METHODS):
         raise UnknownName("method to re-enact", name, METHODS)
 
 

@@ -149,19 +149,17 @@ def connect(name: str, **settings: object) -> Device:
     Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
     """
     check_type("name", name, str, 'the name of a device, such as "twin"')
-    from pydantic import ValidationError
-
     device = DEVICES[name]
     if missing := missing_settings(name, settings):
         raise UsageError("\n".join(f"{name}: {each}" for each in missing))
+    from pydantic import ValidationError
+
+    from servobench.core.settings import problems_text
+
     try:
-        return device(device.Settings(**settings))
+        return device(device.Settings.model_validate(settings))
     except ValidationError as error:
-        lines = [
-            f"{name}: {'.'.join(map(str, e['loc']))}: {e['msg'].removeprefix('Value error, ')}"
-            for e in error.errors()
-        ]
-        raise UsageError("\n".join(lines)) from None
+        raise UsageError(f"{name}: {problems_text(error)}") from None
 
 
 def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ...]:

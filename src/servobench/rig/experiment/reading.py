@@ -125,7 +125,7 @@ def experiment_of(tables: dict[str, Any], text: str, name: str) -> Experiment:
     except RecursionError:
         raise ExperimentError(f"{name}: its arrays or tables are nested too deeply") from None
     try:
-        return Experiment(**fields)
+        return Experiment.model_validate(fields)
     except ValidationError as error:
         raise explain(error, text, name, ("experiment",)) from None
 

@@ -13,7 +13,7 @@ from pydantic import TypeAdapter, ValidationError
 from servobench.core.channels import DeviceInfo
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding
-from servobench.core.settings import Settings
+from servobench.core.settings import Settings, problems_text
 from servobench.recordings.recording import Stopped
 from servobench.rig.experiment.experiment import AnyController
 from servobench.systems.control.base import Controller
@@ -66,7 +66,7 @@ class Order:
             number = given.pop("number")
             if not isinstance(number, int) or isinstance(number, bool):
                 raise ValueError(f"the number of a command is {number!r}; expected a whole number")
-            return cls(number=number, command=Command(**given))
+            return cls(number=number, command=Command.model_validate(given))
         except (ValidationError, ValueError, KeyError, AttributeError, TypeError, RecursionError) as error:
             raise UsageError(f"no command: {_reason(error)}") from None
 
@@ -163,10 +163,7 @@ def _reason(error: Exception) -> str:
     if isinstance(error, AttributeError | TypeError):
         return "it isn't an object; expected one with `number` and the values to change"
     if isinstance(error, ValidationError):
-        return "; ".join(
-            f"{'.'.join(map(str, each['loc']))}: {each['msg'].removeprefix('Value error, ')}"
-            for each in error.errors()
-        )
+        return problems_text(error)
     if isinstance(error, KeyError):
         return "its number is missing"
     return str(error) or type(error).__name__

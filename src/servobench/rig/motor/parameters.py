@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
+from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
 
 
@@ -132,6 +133,19 @@ QUBE_SERVO_3 = DataSheet(
 )
 
 DATA_SHEETS: Mapping[str, DataSheet] = MappingProxyType({s.name: s for s in (QUBE_SERVO_2, QUBE_SERVO_3)})
+
+
+def nominal_motor(nominal: object) -> MotorParameters | None:
+    """Return the parameters that a motor should have, of a data sheet's name or given as they are; None of None.
+
+    Raises `UnknownName` for a name of no data sheet, and `UsageError` for anything else.
+    """
+    if nominal is None or isinstance(nominal, MotorParameters):
+        return nominal
+    check_type(
+        "nominal", nominal, str, "the name of a data sheet, such as 'qube_servo_2', or MotorParameters"
+    )
+    return data_sheet(str(nominal)).motor
 
 
 def data_sheet(name: str) -> DataSheet:

@@ -15,7 +15,7 @@ from pydantic import ConfigDict, Field, ValidationError, model_validator
 from servobench.core.channels import DeviceInfo, Sample
 from servobench.core.errors import UsageError
 from servobench.core.registry import Registry
-from servobench.core.settings import PositiveTime, Settings, Time, with_units
+from servobench.core.settings import PositiveTime, Settings, Time, problems_text, with_units
 from servobench.rig.devices.base import Device
 
 Latch = Callable[[], Sample]
@@ -201,20 +201,8 @@ def table_of(text: str) -> dict[str, Any]:
     try:
         fault_from(table)
     except ValidationError as error:
-        problems = [
-            ": ".join((*filter(None, [".".join(map(str, each["loc"]))]), _in_words(each["msg"])))
-            for each in error.errors()
-        ]
-        raise UsageError(f"the fault {text!r}: {'; '.join(problems)}") from None
+        raise UsageError(f"the fault {text!r}: {problems_text(error)}") from None
     return table
-
-
-def _in_words(problem: str) -> str:
-    """A problem as pydantic tells it, in the manner of all other sentences."""
-    told = problem.removeprefix("Value error, ")
-    return (
-        f"expected {told.removeprefix('Input should be ')}" if told.startswith("Input should be ") else told
-    )
 
 
 def text_of(fault: Fault) -> str:
