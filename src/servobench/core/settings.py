@@ -198,10 +198,12 @@ def _in_words(problem: str) -> str:
     return sentence if expected == sentence else f"expected {expected}"
 
 
-class _TellsMistakes(type(BaseModel)):
-    """Makes a call with wrong settings a sentence; what reads a file validates a table, and sees each problem with its place."""
+if TYPE_CHECKING:
+    _Model = BaseModel
+else:
 
-    if not TYPE_CHECKING:
+    class _TellsMistakes(type(BaseModel)):
+        """Makes a call with wrong settings a sentence; what reads a file validates tables, and sees each problem by itself."""
 
         def __call__(cls, *positional: object, **settings: object) -> object:
             if positional:
@@ -212,8 +214,11 @@ class _TellsMistakes(type(BaseModel)):
             except ValidationError as error:
                 raise UsageError(f"{cls.__name__}: {problems_text(error)}") from None
 
+    class _Model(BaseModel, metaclass=_TellsMistakes):
+        pass
 
-class Settings(BaseModel, metaclass=_TellsMistakes):
+
+class Settings(_Model):
     """What all settings are: frozen, and without a place for a misspelt name."""
 
     model_config = ConfigDict(frozen=True, extra="forbid", use_attribute_docstrings=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -64,11 +65,20 @@ def explain(
             origin="claim" if told else "data sheet",
             sentences=("These data can't support a model to compare the figure with.", *refusals),
         )  # fmt: skip
-    if told:
-        question = about_claims(result.fit, told, motor=motor, method=method)
-    else:
-        question = about_sheet(result.fit, _require_parameters(motor))
-    return _explain(question, result)
+    if not told:
+        return _explain(about_sheet(result.fit, _require_parameters(motor)), result)
+    found = _explain(about_claims(result.fit, told, motor=motor, method=method), result)
+    return replace(found, sentences=(*_about_signs(told, result.fit), *found.sentences))
+
+
+def _about_signs(claims: Sequence[Claim], fit: Fit) -> tuple[str, ...]:
+    """A sentence where a claimed gain has the other sign; what is explained further is its size."""
+    if not any(claim.name == "gain" and claim.value * fit["gain"].value < 0 for claim in claims):
+        return ()
+    return (
+        "The claimed gain has the other sign: the motor's leads or the encoder's channels are exchanged, or one of the two "
+        "counts the other way. Apart from the sign:",
+    )
 
 
 def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:

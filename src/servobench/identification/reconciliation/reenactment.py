@@ -39,6 +39,7 @@ _CUTOFFS = (
     225.0,
 )  # rad/s, of filters behind encoders
 _LONG = 8.0  # time constants that a simulated step lasts: e^-8 = 0.03 % are left
+_BY_EYE = 0.03  # of a time constant: what a reading by hand is off by
 
 
 def rise_time(t: Array, part: Array) -> float:
@@ -208,8 +209,10 @@ def read_lags(fit: Fit, method: str) -> Lags | None:
     found = []
     for cutoff in _CUTOFFS:
         reading = reenact(fit, (method,), f"derivative | lowpass {cutoff:g} rad/s")[0]
-        if not reading.why_not:
-            found.append((cutoff, reading.time_constant - tau, 0.0))
+        extra = reading.time_constant - tau
+        # A filter makes a step no earlier: where it is read so, the input changed before the filter had settled.
+        if not reading.why_not and extra > -_BY_EYE * tau:
+            found.append((cutoff, extra, 0.0))
     return _lags(found)
 
 

@@ -47,15 +47,16 @@ def sentences(
 ) -> list[str]:
     """Return what explains the difference: the first cause, what it leaves, what can't be told from it, and what is ruled out."""
     first = causes[0]
-    told = likeliest(question, causes, hypotheses, alike)
-    if first.possible and first.name in _OF_THE_READING and question.origin == "claim":
-        told += _if_the_motor(causes)
     other = next(each.probability for each in hypotheses if each.causes == (SOMETHING_ELSE,))
     if other > _LIKELY:
-        told.append(
+        told = [
             "None of the causes considered here explains it well: something else is likely "
             f"({probability_told(other)})."
-        )
+        ]
+    else:
+        told = likeliest(question, causes, hypotheses, alike)
+        if first.possible and first.name in _OF_THE_READING and question.origin == "claim":
+            told += _if_the_motor(causes)
     ruled_out = [each for each in causes if not each.possible]
     if ruled_out:
         told.append(f"It isn't {_or([f'{each.label} ({each.against})' for each in ruled_out])}.")
@@ -104,7 +105,7 @@ def _first(question: Question, first: JudgedCause) -> str:
     if first.needed is not None:
         needed = f" The whole difference would need {size_range_text(first.needed)}."
     likely = ""
-    if first.likely is not None and any(math.isfinite(each.value) for each in first.explains):
+    if first.likely is not None and any(map(_is_told, first.explains)):
         likely = f" At a usual size, {first.likely.text}, it explains {_shares(first.explains)}."
     return (
         f"The most likely cause is {first.label} ({probability_told(first.probability)}). "
@@ -164,14 +165,19 @@ def _if_the_motor(causes: Sequence[JudgedCause]) -> list[str]:
     return [f"To be the motor's own, the claimed figure would need {_or(sizes)}."] if sizes else []
 
 
+def _is_told(share: Share) -> bool:
+    """Whether there is a difference in a figure for certain, so that parts of it mean something."""
+    return all(map(math.isfinite, (share.value, *share.interval)))
+
+
 def _shares(shares: Sequence[Share]) -> str:
     """`76 % (65 to 91 %) of the difference in the time constant`, for each figure that it explains a part of."""
     told = []
     for share in shares:
-        if not math.isfinite(share.value) or share.name == "delay" or abs(share.value) < 0.005:
+        if not _is_told(share) or share.name == "delay" or abs(share.value) < 0.005:
             continue
         low, high = (100 * end for end in share.interval)
-        ends = f" ({low:.0f} to {high:.0f} %)" if math.isfinite(low) and math.isfinite(high) else ""
+        ends = f" ({low:.0f} to {high:.0f} %)"
         told.append(
             f"{100 * share.value:.0f} %{ends} of the difference in the {parameter_in_words(share.name)}"
         )
