@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from servobench.core.errors import NotIdentifiable, UsageError
-from servobench.identification.estimators.base import ESTIMATORS
+from servobench.identification.estimators.base import ESTIMATORS, is_regular
 from servobench.identification.estimators.frequency_response import (
     FrequencyResponse,
     bode_readings,
@@ -24,6 +24,7 @@ from servobench.report.frequency_figures import measured_bode
 from servobench.report.palette import Style
 from servobench.systems.signals.multisine import Multisine
 from servobench.systems.transfer_function import TransferFunction
+from tests.datasets import dataset
 from tests.rig.motor.reference import Truth, march
 from tests.truth.test_frequency_bands import SAMPLES, Array, Motor, T, binary, multisine, record, square
 
@@ -311,3 +312,20 @@ def test_the_figure_has_points_curve_and_coherence() -> None:
     assert len(phase.lines) == 4  # points, curve, the two edges of its band
     np.testing.assert_allclose(coherence.lines[0].get_ydata(), found.coherence)
     assert len(measured_bode(found, None, Style(width=400)).axes) == 3
+
+
+def test_an_input_that_began_before_the_output_is_no_irregular_time() -> None:
+    """A record that begins in mid-motion loses the first samples of its output, not those of its input."""
+    data = dataset(seed=1, kind="prbs", samples=4000)
+    later = replace(data, t_output=data.t_output[7:], y=data.y[7:])
+
+    assert is_regular(later)
+    # The lines of 7 samples less lie elsewhere by 2 parts in 1,000, and there are about as many.
+    whole, part = (frequency_response(each) for each in (data, later))
+    assert len(part.omega) == pytest.approx(len(whole.omega), rel=0.1)
+
+
+def test_a_hole_in_the_output_is_an_irregular_time() -> None:
+    data = dataset(seed=1, kind="prbs", samples=4000)
+
+    assert not is_regular(replace(data, t_output=np.delete(data.t_output, 100), y=np.delete(data.y, 100)))

@@ -268,13 +268,31 @@ def too_few(used: int, unknowns: int, data: Sequence[Dataset]) -> NotIdentifiabl
 
 
 def is_regular(data: Dataset) -> bool:
-    """Return whether input and output come at the same times, evenly spaced to a thousandth of the sample time."""
+    """Return whether input and output come at the same times, evenly spaced to a thousandth of the sample time.
+
+    What of the input comes before the first sample of the output doesn't count.
+    """
+    data = from_first_output(data)
     if len(data.t_input) != len(data.t_output) or len(data.t_output) < 2:
         return False
     step = data.duration / (len(data.t_output) - 1)
     even = data.t_output[0] + step * np.arange(len(data.t_output))
     late = np.abs(np.concatenate([data.t_output - even, data.t_input - even]))
     return bool(late.max() <= 1e-3 * step)
+
+
+def from_first_output(data: Dataset) -> Dataset:
+    """Return the record without what of its input lies before its first output, where the shaft was on its way already."""
+    first = int(np.searchsorted(data.t_input, data.t_output[0] - 1e-9 * data.duration))
+    if first in (0, len(data.t_input)):
+        return data
+    return replace(
+        data,
+        t_input=data.t_input[first:],
+        u=data.u[first:],
+        input_before=float(data.u[first - 1]),
+        reference=None if data.reference is None else data.reference[first:],
+    )
 
 
 ESTIMATORS: Registry[Estimator] = Registry(

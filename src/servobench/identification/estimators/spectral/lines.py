@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.errors import NotIdentifiable
-from servobench.identification.estimators.base import is_regular
+from servobench.identification.estimators.base import from_first_output, is_regular
 from servobench.identification.estimators.spectral.path import Complex, Path
 from servobench.identification.estimators.spectral.sines import Run, sines
 from servobench.recordings.measurement.dataset import Dataset
@@ -87,6 +87,7 @@ def stretches(data: Dataset) -> tuple[Stretch, ...]:
         raise NotIdentifiable(
             f"{data.name}: a frequency response can't be taken at irregular times; output_error can work on them"
         )
+    data = from_first_output(data)
     first = int(np.argmax(data.valid)) if data.valid.any() else len(data.y)
     u = data.u[first:]
     if len(u) < 2 * _FEWEST or np.ptp(u) == 0 or np.ptp(data.y) == 0:
