@@ -2,6 +2,7 @@
 
 import os
 import signal
+import sys
 from collections.abc import Callable, Generator, Iterator
 from fnmatch import fnmatchcase
 from pathlib import Path
@@ -27,6 +28,11 @@ for name in ("SIGINT", "SIGHUP", "SIGQUIT", "SIGTERM"):
 # So would they inherit how words look in the terminal of whoever started the tests, which says nothing of what is said.
 for name in ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE", "TTY_INTERACTIVE"):
     os.environ.pop(name, None)
+
+# Container images set this, and then each process that a test starts compiles the package's source anew: half of what a short
+# command costs.
+os.environ.pop("PYTHONDONTWRITEBYTECODE", None)
+sys.dont_write_bytecode = False
 
 # No deadline: the first example of a property compiles the kernels, and a shared machine stalls now and then.
 hypothesis.settings.register_profile("local", deadline=None)

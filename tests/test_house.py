@@ -1,5 +1,6 @@
 """The house in order: lock file, public names, decision records, links, and no binaries in the tree."""
 
+import functools
 import importlib.util
 import shutil
 import subprocess
@@ -12,8 +13,9 @@ ROOT = Path(__file__).resolve().parent.parent
 LARGEST_PICTURE = 300_000  # bytes; enough for a screenshot of a report, too little for a video
 
 
+@functools.cache
 def tool(name: str) -> ModuleType:
-    """Import `tools/<name>.py`, which is no part of the package."""
+    """Import `tools/<name>.py`, which is no part of the package, once: what it has found in the source it needn't find again."""
     spec = importlib.util.spec_from_file_location(name, ROOT / "tools" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None

@@ -1,8 +1,10 @@
 """The table of finding codes is that of the source: every code raised has a row, and every row is raised somewhere."""
 
 import ast
+import functools
 import re
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
@@ -45,8 +47,16 @@ def codes_raised(tree: ast.Module) -> set[str]:
     return found
 
 
-SOURCES = {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py")) if path != TABLE}
-RAISED = {code: path for path, text in SOURCES.items() for code in codes_raised(ast.parse(text))}
+@functools.cache
+def sources() -> dict[Path, str]:
+    """The package's modules, without the table."""
+    return {path: path.read_text(encoding="utf-8") for path in sorted(PACKAGE.rglob("*.py")) if path != TABLE}
+
+
+@functools.cache
+def raised() -> dict[str, Path]:
+    """The codes of the package, each with a module that makes findings with it."""
+    return {code: path for path, text in sources().items() for code in codes_raised(ast.parse(text))}
 
 
 def test_a_code_is_seen_wherever_it_is_written() -> None:
@@ -63,13 +73,13 @@ def test_a_code_is_seen_wherever_it_is_written() -> None:
 
 
 def test_every_code_that_the_source_raises_is_in_the_table() -> None:
-    assert {code: path.name for code, path in RAISED.items() if code not in FINDING_CODES} == {}
+    assert {code: path.name for code, path in raised().items() if code not in FINDING_CODES} == {}
 
 
 def test_every_row_of_the_table_is_raised_somewhere() -> None:
-    everything = "\n".join(SOURCES.values())
+    everything = "\n".join(sources().values())
 
-    assert [code for code in FINDING_CODES if code not in RAISED and f'"{code}"' not in everything] == []
+    assert [code for code in FINDING_CODES if code not in raised() and f'"{code}"' not in everything] == []
 
 
 def test_no_code_stands_in_the_table_twice() -> None:
