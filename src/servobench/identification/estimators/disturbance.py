@@ -31,6 +31,9 @@ _POWER = {"position": 4, "speed": 2}  # of the filter's memory T: q/r = (sample 
 _WIDE = 3.5  # standard deviations of ln(q/r) that the fine grid spans on each side
 _SHORT = 0.33  # of τ: the longest block
 _QUICK = 1.0  # of the filter's memory: the longest block
+_SHORTEST = (
+    0.01  # of the time constant that a filter was made for: how far a search for another one goes with it
+)
 WEIGHED = 0.5  # of the filter's memory: the longest block that parameters are found from
 
 
@@ -345,8 +348,15 @@ class WhitenedStructure:
         return self.structure.nuisance(data)
 
     def bounds(self, data: Sequence[Dataset]) -> tuple[Array, Array]:
-        """Those of the structure for the records as they were: whitened ones don't show when the shaft first moves."""
-        return self.structure.bounds(self.data)
+        """Those of the structure for the records as they were: whitened ones don't show when the shaft first moves.
+
+        A time constant far below the one that the filter was made for, to which a model that isn't right may slide, would take
+        many steps of an integration. A search for another filter may go on from there.
+        """
+        lower, upper = (end.copy() for end in self.structure.bounds(self.data))
+        at = [parameter.name for parameter in self.parameters].index("time_constant")
+        lower[at] = max(lower[at], _SHORTEST * self.disturbance.tau)
+        return lower, upper
 
     def guesses(self, data: Sequence[Dataset]) -> tuple[Array, ...]:
         """Those of the structure."""

@@ -88,7 +88,9 @@ def _second(fit: Fit) -> tuple[Array, Array]:
         minimum = minimise(model, model.whitened_data, theta)
         theta = minimum.theta
         covariance = _covariance(model, minimum, tau)[:shared, :shared]
-        if abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0)):
+        # Where the search slid off to the shortest time constant, the two ways of weighing have nothing in common.
+        slid = theta[at] <= model.bounds(model.whitened_data)[0][at]
+        if slid or abs(theta[at] - tau) <= _SETTLED * np.sqrt(max(covariance[at, at], 0.0)):
             break
     return theta[:shared], covariance
 
@@ -142,7 +144,7 @@ def _finding(fit: Fit, theta: Array) -> Finding:
         "weighed-twice",
         "The residual doesn't look like noise: part of it is something the model leaves out. Fitted as if a random torque caused "
         "it, the same data give a "
-        f"{parameter_in_words(first, fit[first].unit)} of {instead_of(value[first], fit.model[first])} and a time constant of "
+        f"{parameter_in_words(first, fit.model.units[0])} of {instead_of(value[first], fit.model[first])} and a time constant of "
         f"{instead_of(value['time_constant'], fit.model['time_constant'], unit='s')}; the intervals allow for the difference.",
         parameters=("gain", "time_constant"),
     )
