@@ -349,6 +349,7 @@ _TABLE = (
     FindingCode("stall-of-one-voltage", "The shaft was stalled at one voltage only.", "Stall it at a second voltage."),
     FindingCode("stall-unused", "A record of a stalled shaft isn't used.", "The sentence says why."),
     FindingCode("stalled", "The guard stopped the motor because its shaft was held.", "Free the shaft."),
+    FindingCode("starts-at-rest", "The recording's format says that the motor rests at first."),
     FindingCode("steps-left-out", "Steps that can't be read are left out."),
     FindingCode("stop-failed", "The motor could not be stopped.", "Cut the motor's supply."),
     FindingCode("stribeck-found", "Friction is larger near standstill and is modelled."),
