@@ -172,14 +172,15 @@ def _clean(
         for k, channel in enumerate(channels)
     )
     speeds = [values[:, k] for k, channel in enumerate(channels) if channel.unit == "rev/s"]
-    at_rest = all(map(begins_at_rest, speeds))
+    at_rest, of_drivetrain = all(map(begins_at_rest, speeds)), len(channels) == len(DRIVETRAIN)
     return Recording(
         name=test,
         series=series,
         source=Source(name=name, format="sysid_json"),
         starts_at_rest=at_rest,
         findings=(*findings, info("starts-at-rest", AT_REST)) if at_rest else tuple(findings),
-        **({"input": "voltage", "output": "position"} if len(channels) == len(MECHANISM) else {}),
+        input=None if of_drivetrain else "voltage",
+        output=None if of_drivetrain else "position",
     )
 
 

@@ -29,7 +29,7 @@ _SAME_LOOP = 0.5  # of the time between two loops
 _SLOW = 0.01  # of the largest speed in a test: one that turns at first turns faster
 
 _NAMES = {
-    "voltage": "voltage-",
+    "voltage": ("voltage-",),
     "position": ("position-", "angle-"),
     "speed": ("velocity-", "angular-velocity-"),
 }
