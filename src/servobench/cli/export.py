@@ -86,8 +86,9 @@ def export(
     """Write an identified motor for another program.
 
     RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
-    python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp and
-    python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
+    python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp,
+    python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json,
+    csv. A refused result exports nothing.
     """
     from servobench.cli.terminal import output, say
     from servobench.export.base import TARGETS, Wishes
