@@ -85,18 +85,20 @@ def export(
 ) -> None:
     """Write an identified motor for another program.
 
-    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
+    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed; for c also one of `servobench tune
+    --json`, whose controller of position or speed it then is. The targets: control (a Python file for
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp,
     python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json,
     csv. A refused result exports nothing.
     """
     from servobench.cli.terminal import output, say
+    from servobench.core.errors import UsageError
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
+    from servobench.export.c_law import export_law, read_tuning
     from servobench.export.summary import ResultSummary
 
     suffix = TARGETS[target].suffix
-    answer = ResultSummary.read(result)
     wishes = Wishes(
         unit=position_unit,
         sample_time=_quantity("--sample-time", sample_time, "s"),
@@ -109,6 +111,15 @@ def export(
     )
     file = out if out is not None else Path(default_name(target))
     _check_free(file, suffix, [result], overwrite)
+    if (tuned := read_tuning(result)) is not None:
+        if target != "c":
+            raise UsageError(
+                f"{result} is a tuned controller, which is exported as c; {target} takes a result"
+            )
+        for written in export_law(tuned, file, wishes):
+            say(output(), f"written: {written}")
+        return
+    answer = ResultSummary.read(result)
     files = exported(answer, target, file, wishes)
     console = output()
     _show_constants(console, answer, target, wishes)

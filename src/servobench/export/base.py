@@ -73,7 +73,14 @@ def export(
         raise UsageError(
             f"{file}: {target} makes a file that ends in {made.suffix}; name it so, or without an ending"
         )
-    content = made.render(answer, wishes, file.stem if file.suffix else file.name)
+    return write_files(made.render(answer, wishes, file.stem if file.suffix else file.name), file)
+
+
+def write_files(content: Mapping[str, bytes], file: Path) -> tuple[Path, ...]:
+    """Write files, content by name, into the folder of one of them once all are whole, and return them.
+
+    Files of these names are replaced. Raises `StorageError` where they can't be written.
+    """
     try:
         with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
             for name, data in content.items():

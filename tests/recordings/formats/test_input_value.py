@@ -131,7 +131,7 @@ def table(folder: Path, heading: str, first: str, rest: str = "") -> Recording:
 
 @pytest.mark.parametrize(
     ("heading", "first", "rest", "step"),
-    [("Ts", "0.004", "", 0.004), ("fs", "250", "", 0.004), ("sample_time [ms]", "4", "4", 0.004), ("fs [kHz]", "0.25", "", 0.004)],
+    [("Ts", "0.004", "", 0.004), ("fs", "250", "", 0.004), ("dt [ms]", "4", "4", 0.004), ("fs [kHz]", "0.25", "", 0.004)],
 )  # fmt: skip
 def test_a_rate_in_the_first_row_gives_the_times(
     heading: str, first: str, rest: str, step: float, tmp_path: Path
