@@ -1,7 +1,11 @@
 """`servobench export`, as a user types it."""
 
 import json
+import shutil
+import subprocess
 from pathlib import Path
+
+import pytest
 
 from tests.cli.conftest import Command
 
@@ -58,3 +62,60 @@ def test_an_unknown_target_is_named(servobench: Command, finished_run: Path) -> 
 
     assert ended.status == 2
     assert "did you mean 'matlab'" in ended.err
+
+
+def test_what_tune_prints_becomes_c_that_runs(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    compiler = shutil.which("cc") or shutil.which("gcc")
+    assert compiler is not None, "no C compiler (cc) on the path"
+    file, source = tmp_path / "tuning.json", tmp_path / "loop.c"
+    for words in (("--damping", "0.8", "--bandwidth", "20"), ("--output", "speed", "--lambda", "0.1")):
+        file.write_text(servobench("tune", finished_run, *words, "--json").out, encoding="utf-8")
+
+        ended = servobench(
+            "export", file, "--as", "c", "--counts-per-rev", 2048, "--out", source, "--overwrite"
+        )
+
+        assert ended.status == 0, ended.err
+        command = [compiler, "-std=c99", "-DLOOP_SELF_TEST", "loop.c", "-lm", "-o", "loop"]
+        subprocess.run(command, cwd=tmp_path, check=True, timeout=120)
+        assert subprocess.run([str(tmp_path / "loop")], timeout=60, capture_output=True).returncode == 0
+
+
+def test_a_tuned_controller_takes_its_counts_and_nothing_else(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    file = tmp_path / "tuning.json"
+    tune = ("tune", finished_run, "--damping", "0.8", "--bandwidth", "20", "--json")
+    file.write_text(servobench(*tune).out, encoding="utf-8")
+
+    without = servobench("export", file, "--as", "c", "--out", tmp_path / "a.c")
+    java = servobench("export", file, "--as", "java", "--out", tmp_path / "A.java")
+    more = ("--counts-per-rev", 2048, "--sample-time", "1ms", "--out", tmp_path / "b.c")
+    again = servobench("export", file, "--as", "c", *more)
+
+    assert (without.status, java.status, again.status) == (2, 2, 2)
+    assert "--counts-per-rev" in without.err
+    assert "which is exported as c" in java.err
+    assert "`servobench tune`" in again.err
+
+
+def test_robot_code_shows_its_constants_with_their_intervals(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    out = tmp_path / "Drive.java"
+
+    ended = servobench(
+        "export", finished_run, "--as", "java", "--unit", "m", "--wheel-diameter", "6in", "--out", out
+    )
+
+    assert ended.status == 0
+    # kV = 1/K at a rim of 3 in: 1/(23.7 · 0.0762) V·s/m
+    line = next(line for line in ended.out.splitlines() if line.strip().startswith("kV"))
+    assert float(line.split()[1]) == pytest.approx(1 / (23.7 * 0.0762), rel=0.02)
+    assert " to " in line
+    assert "public final class Drive {" in out.read_text(encoding="ascii")
+    wrong = servobench("export", finished_run, "--as", "java", "--unit", "m", "--out", tmp_path / "No.java")
+    assert wrong.status == 2
+    assert "--wheel-diameter" in wrong.err

@@ -40,7 +40,7 @@ def test_a_notebook_opens_as_one_with_the_same_cells(page: Path) -> None:
 
 def test_the_notebooks_are_listed_and_short() -> None:
     assert [named(page) for page in NOTEBOOKS] == [
-        f"notebooks/{name}.md" for name in ("arrays", "compare", "design", "fleet", "identify")
+        f"notebooks/{name}.md" for name in ("arrays", "compare", "design", "fleet", "frc", "identify")
     ]
 
 

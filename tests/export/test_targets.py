@@ -22,13 +22,17 @@ from servobench.export.tuning import tune_loops
 from tests.export.conftest import COULOMB, DELAY, GAIN, SD, TAU, document
 
 EVERYTHING = Wishes(
-    unit="rad", sample_time=0.002, inertia=2.1e-5, closed_loop=0.03, counts_per_rev=2048, voltage_limit=10.0
-)
+    unit="rad", sample_time=0.002, inertia=2.1e-5, closed_loop=0.03, counts_per_rev=2048, voltage_limit=10.0,
+    measurement_delay=0.001,
+)  # fmt: skip
 
 
 def wishes_of(target: str) -> Wishes:
     """Return all wishes that a target follows."""
-    return Wishes(**{name: getattr(EVERYTHING, name) for name in TARGETS[target].wishes})
+    named = TARGETS[target].wishes & {
+        name for name in vars(EVERYTHING) if getattr(EVERYTHING, name) is not None
+    }
+    return Wishes(**{name: getattr(EVERYTHING, name) for name in named})
 
 
 def rendered(answer: ResultSummary, target: str, wishes: Wishes | None = None) -> bytes:
@@ -139,7 +143,7 @@ def test_octave_runs_the_script(answer: ResultSummary, tmp_path: Path) -> None:
 def test_names_that_a_language_can_t_have_are_refused(
     answer: ResultSummary, name: str, tmp_path: Path
 ) -> None:
-    for target in ("matlab", "c"):
+    for target in ("matlab", "c", "java", "cpp", "python"):
         with pytest.raises(UsageError, match="choose such a name"):
             export(answer, target, tmp_path / name, wishes_of(target))
 

@@ -3,15 +3,26 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+    from servobench.export.base import Wishes
+    from servobench.export.summary import ResultSummary
 
 
 def export(
     result: Annotated[Path, typer.Argument(metavar="RESULT", hidden=True)],
     target: Annotated[
-        str, typer.Option("--as", metavar="TARGET", help="control, matlab, wpilib, mujoco, c, json or csv.")
+        str,
+        typer.Option(
+            "--as",
+            metavar="TARGET",
+            help="control, matlab, wpilib, java, cpp, python, mujoco, c, json or csv.",
+        ),
     ],
     out: Annotated[
         Path | None,
@@ -24,7 +35,22 @@ def export(
     position_unit: Annotated[
         str | None,
         typer.Option(
-            "--unit", metavar="UNIT", help="The unit of position for wpilib and c: rev, rad, deg, m."
+            "--unit",
+            metavar="UNIT",
+            help="The unit of position for robot code and c: rev, rad, deg, m, ft, inch; by default the file's.",
+        ),
+    ] = None,
+    wheel_diameter: Annotated[
+        str | None,
+        typer.Option(
+            metavar="D",
+            help="The diameter of what a turn of the encoder rolls on, such as 6in, for lengths [m].",
+        ),
+    ] = None,
+    measurement_delay: Annotated[
+        str | None,
+        typer.Option(
+            metavar="S", help="How late the robot's loop gets its measurement, beyond the data's delay [s]."
         ),
     ] = None,
     sample_time: Annotated[
@@ -36,7 +62,9 @@ def export(
     ] = None,
     closed_loop: Annotated[
         str | None,
-        typer.Option(metavar="S", help="The desired time constant of the closed loop [s], for wpilib and c."),
+        typer.Option(
+            metavar="S", help="The desired time constant of the closed loop [s], for robot code and c."
+        ),
     ] = None,
     counts_per_rev: Annotated[
         float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for c.")
@@ -57,17 +85,20 @@ def export(
 ) -> None:
     """Write an identified motor for another program.
 
-    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
-    python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG and feedback gains), mujoco (a joint and its
-    actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
+    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed; for c also one of `servobench tune
+    --json`, whose controller of position or speed it then is. The targets: control (a Python file for
+    python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp,
+    python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json,
+    csv. A refused result exports nothing.
     """
     from servobench.cli.terminal import output, say
+    from servobench.core.errors import UsageError
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
+    from servobench.export.c_law import export_law, read_tuning
     from servobench.export.summary import ResultSummary
 
     suffix = TARGETS[target].suffix
-    answer = ResultSummary.read(result)
     wishes = Wishes(
         unit=position_unit,
         sample_time=_quantity("--sample-time", sample_time, "s"),
@@ -75,11 +106,23 @@ def export(
         closed_loop=_quantity("--closed-loop", closed_loop, "s"),
         counts_per_rev=counts_per_rev,
         voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
+        wheel_diameter=_quantity("--wheel-diameter", wheel_diameter, "m"),
+        measurement_delay=_quantity("--measurement-delay", measurement_delay, "s"),
     )
     file = out if out is not None else Path(default_name(target))
     _check_free(file, suffix, [result], overwrite)
+    if (tuned := read_tuning(result)) is not None:
+        if target != "c":
+            raise UsageError(
+                f"{result} is a tuned controller, which is exported as c; {target} takes a result"
+            )
+        for written in export_law(tuned, file, wishes):
+            say(output(), f"written: {written}")
+        return
+    answer = ResultSummary.read(result)
     files = exported(answer, target, file, wishes)
     console = output()
+    _show_constants(console, answer, target, wishes)
     for written in files:
         say(console, f"written: {written}")
     if answer.verdict == "doubtful":
@@ -90,9 +133,42 @@ def default_name(target: str) -> str:
     """Return the file that a target writes without --out: another one for each, so that none replaces another's."""
     from servobench.export.base import TARGETS
 
+    if target in _NAMES:
+        return _NAMES[target]
     suffix = TARGETS[target].suffix
-    shared = any(TARGETS[each].suffix == suffix for each in TARGETS.names() if each != target)
+    shared = any(TARGETS[each].suffix == suffix for each in TARGETS.names() if each not in {target, *_NAMES})
     return f"motor-{target}{suffix}" if shared and suffix != f".{target}" else f"motor{suffix}"
+
+
+_NAMES = {"java": "MotorConstants.java", "cpp": "motor_constants.h", "python": "motor_constants.py"}
+
+
+def _show_constants(console: Console, answer: ResultSummary, target: str, wishes: Wishes) -> None:
+    """Print the constants of robot code with their intervals; nothing for other targets."""
+    from servobench.cli.layout import show_table
+    from servobench.cli.terminal import say
+    from servobench.export.robot import (
+        TARGETS_OF_ROBOTS,
+        interval_text,
+        next_tests_of,
+        number_text,
+        robot_constants,
+    )
+
+    if target not in TARGETS_OF_ROBOTS:
+        return
+    constants = robot_constants(answer, target, wishes)
+    rows = [
+        (name, number_text(e.value, e), e.unit, interval_text(e)) for name, e in constants.feedforward.items()
+    ]
+    show_table(console, ("constant", "value", "unit", "95 % interval"), rows, right=("value",))
+    for note in constants.notes:
+        say(console, note)
+    if further := next_tests_of(answer, constants.period):
+        say(console, "Tests that would sharpen kA, the best first:")
+        for number, sentence in enumerate(further, 1):
+            say(console, f"  {number}. {sentence}")
+    console.print()
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:

@@ -14,6 +14,7 @@ from servobench.cli.options import (
     CountsPerRev,
     CurrentColumn,
     InputColumn,
+    InputValues,
     MappingFile,
     OutputColumn,
     RecordingNames,
@@ -32,6 +33,7 @@ def identify(
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
     time: TimeColumn = None,
     input_column: InputColumn = None,
+    input_value: InputValues = None,
     output_column: OutputColumn = None,
     supply: SupplyColumn = None,
     reference: ReferenceColumn = None,
@@ -82,7 +84,7 @@ def identify(
     from servobench.cli.conclusion import check_names, check_report, conclude, deliver, status_of
     from servobench.cli.parameter_values import parse_parameters
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
+    from servobench.cli.recordings import apply_mapping, input_values, load_all, mapping_of, seconds
     from servobench.cli.terminal import messages, output, say
     from servobench.recordings.evidence import evidence_of
     from servobench.recordings.formats.mapping import Mapping
@@ -104,9 +106,15 @@ def identify(
         recordings=tuple(recording or ()),
     )
     with Progress() as progress:
-        fitted = apply_mapping(load_all(files, progress), base, said)
+        values = input_values(files, input_value or (), input_column)
+        fitted = apply_mapping(load_all(files, progress), base, said, values)
+        alike = (
+            said.override_with(Mapping(input_value=values[str(files[0])]))
+            if len(set(values.values())) == 1
+            else said
+        )
         others = [
-            evidence_of(each, base.of(each.name).override_with(said))
+            evidence_of(each, base.of(each.name).override_with(alike))
             for each in load_all(validate_with or (), progress)
         ]
         with announce_compiling(progress):

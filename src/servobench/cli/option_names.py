@@ -15,7 +15,9 @@ OPTIONS: Mapping[str, str] = {
     "folder": "--folder",
     "inertia": "--inertia",
     "input": "--input",
+    "input_value": "--input-value",
     "known": "--known",
+    "measurement_delay": "--measurement-delay",
     "nominal": "--nominal",
     "output": "--output",
     "poles": "--poles",
@@ -29,6 +31,7 @@ OPTIONS: Mapping[str, str] = {
     "unit": "--unit",
     "until": "--until",
     "voltage_limit": "--voltage-limit",
+    "wheel_diameter": "--wheel-diameter",
     "with_motor": "--with-motor",
 }
 """The option of each keyword that a message may name."""

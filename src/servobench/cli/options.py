@@ -12,6 +12,15 @@ InputColumn = Annotated[
     str | None,
     typer.Option("--input", metavar="COL[:UNIT]", help="The column of the input that drives the motor."),
 ]
+InputValues = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--input-value",
+        metavar="VALUE:UNIT",
+        help="An input that no column holds, one value throughout, such as 50:%; once for all files, or once for each. "
+        "If the file's name has it: --input '{level}pwr:%'.",
+    ),
+]
 OutputColumn = Annotated[
     str | None,
     typer.Option(

@@ -47,10 +47,35 @@ def mapping_of(file: Path | None) -> Mapping:
     return Mapping() if file is None else Mapping.read(file)
 
 
-def apply_mapping(recordings: Sequence[Recording], mapping: Mapping, said: Mapping) -> list[Evidence]:
+def input_values(files: Sequence[Path], values: Sequence[str], column: str | None) -> dict[str, str]:
+    """Return the stated input of each file by its path: one for all, or one for each.
+
+    Raises `UsageError` for another number of them, and beside a `column` of the input.
+    """
+    from servobench.core.errors import UsageError
+
+    if not values:
+        return {}
+    if column is not None:
+        raise UsageError(f"both `input={column}` and `input_value={values[0]}` are given; give one of them")
+    if len(values) not in {1, len(files)}:
+        raise UsageError(
+            f"`input_value=...` is given {len(values)} times for {len(files)} files; give it once, or once for each in their "
+            "order"
+        )
+    return dict(zip(map(str, files), values if len(values) > 1 else [*values] * len(files), strict=True))
+
+
+def apply_mapping(
+    recordings: Sequence[Recording],
+    mapping: Mapping,
+    said: Mapping,
+    values: dict[str, str] | None = None,
+) -> list[Evidence]:
     """Return the recordings that a mapping means, with roles, units, times and chain as it and the command line say.
 
-    `said` is what the command line says, which comes before what the mapping says. Raises what `assign` does, and `UnknownName`
+    `said` is what the command line says, which comes before what the mapping says, and `values` the stated input of the files by
+    their paths. Raises what `assign` does, and `UnknownName`
     where the mapping tells of a recording that there isn't.
     """
     from servobench.recordings.evidence import evidence_of
@@ -59,7 +84,11 @@ def apply_mapping(recordings: Sequence[Recording], mapping: Mapping, said: Mappi
     select(
         recordings, tuple(mapping.each)
     )  # a name that isn't there is a mistake, even where it would change nothing
-    return [evidence_of(each, mapping.of(each.name).override_with(said)) for each in meant]
+    own = {name: said.override_with(type(said)(input_value=value)) for name, value in (values or {}).items()}
+    return [
+        evidence_of(each, mapping.of(each.name).override_with(own.get(each.source.name, said)))
+        for each in meant
+    ]
 
 
 def seconds(text: str | None) -> float | None:

@@ -35,7 +35,8 @@ class Channel:
     """One thing that is measured or commanded.
 
     `unit` is None where a file doesn't say it. `minimum` and `maximum` bound the range, `resolution` is the smallest
-    step, all three in `unit`. An encoder has `counter_bits`, the width at which it wraps, and `counts_per_rev`.
+    step, all three in `unit`. An encoder has `counter_bits`, the width at which it wraps, and `counts_per_rev`. `travel_per_rev`
+    is by how much a revolution moves what the user thinks of, with its unit, such as `0.48 m` of a wheel; None for an angle.
     """
 
     name: str
@@ -46,6 +47,7 @@ class Channel:
     resolution: float | None = None
     counter_bits: int | None = None
     counts_per_rev: float | None = None
+    travel_per_rev: str | None = None
 
 
 @dataclass(frozen=True, kw_only=True, slots=True)

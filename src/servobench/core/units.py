@@ -51,6 +51,8 @@ _PLAIN: dict[str, tuple[float, Dimension]] = {
     "rev": (2 * math.pi, _dimension(angle=1)),
     "count": (1.0, _dimension(count=1)),
     "rpm": (2 * math.pi / 60, _dimension(s=-1, angle=1)),
+    "ft": (0.3048, _dimension(m=1)),
+    "inch": (0.0254, _dimension(m=1)),
     "min": (60.0, _dimension(s=1)),
     "h": (3600.0, _dimension(s=1)),
     "%": (1.0, _dimension(percent=1)),
@@ -63,7 +65,8 @@ _ALIASES = {
     "volt": "V", "volts": "V", "Volt": "V", "Volts": "V", "v": "V", "millivolt": "mV", "millivolts": "mV",
     "amp": "A", "amps": "A", "ampere": "A", "amperes": "A", "milliamp": "mA", "milliamps": "mA",
     "ohms": "ohm", "Ohms": "ohm", "henry": "H", "henries": "H",
-    "meter": "m", "metre": "m", "meters": "m", "metres": "m", "gram": "g", "grams": "g", "kilogram": "kg", "kilograms": "kg",
+    "meter": "m", "metre": "m", "meters": "m", "metres": "m",
+    "foot": "ft", "feet": "ft", "inches": "inch", "gram": "g", "grams": "g", "kilogram": "kg", "kilograms": "kg",
     "newton": "N", "newtons": "N", "watt": "W", "watts": "W", "joule": "J", "joules": "J",
     "radian": "rad", "radians": "rad", "degree": "deg", "degrees": "deg", "°": "deg",
     "turn": "rev", "turns": "rev", "revs": "rev", "rotation": "rev", "rotations": "rev",
@@ -71,6 +74,7 @@ _ALIASES = {
     "counts": "count", "ticks": "count", "tick": "count", "pulse": "count", "pulses": "count",
     "RPM": "rpm", "hz": "Hz", "hertz": "Hz", "Hertz": "Hz", "percent": "%",
 }  # fmt: skip
+_BEHIND_A_NUMBER = {"in": "inch"}  # by itself it ends too many names that aren't lengths
 _AS_SHOWN = ("counts", "°")  # other names that are written wherever a unit is shown
 _SHORT = {"dps": "deg/s", "rps": "rev/s"}
 _OF_THE_FIELD = {"U/min": "rpm", "Umdr/min": "rpm"}  # German: U alone is a voltage's symbol, and no unit
@@ -212,7 +216,7 @@ def quantity(given: object, si: str) -> float:
     match = _QUANTITY.fullmatch(str(given))
     if not match:
         raise UnitError(f"{given!r} isn't a number with a unit; {expected}")
-    symbol = match["unit"]
+    symbol = _BEHIND_A_NUMBER.get(match["unit"], match["unit"])
     if re.match(r",\d", symbol):
         raise UnitError(f"{given!r} has a comma; write a decimal point, {expected}")
     try:

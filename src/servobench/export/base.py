@@ -21,7 +21,8 @@ class Wishes:
     `unit` is the unit of position to export in (`rev`, `deg`); `sample_time` [s] that of the controller that will run;
     `inertia` [kg·m²] of everything that turns, which a speed and a voltage alone don't tell; `closed_loop` [s] the time
     constant wished for the closed loop; `counts_per_rev` those of the encoder; `voltage_limit` [V] what the controller may
-    put out.
+    put out; `wheel_diameter` [m] of what a turn of the encoder rolls on, for a unit of length; `measurement_delay` [s] how late
+    a controller gets what it controls.
     """
 
     unit: str | None = None
@@ -30,6 +31,8 @@ class Wishes:
     closed_loop: float | None = None
     counts_per_rev: float | None = None
     voltage_limit: float | None = None
+    wheel_diameter: float | None = None
+    measurement_delay: float | None = None
 
 
 @runtime_checkable
@@ -70,7 +73,14 @@ def export(
         raise UsageError(
             f"{file}: {target} makes a file that ends in {made.suffix}; name it so, or without an ending"
         )
-    content = made.render(answer, wishes, file.stem if file.suffix else file.name)
+    return write_files(made.render(answer, wishes, file.stem if file.suffix else file.name), file)
+
+
+def write_files(content: Mapping[str, bytes], file: Path) -> tuple[Path, ...]:
+    """Write files, content by name, into the folder of one of them once all are whole, and return them.
+
+    Files of these names are replaced. Raises `StorageError` where they can't be written.
+    """
     try:
         with TemporaryDirectory(prefix=".", dir=file.parent) as folder:
             for name, data in content.items():
@@ -87,9 +97,9 @@ def _check_wishes(name: str, target: Target, wishes: Wishes) -> None:
     if extra := sorted(said - target.wishes):
         can = ", ".join(sorted(keyword(each) for each in target.wishes)) or "none"
         raise UsageError(f"{name} doesn't use {', '.join(keyword(each) for each in extra)}; it uses: {can}")
-    for each in ("sample_time", "inertia", "closed_loop", "counts_per_rev", "voltage_limit"):
+    for each in said - {"unit"}:
         value = getattr(wishes, each)
-        if value is not None and not 0.0 < value < float("inf"):
+        if not 0.0 < value < float("inf"):
             raise UsageError(f"{keyword(each)} is {value!r}; expected a positive number")
 
 

@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from servobench.core.errors import UnitError, UsageError
-from servobench.core.units import convert, unit
+from servobench.core.estimate import Estimate
+from servobench.core.rounding import TWO_SIDED
+from servobench.core.units import convert, is_unit, unit
 from servobench.export.summary import ResultSummary
 from servobench.systems.first_order import FirstOrderMotor, scale_estimate
 
 
 def first_order_motor(
-    answer: ResultSummary, target: str, position_unit: str | None = None
+    answer: ResultSummary, target: str, position_unit: str | None = None, wheel_diameter: float | None = None
 ) -> FirstOrderMotor:
     """Return the motor in an answer; `target` is what messages call the form that asks for it.
+
+    Positions are in `position_unit`, by default the answer's; in one of length for an angle where a `wheel_diameter` [m] is given
+    or the file said what a turn moves. Friction that differs by direction is its mean, and an offset.
 
     Raises `UsageError` where the answer is of another structure or its input no voltage, or the unit doesn't fit.
     """
@@ -29,8 +36,9 @@ def first_order_motor(
             f"{target} takes a motor driven by a voltage, and the input of this result is in {driven_by}; identify with the "
             "voltage as the input (duty times supply)"
         )
-    wanted = position_unit or position
-    factor = _factor(position, wanted)
+    wanted = position_unit or ("m" if wheel_diameter else position)
+    factor = _factor(answer, wanted, wheel_diameter)
+    friction, offset = _friction(answer)
     rows = [list(told).index(name) for name in ("gain", "time_constant")]
     moments = np.zeros((3, 3))
     known = [*rows, list(told).index("delay")] if "delay" in told else rows
@@ -41,8 +49,8 @@ def first_order_motor(
         gain=scale_estimate(told["gain"], factor, f"{wanted}/(s·V)"),
         time_constant=told["time_constant"],
         delay=max(answer.transfer_function.delay, 0.0),
-        coulomb_voltage=told.get("coulomb_voltage"),
-        offset_voltage=told.get("offset_voltage"),
+        coulomb_voltage=friction,
+        offset_voltage=offset,
         one_way="one_way" in answer.structure,
         moments=moments * np.outer(scale, scale),
         doubtful=answer.verdict == "doubtful",
@@ -54,13 +62,49 @@ def comment_for(motor: FirstOrderMotor, answer: ResultSummary) -> tuple[str, ...
     return answer.comment if motor.delay else answer.model_comment
 
 
-def _factor(position: str, wanted: str) -> float:
+def _friction(answer: ResultSummary) -> tuple[Estimate | None, Estimate | None]:
+    """Coulomb friction and offset; where friction differs by direction, half of the sum and half of the difference."""
+    told, names = answer.estimates, list(answer.estimates)
+    pair = ("coulomb_voltage_forward", "coulomb_voltage_backward")
+    if not told.keys() >= set(pair):
+        return told.get("coulomb_voltage"), told.get("offset_voltage")
+    rows = [names.index(name) for name in pair]
+    moments = answer.covariance[np.ix_(rows, rows)]
+    found = []
+    for sign in (1.0, -1.0):
+        weights = np.array([0.5, 0.5 * sign])
+        value = float(weights @ [told[name].value for name in pair])
+        sd = float(np.sqrt(max(weights @ moments @ weights, 0.0)))
+        ends = (value - TWO_SIDED * sd, value + TWO_SIDED * sd)
+        found.append(replace(told[pair[0]], value=value, sd=sd, interval=ends))
+    return found[0], found[1]
+
+
+def _factor(answer: ResultSummary, wanted: str, wheel_diameter: float | None) -> float:
     """How many of the wanted unit one of the answer's unit of position is."""
-    if position == wanted:
+    position = answer.units[0]
+    if position == wanted and wheel_diameter is None:
         return 1.0
     try:
         if unit(wanted).quantity != "position":
             raise UnitError(f"{wanted} isn't a unit of position")
+        if wheel_diameter is not None:
+            return _by_wheel(position, wanted, wheel_diameter)
+        if answer.user_unit is not None and unit(wanted).si != unit(position).si:
+            symbol, factor = answer.user_unit
+            return factor * convert(1.0, symbol, wanted)
         return convert(1.0, position, wanted)
     except UnitError as error:
-        raise UsageError(f"`unit={wanted}`: the result's position is in {position}: {error}") from None
+        hint = ""
+        if is_unit(wanted) and unit(wanted).si == "m" and position == "rad":
+            hint = "; for a length give `wheel_diameter=...` as well, of what a turn of the encoder rolls on"
+        raise UsageError(f"`unit={wanted}`: the result's position is in {position}: {error}{hint}") from None
+
+
+def _by_wheel(position: str, wanted: str, diameter: float) -> float:
+    """The same for a wheel of that diameter [m], on whose rim the wanted unit is: half of it a radian."""
+    if position != "rad":
+        raise UnitError("a wheel's diameter belongs to an angle; leave `wheel_diameter=...` out")
+    if unit(wanted).si != "m":
+        raise UnitError("a wheel's diameter gives a length: choose `unit=m`, ft or inch")
+    return convert(0.5 * diameter, "m", wanted)

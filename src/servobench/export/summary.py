@@ -17,6 +17,7 @@ from servobench.core.channels import LARGEST_VALUE, LONGEST_STEP, SHORTEST_STEP,
 from servobench.core.errors import FormatError, NotIdentifiable, UnknownName, UsageError
 from servobench.core.estimate import Estimate
 from servobench.core.parameter_names import parameter_in_words
+from servobench.core.units import is_unit, unit
 from servobench.identification.result import SCHEMA, SCHEMAS, Result
 from servobench.systems.interop import hand_over, to_control
 from servobench.systems.transfer_function import TransferFunction
@@ -167,6 +168,21 @@ class ResultSummary:
     def _export_model(self) -> tuple[TransferFunction, str]:
         delay = self.estimates.get("delay")
         return hand_over(self.transfer_function, delay.interval if delay else None)
+
+    @property
+    def user_unit(self) -> tuple[str, float] | None:
+        """The unit of position in the files that the data came from, and how many of it one of `units` is; None if not stated."""
+        told = [each.get("user_unit") for each in self.document.get("records", [])]
+        if not told or any(not isinstance(each, dict) or each != told[0] for each in told):
+            return None
+        symbol, factor = told[0].get("name"), told[0].get("factor")
+        if (
+            not isinstance(symbol, str)
+            or not isinstance(factor, int | float)
+            or not 0 < factor <= LARGEST_VALUE
+        ):
+            return None
+        return (symbol, float(factor)) if is_unit(symbol) and unit(symbol).quantity == "position" else None
 
     @property
     def sample_time(self) -> float | None:

@@ -54,27 +54,30 @@ def tune_loops(
     *,
     filtered: bool = False,
     integral_lag: int = 0,
+    measurement_delay: float = 0.0,
 ) -> Tuning:
     """Return gains for a controller that runs every `sample_time` [s]; `closed_loop` [s] is λ, 2 θ or τ/4 where it isn't said.
 
     A speed that is `filtered` goes through a low-pass filter of λ/5. `integral_lag` is the number of ticks after which an error
-    is in the integral: 0 where it is added before the voltage is computed, 1 where after. Raises `UsageError` for a closed loop
+    is in the integral: 0 where it is added before the voltage is computed, 1 where after. `measurement_delay` [s] is how late the
+    controller gets the speed, beyond the delay in the data. Raises `UsageError` for a closed loop
     that is wished faster than the dead time allows.
     """
     gain, tau = motor.gain.value, motor.time_constant.value
-    dead_time = motor.delay + sample_time
+    dead_time = motor.delay + sample_time + measurement_delay
     wished = closed_loop if closed_loop is not None else max(_DEAD_TIMES * dead_time, _SHARE * tau)
     lag = _FILTER * wished if filtered else 0.0
     if wished < dead_time:
         raise UsageError(
             f"`closed_loop={wished:g}`: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
-            f"delay {motor.delay:.3g} s and a sample time of {sample_time:g} s); choose {dead_time:.3g} s or more"
+            f"delay {motor.delay:.3g} s, a sample time of {sample_time:g} s and a measurement {measurement_delay:g} s late); "
+            f"choose {dead_time:.3g} s or more"
         )
     dead_time += lag
     position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)
     law = _speed_law(speed_gain, integral, sample_time, smoothing(sample_time, lag), integral_lag)
     motors = [(gain, tau, motor.delay), *motor.draws(_DRAWS)]
-    left = np.array([_margins(law, k, t, d, sample_time) for k, t, d in motors])
+    left = np.array([_margins(law, k, t, d + measurement_delay, sample_time) for k, t, d in motors])
     return Tuning(
         speed_gain=speed_gain,
         speed_integral=integral,

@@ -476,4 +476,7 @@ def _record(data: Dataset) -> dict[str, Any]:
         "samples": len(data.y),
         "duration": data.duration,
         "sample_time": {"median": data.sample_time, "p99": p99},
+        "user_unit": None
+        if data.user_unit is None
+        else dict(zip(("name", "factor"), data.user_unit, strict=True)),
     }

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
-from servobench.recordings.adapters.base import recordings_in
+from servobench.recordings.adapters.base import name_apart, recordings_in
 from servobench.recordings.arrays import recordings_of_arrays
 from servobench.recordings.evidence import Evidence, evidence_of
 from servobench.recordings.formats.mapping import Mapping
@@ -32,6 +32,8 @@ class ReadingOptions(TypedDict, total=False):
     """The column of the times, such as `t:ms`."""
     input: str
     """The column of what drives the motor, such as `u:V`."""
+    input_value: str | Sequence[str]
+    """An input that no column holds, such as `50:%`; a list has one for each of the data."""
     output: str
     """The column of what was measured, such as `angle:deg`; its unit decides whether that is a position or a speed."""
     reference: str
@@ -75,10 +77,13 @@ class _Said:
     mapping: Mapping
     base: Mapping
     units: dict[str, str]
+    values: tuple[str, ...] = ()
 
-    def of(self, recording: Recording) -> Mapping:
-        """What holds for a recording: the file of the mapping, over that the options, with their units."""
+    def of(self, recording: Recording, part: int = 0) -> Mapping:
+        """What holds for a recording of a part of the data: the file of the mapping, over that the options, with their units."""
         own = self.base.of(recording.name).override_with(self.mapping)
+        if self.values:
+            own = own.override_with(Mapping(input_value=self.values[part if len(self.values) > 1 else 0]))
         for role, unit in self.units.items():
             column = getattr(own, role) or getattr(recording, role)
             if column is None:
@@ -119,11 +124,21 @@ def evidence_in(
     datasets = _datasets(data, argument, options)
     if datasets:
         return datasets
-    recordings = recordings_in(data, argument)
+    parts = data if isinstance(data, list | tuple) and len(said.values) > 1 else [data]
+    if len(said.values) > 1 and len(parts) != len(said.values):
+        raise UsageError(
+            f"input_value has {len(said.values)} values, and {argument} {len(parts)}; give one, or one for each in a list"
+        )
+    several = [recordings_in(part, argument) for part in parts]
+    belongs = [number for number, each in enumerate(several) for _ in each]
+    recordings = name_apart([each for part in several for each in part])
     names = said.mapping.recordings or said.base.recordings
     _check_are_there((*names, *said.base.each), recordings)
-    meant = [each for each in recordings if not names or each.name in names]
-    return tuple(evidence_of(each, said.of(each)) for each in meant)
+    return tuple(
+        evidence_of(each, said.of(each, part))
+        for each, part in zip(recordings, belongs, strict=True)
+        if not names or each.name in names
+    )
 
 
 def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dataset, ...]:
@@ -149,10 +164,10 @@ def _of_arrays(data: object, argument: str, options: dict[str, Any]) -> tuple[Re
         raise UsageError(
             f"{' and '.join(given)} alone: give the input as u= and the output as y=, arrays of the same length"
         )
-    columns = [name for name in _TEXTS[:6] if name in options]
+    columns = [name for name in (*_TEXTS[:6], "input_value") if name in options]
     if columns:
         raise UsageError(
-            f"{columns[0]} names a column, and there are none where arrays are given: leave it out"
+            f"{columns[0]} names a column or stands for one, and there are none where arrays are given: leave it out"
         )
     return recordings_of_arrays(
         options["u"], options["y"], options.get("t"), options.get("input_unit"), options.get("output_unit")
@@ -179,6 +194,9 @@ def _parse_options(options: dict[str, Any]) -> _Said:
                     f"{name} is {options[name]!r}; expected a text such as {name}={_EXAMPLES[name]!r}"
                 )
             said[name] = options[name]
+    values = _values(options.get("input_value", ()))
+    if values and "input" in said:
+        raise UsageError("both input and input_value are given; give one of them")
     units = {name.removesuffix("_unit"): said.pop(name) for name in _UNITS if name in said}
     if "u" in options:  # whose unit the recording has already
         units = {}
@@ -191,6 +209,7 @@ def _parse_options(options: dict[str, Any]) -> _Said:
         ),
         base=_mapping(options.get("mapping")),
         units=units,
+        values=values,
     )
 
 
@@ -212,6 +231,15 @@ def _names(given: Any) -> tuple[str, ...]:
     if not isinstance(given, list | tuple) or not all(isinstance(name, str) for name in given):
         raise UsageError(f'recordings is {given!r}; expected a list of names, such as ["run 1"]')
     return tuple(given)
+
+
+def _values(given: Any) -> tuple[str, ...]:
+    values = (given,) if isinstance(given, str) else tuple(given) if isinstance(given, list | tuple) else None
+    if values is None or not all(isinstance(each, str) for each in values):
+        raise UsageError(
+            f'input_value is {given!r}; expected a value with its unit, such as "50:%", or a list with one for each of the data'
+        )
+    return values
 
 
 def _mapping(given: Any) -> Mapping:

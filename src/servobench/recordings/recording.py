@@ -95,6 +95,7 @@ class Recording:
     `input` and `output` name the channels that are the motor's input and measured output, or are None where nobody has said so
     yet. Sample k of the output is latched at t_k before input k acts; input k holds from its time to the next.
     `input_before` is the input before the first sample, None where it isn't known (then the first value is taken).
+    `starts_at_rest` says that the shaft rests at the first sample and the input was zero until then, as of a test of SysId.
     `chain` says, as text, what lies between the shaft and the output channel; empty for a raw encoder, or where nobody knows,
     `none` where it is known that there is nothing. `reference` names the channel of what a feedback loop was told to follow.
     A run of ours has `commanded` and `applied` [V], `counts`, `scheduled` [s], `late` and `saturated` (0 or 1), where the device
@@ -111,6 +112,7 @@ class Recording:
     input: str | None = None
     output: str | None = None
     input_before: float | None = None
+    starts_at_rest: bool = False
     chain: str = ""
     reference: str | None = None
     info: DeviceInfo | None = None

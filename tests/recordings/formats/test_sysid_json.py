@@ -46,14 +46,62 @@ def test_a_mechanism_has_a_voltage_a_position_and_a_velocity(tmp_path: Path) -> 
 
     assert units(recording) == {"time": "s", "voltage": "V", "position": "rev", "velocity": "rev/s"}
     assert list(columns(recording).values()) == np.array(ROWS).T.tolist()
-    assert all(np.array_equal(series.t, np.array(ROWS)[:, 0]) for series in recording.series)
+    assert all(
+        np.array_equal(recording[name].t, np.array(ROWS)[:, 0]) for name in ("time", "position", "velocity")
+    )
 
 
-def test_the_voltage_of_a_mechanism_need_not_be_named(tmp_path: Path) -> None:
-    assigned = assign(one(tmp_path, ROWS), output="position")
+def test_a_voltage_acts_from_the_row_before_on_as_the_logger_sets_it_after_its_row(tmp_path: Path) -> None:
+    times = np.array(ROWS)[:, 0]
+
+    t = one(tmp_path, ROWS)["voltage"].t
+    after_a_strange_row = one(tmp_path, [[0.001, -7.0, 0.0, 0.0], *ROWS])["voltage"].t
+
+    assert t is not None
+    assert after_a_strange_row is not None
+    assert np.array_equal(t[1:], times[:-1])
+    assert t[0] == pytest.approx(0.0, abs=1e-12)  # a usual step before the first row
+    assert np.array_equal(after_a_strange_row, [0.001, *times[:-1]])
+
+
+def test_neither_column_of_a_mechanism_need_be_named(tmp_path: Path) -> None:
+    assigned = assign(one(tmp_path, ROWS))
 
     assert (assigned.input, assigned.output) == ("voltage", "position")
     assert assigned.series == one(tmp_path, ROWS).series
+
+
+@pytest.mark.parametrize(("first", "at_rest"), [(0.0, True), (0.05, True), (0.5, False)])
+def test_a_test_begins_at_rest_unless_its_first_speed_says_otherwise(
+    first: float, at_rest: bool, tmp_path: Path
+) -> None:
+    rows = [[*row[:3], first if k == 0 else row[3]] for k, row in enumerate(ROWS)]  # up to 8 rev/s
+
+    recording = one(tmp_path, rows)
+
+    assert recording.starts_at_rest is at_rest
+    assert measure(recording).starts_at_rest is at_rest
+    assert ("starts-at-rest" in codes(recording.findings)) is at_rest
+
+
+@pytest.mark.parametrize(
+    ("units", "factor", "expected"),
+    [
+        ("Rotations", 1.0, ("rev", 1 / (2 * np.pi))),
+        ("Meters", 0.3, ("m", 0.3 / (2 * np.pi))),
+        ("Feet", 1.5, ("ft", 1.5 / (2 * np.pi))),
+        ("Inches", 18.0, ("inch", 18.0 / (2 * np.pi))),
+        ("Furlongs", 2.0, ("rev", 1 / (2 * np.pi))),  # what nobody knows leaves the rows' own unit
+        ("Meters", -1.0, ("rev", 1 / (2 * np.pi))),
+    ],
+)
+def test_the_unit_of_the_file_is_kept_for_whoever_writes_robot_code(
+    units: str, factor: float, expected: tuple[str, float], tmp_path: Path
+) -> None:
+    found = measure(one(tmp_path, ROWS, units=units, unitsPerRotation=factor)).user_unit
+
+    assert found is not None
+    assert (found[0], found[1]) == (expected[0], pytest.approx(expected[1], rel=1e-12))
 
 
 def test_a_drivetrain_has_two_sides_and_a_gyro(tmp_path: Path) -> None:

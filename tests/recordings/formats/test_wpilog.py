@@ -233,11 +233,18 @@ def test_a_log_of_sysid_is_a_recording_for_each_of_its_tests(tmp_path: Path) -> 
         assert [each.channel.name for each in recording.series] == names
         assert [each.channel.unit for each in recording.series] == ["Volt", "rotation", "rotation/second"]
         assert "split by `sysid-test-state-arm`" in finding(recording.findings, "log-split").sentence
-    # The state is noted after the measurements of the same loop: the first loop's come before it, all later ones belong to it.
-    assert recordings[0]["voltage-motor-arm"].values.tolist() == [0.02 * k for k in range(1, 40)]
+    # The state is noted after the measurements of the same loop, so that those of the first loop come just before it.
+    assert recordings[0]["voltage-motor-arm"].values.tolist() == [0.02 * k for k in range(40)]
     assert set(recordings[3]["voltage-motor-arm"].values) == {-7.0}
     assigned = assign(recordings[2], input="voltage", output="position")
     assert (assigned.input, assigned.output) == ("voltage-motor-arm", "position-motor-arm")
+
+
+def test_a_log_of_one_mechanism_needs_no_columns_and_its_tests_begin_at_rest(tmp_path: Path) -> None:
+    for recording in loaded(tmp_path, sysid()):
+        assert (recording.input, recording.output) == ("voltage-motor-arm", "position-motor-arm")
+        assert recording.starts_at_rest
+        assert "starts-at-rest" in codes(recording.findings)
 
 
 def test_what_was_noted_in_the_test_before_never_begins_the_next(tmp_path: Path) -> None:

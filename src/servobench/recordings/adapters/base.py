@@ -42,7 +42,7 @@ def recordings_in(data: object, argument: str = "data") -> tuple[Recording, ...]
         if not data:
             raise UsageError(f"{argument} is an empty list; expected {_list_of_kinds()}")
         found = [each for k, part in enumerate(data) for each in recordings_in(part, f"{argument}[{k}]")]
-        return _with_names_of_their_own(found)
+        return name_apart(found)
     for adapter in ADAPTERS:
         if adapter().accepts(data):
             return adapter().recordings(data)
@@ -58,7 +58,8 @@ def _list_of_kinds() -> str:
     return ", ".join(adapter.accepted for adapter in ADAPTERS)
 
 
-def _with_names_of_their_own(recordings: list[Recording]) -> tuple[Recording, ...]:
+def name_apart(recordings: list[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings, those of one name numbered."""
     names = [each.name for each in recordings]
     return tuple(
         replace(each, name=f"{each.name} {k + 1}") if names.count(each.name) > 1 else each

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -149,7 +150,11 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     ]
     if candidates:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
-        return f"which column is the {role}, as {quote(candidates)} may be: say {options}"
+        sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
+        sides = sides_of(candidates)
+        return (
+            f"{sentence}. Of several motors, name one: `{role}={shell_text(sides[0])}`" if sides else sentence
+        )
     columns = (
         f"the only column is {quote(names)}"
         if len(names) == 1
@@ -157,8 +162,26 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     )
     sentence = f"which column is the {role}, {_MEANING[role]}: say `{role}=COL:UNIT`; {columns}"
     if role == "input":
-        sentence += ". Identification needs an input; name one in another file as FILE#COL"
+        sentence += (
+            ". Identification needs an input; name one in another file as FILE#COL, or one value throughout: "
+            "`input_value=50:%`"
+        )
     return sentence
+
+
+def sides_of(names: Sequence[str]) -> tuple[str, ...]:
+    """Return what tells the motors of several columns apart: `left` and `right` of `left_voltage` and `right_voltage`.
+
+    Nothing where the columns are called alike in no other part, or where that part is empty.
+    """
+    if len(names) < 2:
+        return ()
+    words = [re.split(r"[_. -]", name) for name in names]
+    for take, rest in ((0, slice(1, None)), (-1, slice(None, -1))):
+        sides, others = [each[take] for each in words], {tuple(each[rest]) for each in words}
+        if len(others) == 1 and all(others) and len(set(sides)) == len(names) and all(sides):
+            return tuple(sides) if () not in others else ()
+    return ()
 
 
 def _with_unit(recording: Recording, name: str) -> str:

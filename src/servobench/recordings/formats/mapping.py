@@ -17,6 +17,7 @@ from servobench.core.errors import MissingInformation, UnknownName, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
 from servobench.recordings.formats.choice import Choice, choose, spec_of
+from servobench.recordings.formats.input_value import is_pattern, with_input_of_name, with_input_value
 from servobench.recordings.formats.roles import ARMATURE_CURRENT, ColumnSpec, Role
 from servobench.recordings.formats.supply import constant, motor_voltage
 from servobench.recordings.formats.timing import assign_times, seconds
@@ -37,6 +38,7 @@ def assign(
     sample_time: float | str | None = None,
     counts_per_rev: float | None = None,
     chain: str = "",
+    input_value: str | None = None,
 ) -> Recording:
     """Return the recording with input and output set, both with unit and times.
 
@@ -47,7 +49,8 @@ def assign(
     are left out, with a finding. `chain` is the text of what lies between the shaft and the output.
     `reference` is what a feedback loop was told to follow. `supply` is what feeds the amplifier of an input that is a duty: a
     channel, or a constant such as `7.4 V`; the input is then their product in V, a new channel. `current` is the measured current
-    of the armature, which is then called `armature_current`.
+    of the armature, which is then called `armature_current`. `input_value` is an input that no column holds, such as `50:%`; an
+    `input` such as `{level}pwr:%` is what the file's name has in that place.
     Raises `MissingInformation` with a sentence for each thing that has to be said, `UnknownName` for a column that isn't there,
     `FormatError` for times that can't be used, and `UsageError` for what can't be so.
     """
@@ -55,6 +58,14 @@ def assign(
         raise UsageError(
             f"both a time column ({time}) and a sample time ({sample_time}) are given; give one of them"
         )
+    if input_value is not None:
+        if input is not None:
+            raise UsageError(
+                f"both `input={input}` and `input_value={input_value}` are given; give one of them"
+            )
+        recording = with_input_value(recording, input_value)
+    elif isinstance(input, str) and is_pattern(input) and ColumnSpec.parse(input).column not in recording:
+        recording, input = with_input_of_name(recording, input), None
     volts = constant(supply, recording)
     asked: dict[Role, str | ColumnSpec | None] = {"input": input, "output": output}
     asked |= {"reference": reference} if reference is not None else {}
@@ -180,8 +191,9 @@ _TURN = "counts_per_rev"
 class Mapping:
     """The arguments of `assign` as a value, which a TOML file can hold.
 
-    `time`, `input`, `output`, `reference`, `supply` and `current` are columns, each as `COL[:UNIT]`; the
-    `supply` may be a constant with its unit. `sample_time` [s], `counts_per_rev` [counts/rev] and `chain` are as for `assign`.
+    `time`, `input`, `output`, `reference`, `supply` and `current` are columns, each as `COL[:UNIT]`; the `supply` may be a
+    constant with its unit, and so may the input, as `input_value`. `sample_time` [s], `counts_per_rev` [counts/rev] and `chain`
+    are as for `assign`.
 
     `recordings` are the names of those that are meant, all where there are none; `each` says what is different in one, by name.
     """
@@ -195,6 +207,7 @@ class Mapping:
     sample_time: float | None = None
     counts_per_rev: float | None = None
     chain: str = ""
+    input_value: str | None = None
     recordings: tuple[str, ...] = ()
     each: dict[str, Mapping] = field(default_factory=dict)
 
@@ -230,6 +243,8 @@ class Mapping:
         said = other._settings()
         if {"time", "sample_time"} & said.keys():  # the one takes the place of the other
             said = {"time": None, "sample_time": None, **said}
+        if {"input", "input_value"} & said.keys():
+            said = {"input": None, "input_value": None, **said}
         return replace(self, **said)
 
     def of(self, name: str) -> Mapping:
@@ -251,6 +266,7 @@ class Mapping:
             sample_time=own.sample_time,
             counts_per_rev=own.counts_per_rev,
             chain=own.chain,
+            input_value=own.input_value,
         )
 
     def _settings(self) -> dict[str, Any]:
@@ -293,6 +309,7 @@ def _check(where: str, content: dict[str, Any], known: Sequence[str]) -> dict[st
 _EXAMPLES = {
     "time": "t:s",
     "input": "u:V",
+    "input_value": "50:%",
     "output": "y:deg/s",
     "reference": "r:deg",
     "supply": "vbat:V",

@@ -183,8 +183,9 @@ def quantity_of(symbol: str | None) -> str:
 def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tuple[Series, list[Finding]]:
     """Return the series that a user names, and what is to be known of how it was found.
 
-    The name decides, then the number, then a name in other case. `left` is the one channel that begins so (`left_voltage`) and
-    is a voltage for an input, a position or else a speed for an output. Raises `UnknownName`, which lists the columns.
+    The name decides, then the number, then a name in other case. `left` is the one channel that begins or ends so
+    (`left_voltage`) and is a voltage for an input, a position or else a speed for an output. Raises `UnknownName`, which lists
+    the columns.
     """
     names = [each.channel.name for each in recording.series]
     for text in (spec.column, heading(spec.column).name):
@@ -197,7 +198,9 @@ def find_series(recording: Recording, spec: ColumnSpec, role: Role | None) -> tu
         return recording[alike[0]], [info("name-case", f"`{spec.column}` is taken to be `{alike[0]}`.")]
     by_side = _of_side(recording, spec, role)
     if by_side is not None:
-        told = f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} with that beginning."
+        told = (
+            f"`{spec.column}` is taken to be `{by_side.channel.name}`, the {role} whose name has that part."
+        )
         return by_side, [info("name-beginning", told)]
     file, sharp, column = spec.column.rpartition("#")
     if sharp and file:
@@ -229,8 +232,8 @@ def _check_is_no_unknown_unit(spec: ColumnSpec, names: Sequence[str]) -> None:
 
 
 def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Series | None:
-    """The channel that begins with a name and measures what the role wants; a unit that was said narrows that down."""
-    beginning = spec.column.lower()
+    """The channel that begins or ends with a name and measures what the role wants; a unit that was said narrows that down."""
+    side = spec.column.lower()
     wanted = _MEASURES[role] if role is not None else []
     if spec.unit is not None and full_scale(spec.unit) is None:
         wanted = [unit(spec.unit).quantity]
@@ -238,12 +241,38 @@ def _of_side(recording: Recording, spec: ColumnSpec, role: Role | None) -> Serie
         fitting = [
             each
             for each in recording.series
-            if each.channel.name.lower().startswith(tuple(beginning + joint for joint in "_. -"))
-            and quantity_of(each.channel.unit) == what
+            if _is_of_side(each.channel.name, side) and quantity_of(each.channel.unit) == what
         ]
         if len(fitting) == 1:
             return fitting[0]
-    return None
+    if role is None or spec.unit is None:
+        return None
+    known = INPUT_NAMES if role == "input" else OUTPUT_NAMES
+    named = [
+        each
+        for each in recording.series
+        if each.channel.unit is None
+        and _is_of_side(each.channel.name, side)
+        and plain_name(_without_side(each.channel.name, side)) in known
+    ]
+    return named[0] if len(named) == 1 else None
+
+
+_JOINTS = "_. -"
+
+
+def _is_of_side(name: str, side: str) -> bool:
+    """Whether a name begins or ends with what tells one of several motors from the others."""
+    lower = name.lower()
+    return lower.startswith(tuple(side + joint for joint in _JOINTS)) or lower.endswith(
+        tuple(joint + side for joint in _JOINTS)
+    )
+
+
+def _without_side(name: str, side: str) -> str:
+    """A name without what tells one of several motors from the others."""
+    lower = name.lower()
+    return lower.removeprefix(side).removesuffix(side).strip(_JOINTS)
 
 
 def _in_other_file(

@@ -10,8 +10,9 @@ sysid-application/src/main/native/cpp/analysis/AnalysisManager.cpp, which also t
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, ClassVar, NoReturn, final
 
@@ -21,8 +22,10 @@ from numpy.typing import NDArray
 from servobench.core.channels import Array, Channel
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding, info, warning
+from servobench.core.units import in_symbols, is_unit, unit
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.formats.stale import stale
+from servobench.recordings.formats.sysid_tests import AT_REST, begins_at_rest
 from servobench.recordings.formats.times import in_words, time_findings
 from servobench.recordings.recording import Recording, Series, Source
 
@@ -78,7 +81,8 @@ class SysIdJson:
                 "files of its forerunner frc-characterization can be converted in SysId"
             )
         told = _about_units(content, path.name)
-        recordings = [_recording(key, content[key], path.name) for key in TESTS if content.get(key)]
+        travel = _travel_per_rev(content)
+        recordings = [_recording(key, content[key], path.name, travel) for key in TESTS if content.get(key)]
         if not recordings:
             raise FormatError(f"{path.name} has no test with rows; expected one of {', '.join(TESTS)}")
         return tuple(recording.with_findings(*told) for recording in recordings)
@@ -101,7 +105,15 @@ def _about_units(content: dict[str, Any], name: str) -> list[Finding]:
     return [info("units-per-rotation", sentence)]
 
 
-def _recording(test: str, rows: object, name: str) -> Recording:
+def _travel_per_rev(content: dict[str, Any]) -> str | None:
+    """What a rotation moves, as the file's user thinks of it; None for an angle."""
+    symbol, factor = str(content.get("units", "")).lower(), float(content.get("unitsPerRotation", 1.0))
+    if not is_unit(symbol) or unit(symbol).si != "m" or not 0 < factor < math.inf:
+        return None
+    return f"{factor!r} {in_symbols(symbol)}"
+
+
+def _recording(test: str, rows: object, name: str, travel: str | None) -> Recording:
     """The recording of one test, without rows that can't be used."""
     if not isinstance(rows, list):
         raise FormatError(f"{name}: test {test} is {type(rows).__name__}; expected a list of rows")
@@ -123,7 +135,11 @@ def _recording(test: str, rows: object, name: str) -> Recording:
     numbers = np.flatnonzero(good) + 1
     values = np.array([rows[k] for k in np.flatnonzero(good)], dtype=np.float64).reshape(-1, len(channels))
     with np.errstate(invalid="ignore", over="ignore"):  # a damaged file may have infinities
-        return _clean(test, values, numbers, channels, findings, name)
+        positions = tuple(
+            replace(each, travel_per_rev=travel) if (each.unit or "").startswith("rev") else each
+            for each in channels
+        )
+    return _clean(test, values, numbers, positions, findings, name)
 
 
 def _clean(
@@ -136,20 +152,43 @@ def _clean(
 ) -> Recording:
     """The recording of rows of numbers (N, M), which stand in the rows `numbers` of the test; `findings` so far."""
     voltages = [k for k, channel in enumerate(channels) if channel.unit == "V"]
+    earlier: float | None = None  # the time of a row before the first
     if _first_is_of_another_test(values[:, voltages]):
         findings.append(_first_row_finding(values[0, voltages]))
+        earlier = float(values[0, 0])
         values, numbers = values[1:], numbers[1:]
     if not len(values):
         raise FormatError(f"{name}: test {test} has no row that can be used")
     findings.extend(_about_values(values, channels))
     findings.extend(time_findings(values[:, 0], numbers))
     t = np.ascontiguousarray(values[:, 0])
+    began = _one_row_earlier(t, earlier)
     series = tuple(
-        Series(channel=channel, values=np.ascontiguousarray(values[:, k]), t=t)
+        Series(
+            channel=channel,
+            values=np.ascontiguousarray(values[:, k]),
+            t=began if channel.unit == "V" else t,
+        )
         for k, channel in enumerate(channels)
     )
-    source = Source(name=name, format="sysid_json")
-    return Recording(name=test, series=series, source=source, findings=tuple(findings))
+    speeds = [values[:, k] for k, channel in enumerate(channels) if channel.unit == "rev/s"]
+    at_rest, of_drivetrain = all(map(begins_at_rest, speeds)), len(channels) == len(DRIVETRAIN)
+    return Recording(
+        name=test,
+        series=series,
+        source=Source(name=name, format="sysid_json"),
+        starts_at_rest=at_rest,
+        findings=(*findings, info("starts-at-rest", AT_REST)) if at_rest else tuple(findings),
+        input=None if of_drivetrain else "voltage",
+        output=None if of_drivetrain else "position",
+    )
+
+
+def _one_row_earlier(t: Array, before: float | None) -> Array:
+    """The times t (N,) [s] of the rows before; that of the first is `before`, or the usual step earlier where it is None."""
+    steps = np.diff(t)
+    usual = float(np.median(steps[steps > 0])) if (steps > 0).any() else 0.0
+    return np.concatenate([[t[0] - usual if before is None else before], t[:-1]])
 
 
 def _is_row(row: object, width: int) -> bool:
@@ -184,12 +223,10 @@ def _about_values(values: Array, channels: Sequence[Channel]) -> list[Finding]:
     """What is to be known of voltages, velocities and positions."""
     findings = []
     sentence = (
-        "SysId's logger records the voltage and then sets the next one: a row's voltage acted until its "
-        "time, not from then "
+        "SysId's logger records the voltage and then sets the next one, so a row's voltage acted until its time: it is read as "
+        "acting from the row before on."
     )
-    findings.append(
-        info("voltage-before-row", f"{sentence}on, and a fitted delay may come out short by one row.")
-    )
+    findings.append(info("voltage-before-row", sentence))
     for k, channel in enumerate(channels):
         column = values[:, k]
         if (

@@ -15,6 +15,7 @@ import numpy as np
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, info
 from servobench.recordings.formats.columns import quote
+from servobench.recordings.formats.roles import quantity_of
 from servobench.recordings.formats.times import GAP
 from servobench.recordings.recording import Recording, Series
 
@@ -22,6 +23,16 @@ NONE = "none"
 STATES = frozenset({"quasistatic-forward", "quasistatic-reverse", "dynamic-forward", "dynamic-reverse", NONE})
 """What such a text can say."""
 
+AT_REST = "The test began at rest, as SysId asks for, and its first speed is next to 0: the fit begins there, at no input."
+"""What is to be known of a test that `begins_at_rest`."""
+_SAME_LOOP = 0.5  # of the time between two loops
+_SLOW = 0.01  # of the largest speed in a test: one that turns at first turns faster
+
+_NAMES = {
+    "voltage": ("voltage-",),
+    "position": ("position-", "angle-"),
+    "speed": ("velocity-", "angular-velocity-"),
+}
 _PREFIX = "sysid-test-state"
 
 
@@ -42,6 +53,12 @@ class Test:
     start: float
     end: float
     free: float
+
+
+def begins_at_rest(speed: Array) -> bool:
+    """Return whether a test with a speed (N,) begins with a shaft that rests, as its routine asks for."""
+    seen = np.abs(speed[np.isfinite(speed)])
+    return bool(len(seen) and seen[0] <= _SLOW * seen.max())
 
 
 def tests(states: Sequence[States]) -> tuple[Test, ...]:
@@ -101,7 +118,32 @@ def _part(recording: Recording, test: Test, told: Finding) -> Recording:
             "first sample: a value holds until the next one."
         )
         findings.append(info("value-held", sentence))
-    return replace(recording, name=test.name, series=tuple(series), findings=tuple(findings))
+    at_rest = [begins_at_rest(each.values) for each in _measuring(series, "speed")]
+    if at_rest and all(at_rest):
+        findings.append(info("starts-at-rest", AT_REST))
+    return replace(
+        recording,
+        name=test.name,
+        series=tuple(series),
+        input=_the_only(_measuring(series, "voltage")),
+        output=_the_only(_measuring(series, "position")),
+        starts_at_rest=bool(at_rest) and all(at_rest),
+        findings=tuple(findings),
+    )
+
+
+def _measuring(series: Sequence[Series], quantity: str) -> list[Series]:
+    """The channels of SysId's own entries that measure something: a name is `voltage-motor-mechanism`."""
+    return [
+        each
+        for each in series
+        if each.channel.name.rpartition("/")[2].startswith(_NAMES[quantity])
+        and quantity_of(each.channel.unit) == quantity
+    ]
+
+
+def _the_only(series: Sequence[Series]) -> str | None:
+    return series[0].channel.name if len(series) == 1 else None
 
 
 def _within(series: Series, test: Test) -> tuple[Series, bool]:
@@ -109,17 +151,24 @@ def _within(series: Series, test: Test) -> tuple[Series, bool]:
 
     A channel that goes on at its usual steps needs no such sample. One that was last noted within the test before, or earlier,
     mustn't have it: SysId's own entries are silent between tests, and what stands there last is not what was there next.
+    The measurements of the first loop come just before the name of its test, and belong to it.
     """
     t = series.t if series.t is not None else np.empty(0)
     begin, end = np.searchsorted(t, [test.start, test.end])
+    if begin and test.free <= t[begin - 1] and test.start - t[begin - 1] < _SAME_LOOP * _usual(t[begin:end]):
+        begin -= 1
     inside = t[begin:end]
     within = replace(series, values=series.values[begin:end], t=inside)
     if begin == 0 or t[begin - 1] < test.free or (begin < len(t) and t[begin] == test.start):
         return within, False
-    steps = np.diff(inside)
-    usual = float(np.median(steps)) if len(steps) else 0.0
+    usual = _usual(inside)
     following = t[begin] if begin < end else test.end
     if following - t[begin - 1] <= GAP * usual:
         return within, False
     values = np.concatenate([[series.values[begin - 1]], within.values])
     return replace(series, values=values, t=np.concatenate([[test.start], inside])), True
+
+
+def _usual(t: Array) -> float:
+    """The usual time [s] between two of the times t (N,), 0 where there are none."""
+    return float(np.median(np.diff(t))) if len(t) > 1 else 0.0

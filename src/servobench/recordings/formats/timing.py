@@ -10,11 +10,18 @@ import numpy as np
 
 from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Array
 from servobench.core.errors import UsageError
-from servobench.core.finding import Finding, info
-from servobench.core.units import quantity, unit
+from servobench.core.finding import Finding, info, warning
+from servobench.core.units import is_unit, quantity, unit
 from servobench.recordings.formats.choice import long_columns
 from servobench.recordings.formats.columns import heading, time_unit
-from servobench.recordings.formats.roles import ColumnSpec, Role, find_series, quantity_of, shell_text
+from servobench.recordings.formats.roles import (
+    ColumnSpec,
+    Role,
+    find_series,
+    plain_name,
+    quantity_of,
+    shell_text,
+)
 from servobench.recordings.formats.times import time_findings
 from servobench.recordings.recording import Recording, Series
 
@@ -43,7 +50,11 @@ def assign_times(
     time: ColumnSpec | None,
     sample_time: float | str | None,
 ) -> Timed | str:
-    """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times."""
+    """Return the series with times, every `sample_time` [s] if told, and findings; or the sentence that asks for times.
+
+    A sample time that the times in the file contradict is used, with a warning. Without either, a column of one value that is
+    called a sample time or a rate gives it.
+    """
     if sample_time is not None:
         step = seconds(sample_time)
         told = f"The times are {step:g} s apart, as requested"
@@ -54,12 +65,20 @@ def assign_times(
             role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
             for role, each in series.items()
         }
-        return evenly, [info("sample-time-given", told)]
+        return evenly, [*_contradictions(series, step), info("sample-time-given", told)]
     if time is not None:
         return _with_time_column(recording, series, time)
     has_times = [each.t is not None for each in series.values()]
     if all(has_times or [any(each.t is not None for each in recording.series)]):
         return dict(series), []
+    stated = _stated_in_file(recording)
+    if stated is not None:
+        step, told = stated
+        evenly = {
+            role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
+            for role, each in series.items()
+        }
+        return evenly, [info("sample-time-in-file", told)]
     sentence = "the times: say, for example, `sample_time=0.02` (in s), or `time=COL:UNIT`"
     if len(recording.series) > 1:
         sentence += f", one of {long_columns(recording)}"
@@ -67,6 +86,50 @@ def assign_times(
         each.sentence for each in recording.findings if each.code in {"time-not-recognised", "time-ambiguous"}
     ]
     return " ".join([f"{sentence}.", *why]) if why else sentence
+
+
+_TIME_OF_A_SAMPLE = frozenset(
+    {"ts", "t_s", "dt", "delta_t", "sample_time", "sampletime", "sampling_time", "tsample"}
+)
+_RATE = frozenset(
+    {"fs", "f_s", "sample_rate", "samplerate", "sampling_rate", "sampling_frequency", "sample_frequency"}
+)
+_AGREE = 0.02  # of a sample time: clocks of boards are off by less
+
+
+def _contradictions(series: Mapping[Role, Series], step: float) -> list[Finding]:
+    """Whether the times that a file has contradict the sample time that was given [s]."""
+    for role in ("output", "input"):
+        t = series[role].t if role in series else None
+        steps = np.diff(t[np.isfinite(t)]) if t is not None else np.empty(0)
+        own = float(np.median(steps[steps > 0])) if (steps > 0).any() else step
+        if abs(own - step) > _AGREE * step:
+            sentence = (
+                f"The times of `{series[role].channel.name}` are {own:.4g} s apart, and the sample time that was given is "
+                f"{step:.4g} s, {step / own:.3g} times that: one of them is wrong. Leave `sample_time=...` out to use the times."
+            )
+            return [warning("sample-time-contradicts", sentence)]
+    return []
+
+
+def _stated_in_file(recording: Recording) -> tuple[float, str] | None:
+    """The sample time [s] that a column of one value gives, such as a rate in the first row alone, and how it was found."""
+    for each in recording.series:
+        name, values = plain_name(each.channel.name), each.values[np.isfinite(each.values)]
+        is_rate = name in _RATE
+        if not (is_rate or name in _TIME_OF_A_SAMPLE) or not len(values) or (values != values[0]).any():
+            continue
+        symbol = each.channel.unit or ("Hz" if is_rate else "s")
+        if not is_unit(symbol) or unit(symbol).si != ("rad/s" if is_rate else "s") or not values[0] > 0:
+            continue
+        given = float(values[0]) * unit(symbol).factor
+        step = 2 * np.pi / given if is_rate else given
+        if SHORTEST_STEP <= step <= LONGEST_STEP:
+            told = (
+                f"The times are {step:.6g} s apart, as `{each.channel.name}` says ({values[0]:g} {symbol})."
+            )
+            return float(step), f"{told} If that is wrong, say `sample_time=S`."
+    return None
 
 
 def _with_time_column(recording: Recording, series: Mapping[Role, Series], spec: ColumnSpec) -> Timed | str:

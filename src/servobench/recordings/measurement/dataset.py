@@ -28,6 +28,7 @@ class Dataset:
     `quantum` is the smallest step of `y` where it is known and `y` is a plain position; the error of rounding is then
     at most half of it. `delay` is what the device says of itself [s] and is not part of what is identified.
     `starts_at_rest` says that the shaft rests at the first sample, because somebody said so.
+    `user_unit` is the unit of position that whoever recorded it thinks in, and how many of it are one of the output's SI unit.
     `chain_known` says that somebody said what the chain is, be it that there is nothing in between; False where nobody did.
     `hidden_delay` is the longest time [s] by which a voltage may have acted before t_input, or a sample been latched after
     t_output, on average; 0 where nothing says so.
@@ -60,6 +61,7 @@ class Dataset:
     current: Array | None = None
     chain_known: bool = False
     starts_at_rest: bool = False
+    user_unit: tuple[str, float] | None = None
     findings: tuple[Finding, ...] = ()
     """What there is to know about the data."""
 

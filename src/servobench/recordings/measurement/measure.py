@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from itertools import takewhile
@@ -14,6 +15,7 @@ from servobench.core.channels import Array, Channel
 from servobench.core.errors import MissingInformation, NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.numbers import check_positive
+from servobench.core.units import in_symbols, is_unit, quantity
 from servobench.core.units import unit as unit_named
 from servobench.recordings.measurement.armature import armature_current
 from servobench.recordings.measurement.base import Chain, Kind, Stage
@@ -52,13 +54,14 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
     Of an output that is refreshed more seldom than it was recorded, the samples are those that are new.
     A record that begins in mid-motion, with nothing said of the input before it, begins for the output a few samples later than
     for the input: what the first samples answer to is not in the file. `starts_at_rest` says that the shaft rests when the
-    record begins, and that the input was zero until then.
+    record begins, and that the input was zero until then, where the recording doesn't say so itself.
     What is left out, or looks wrong, is told by a finding; rows are those of the channel, counted from 1.
 
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
     neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than two samples of the output.
     """
     check_type("recording", recording, Recording, "a Recording, such as load() and run() give")
+    starts_at_rest = starts_at_rest or recording.starts_at_rest
     applied = Chain.parse(chain) if isinstance(chain, str) else chain or Chain()
     declared = Chain.parse(recording.chain)
     input_series, output_series = input_and_output(recording)
@@ -79,6 +82,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
         input_unit=driven.in_si().unit,
         input_before=0.0 if starts_at_rest else _input_before(recording, driven),
         starts_at_rest=starts_at_rest,
+        user_unit=_user_unit(output_series.channel, finished.unit),
         t_output=finished.t,
         y=finished.x,
         output_unit=finished.unit,
@@ -122,6 +126,17 @@ def _reference_unit(recording: Recording) -> str | None:
     """The SI unit of what a loop was told to follow."""
     unit = recording[recording.reference].channel.unit if recording.reference is not None else None
     return None if unit is None else unit_named(unit).si
+
+
+def _user_unit(channel: Channel, si: str) -> tuple[str, float] | None:
+    """The unit of position in a channel, as `Dataset.user_unit`, where the output is in `si`."""
+    si, own = si.removesuffix("/s"), (channel.unit or "").removesuffix("/s")
+    if channel.travel_per_rev is not None and si == "rad":
+        symbol = channel.travel_per_rev.partition(" ")[2]
+        return symbol, quantity(channel.travel_per_rev, "m") / unit_named(symbol).factor / (2 * math.pi)
+    if not is_unit(own) or unit_named(own).si != si:
+        return None
+    return in_symbols(own), 1.0 / unit_named(own).factor
 
 
 def _input_before(recording: Recording, column: Column) -> float:

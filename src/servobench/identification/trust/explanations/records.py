@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 
 import numpy as np
@@ -17,6 +18,7 @@ from servobench.identification.trust.explanations.equation import sweep_count, w
 from servobench.recordings.measurement.dataset import Dataset
 
 _SWEPT = 3.0  # times through its range: fewer changes can't tell a motor that changes from one that lags
+_BY_FRICTION = 1.5  # a record of one level can't tell its gain from its friction, which takes a third of the level at the most
 _APART = 0.02  # of the gain: records of one motor differ by less
 
 
@@ -40,6 +42,9 @@ def _records(case: Case) -> CauseFit | None:
         return None
     far = int(np.argmax(np.abs(gains - middle))) if len(gains) > 2 else int(np.argmin(np.abs(gains)))
     odd, times = case.motions[far].data, float(gains[far] / np.median(np.delete(gains, far)))
+    alone = any(single_level([each.data]) is not None for each in case.motions)
+    if alone and not level and not (times > 0 and abs(math.log(times)) > math.log(_BY_FRICTION)):
+        return None
     sentence = (
         f"The records disagree: {odd.name} moves as if its input were {times:.2g} times the "
         "recorded one, compared with the others. They come from different motors or gears, or one "
