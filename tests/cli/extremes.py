@@ -201,7 +201,7 @@ def cases_of_results(seeds: range, folder: Path) -> Iterator[tuple[int, str, lis
                 str(file),
                 "--counts-per-rev",
                 "2048",
-                "--voltage",
+                "--voltage-limit",
                 "9",
                 "--duration",
                 "2",

@@ -3,13 +3,29 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servobench.cli.option_names import CONTROLLER, with_options
+from servobench.cli.options import (
+    AS_IT_IS,
+    ControllerSampleTime,
+    Overwrite,
+    Reading,
+    StartsAtRest,
+    VoltageLimit,
+    with_reading,
+)
 
+if TYPE_CHECKING:
+    from servobench.export.base import Wishes
+    from servobench.export.summary import ResultSummary
+
+
+@with_reading
 def export(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", hidden=True)],
+    motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
     target: Annotated[
         str, typer.Option("--as", metavar="TARGET", help="control, matlab, wpilib, mujoco, c, json or csv.")
     ],
@@ -27,23 +43,18 @@ def export(
             "--unit", metavar="UNIT", help="The unit of position for wpilib and c: rev, rad, deg, m."
         ),
     ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="The time between two calls of the controller, or between a simulation's steps [s].",
-        ),
-    ] = None,
+    controller_sample_time: ControllerSampleTime = None,
     closed_loop: Annotated[
         str | None,
         typer.Option(metavar="S", help="The desired time constant of the closed loop [s], for wpilib and c."),
     ] = None,
-    counts_per_rev: Annotated[
-        float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for c.")
+    controller_counts_per_rev: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N", help="The counts per turn of the encoder that the controller reads, for c."
+        ),
     ] = None,
-    voltage_limit: Annotated[
-        str | None, typer.Option(metavar="V", help="The largest voltage of the controller [V], for c.")
-    ] = None,
+    voltage_limit: VoltageLimit = None,
     inertia: Annotated[
         str | None,
         typer.Option(
@@ -53,37 +64,51 @@ def export(
             ),
         ),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write an identified motor for another program.
 
-    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed. The targets: control (a Python file for
+    RESULT is a run's folder, or a file that `servobench identify FILE --json` printed; a FILE with a recording is identified
+    first, with the column options of that command. The targets: control (a Python file for
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG and feedback gains), mujoco (a joint and its
     actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
     """
+    from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import output, say
     from servobench.export.base import TARGETS, Wishes
-    from servobench.export.base import export as exported
-    from servobench.export.summary import ResultSummary
 
     suffix = TARGETS[target].suffix
-    answer = ResultSummary.read(result)
+    file = out if out is not None else Path(default_name(target))
+    _check_free(file, suffix, [motor, *([reading.mapping] if reading.mapping else [])], overwrite)
     wishes = Wishes(
         unit=position_unit,
-        sample_time=_quantity("--sample-time", sample_time, "s"),
+        sample_time=_quantity("--controller-sample-time", controller_sample_time, "s"),
         inertia=_quantity("--inertia", inertia, "kg*m^2"),
         closed_loop=_quantity("--closed-loop", closed_loop, "s"),
-        counts_per_rev=counts_per_rev,
+        counts_per_rev=controller_counts_per_rev,
         voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
     )
-    file = out if out is not None else Path(default_name(target))
-    _check_free(file, suffix, [result], overwrite)
-    files = exported(answer, target, file, wishes)
+    answer = motor_in(motor, reading, starts_at_rest)
+    files = _export(answer, target, file, wishes)
     console = output()
     for written in files:
         say(console, f"written: {written}")
     if answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
+
+
+def _export(answer: ResultSummary, target: str, file: Path, wishes: Wishes) -> tuple[Path, ...]:
+    """The files written; what a message calls by Python's keyword it calls by this command's option."""
+    from servobench.core.errors import UsageError
+    from servobench.export.base import export as exported
+
+    try:
+        return exported(answer, target, file, wishes)
+    except UsageError as error:
+        error.args = (with_options(str(error), CONTROLLER),)
+        raise
 
 
 def default_name(target: str) -> str:
@@ -118,6 +143,6 @@ def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) ->
         raise UsageError(f"--out {file}: there is no folder {file.parent}")
     named = file if file.suffix else file.with_name(file.name + suffix)
     if any(named.resolve() == each.resolve() for each in inputs):
-        raise UsageError(f"--out {named}: is the result itself, and would be lost; give another name")
+        raise UsageError(f"--out {named}: is what is exported, and would be lost; give another name")
     if named.exists() and not overwrite:
         raise UsageError(f"{named} exists already; give another name, or --overwrite to replace it")

@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from servobench.cli.failures import DONE
-from servobench.cli.lab.options import AsJson, DeviceName, Folder, Name, Solution, Studies
+from servobench.cli.lab.options import Folder, Name, Solution, Studies
+from servobench.cli.options import AsJson, DeviceName
 
 
 def do(
@@ -29,6 +30,7 @@ def do(
     recording: Annotated[
         Path | None,
         typer.Option(
+            "--recorded",
             metavar="FILE",
             help="A recording of the exercise's experiment that servobench made, in place of a run.",
         ),
@@ -55,7 +57,7 @@ def do(
 
     if recording is not None and device is not None:
         raise UsageError(
-            "--recording and --device don't go together, as a recording of servobench's own says what device it is of; leave "
+            "--recorded and --device don't go together, as a recording of servobench's own says what device it is of; leave "
             "--device out"
         )
     check_report(page, [recording] if recording else [], option="--page")
