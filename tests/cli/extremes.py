@@ -116,7 +116,7 @@ def commands(file: Path, folder: Path, unit: str) -> dict[str, list[str]]:
             str(folder / "m.toml"),
             "--overwrite",
         ],
-        "identify": ["identify", str(file), *roles, "--report", str(folder / "r.html")],
+        "identify": ["identify", str(file), *roles, "--report", str(folder / "r.html"), "--overwrite"],
         "identify --json": ["identify", str(file), *roles, "--json"],
         "identify --sample-time": ["identify", str(file), *roles, "--sample-time", "1e-300"],
         "why": ["why", str(file), *roles, "--claimed", "tau=0.13"],

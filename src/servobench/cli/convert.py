@@ -26,17 +26,16 @@ def convert(
     The ending of OUT selects the format. Nothing is renamed, scaled or resampled. With options that say
     what the columns are, or a mapping, roles, units and times come from these, and samples without a usable time are left out.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import output, say
-    from servobench.core.errors import UsageError
     from servobench.core.rounding import count_text
     from servobench.recordings.formats.base import save
     from servobench.recordings.reading import select
 
-    if target.exists() and not overwrite:
-        raise UsageError(f"{target} exists already; give another name, or --overwrite to replace it")
+    check_free(target, "OUT", [source, reading.mapping], overwrite)
     with Progress() as progress:
         recordings = load_all([source], progress)
     if set(reading.given) - {"--recording"}:

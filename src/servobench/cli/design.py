@@ -67,6 +67,7 @@ def design(
     motor within the tolerance, 20 % for a data sheet. The result is an experiment and its predicted standard deviations,
     before anything has moved.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.terminal import messages, output, print_json, say
     from servobench.identification.design.limits import DesignLimits
@@ -80,6 +81,7 @@ def design(
     )
     wanted, length = _wish(wish), _in("--duration", duration, "s")
     step = _in("--experiment-sample-time", experiment_sample_time, "s")
+    check_free(out, "--out", [known_from, reading.mapping], overwrite)
     motor = _motor(nominal, known_from, reading, starts_at_rest)
     with Progress() as progress, announce_compiling(progress):
         progress.begin("comparing experiments")

@@ -75,13 +75,15 @@ def export(
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG and feedback gains), mujoco (a joint and its
     actuator), c (a speed controller in C99, with its test), json, csv. A refused result exports nothing.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import output, say
     from servobench.export.base import TARGETS, Wishes
 
     suffix = TARGETS[target].suffix
     file = out if out is not None else Path(default_name(target))
-    _check_free(file, suffix, [motor, *([reading.mapping] if reading.mapping else [])], overwrite)
+    named = file if file.suffix else file.with_name(file.name + suffix)
+    check_free(named, "--out", [motor, reading.mapping], overwrite)
     wishes = Wishes(
         unit=position_unit,
         sample_time=_quantity("--controller-sample-time", controller_sample_time, "s"),
@@ -131,18 +133,3 @@ def _quantity(option: str, text: str | None, si: str) -> float | None:
         return quantity(text, si)
     except UnitError as error:
         raise UsageError(f"{option}: {error}") from None
-
-
-def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) -> None:
-    """Raise `UsageError` where a file of that name is there and may not be replaced, or is what is exported."""
-    from servobench.core.errors import UsageError
-
-    if file.is_dir():
-        raise UsageError(f"--out {file}: is a folder; name a file in it")
-    if not file.parent.is_dir():
-        raise UsageError(f"--out {file}: there is no folder {file.parent}")
-    named = file if file.suffix else file.with_name(file.name + suffix)
-    if any(named.resolve() == each.resolve() for each in inputs):
-        raise UsageError(f"--out {named}: is what is exported, and would be lost; give another name")
-    if named.exists() and not overwrite:
-        raise UsageError(f"{named} exists already; give another name, or --overwrite to replace it")

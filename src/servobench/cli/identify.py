@@ -12,6 +12,7 @@ from servobench.cli.options import (
     AllFindings,
     AsJson,
     DataSheet,
+    Overwrite,
     Reading,
     ReportFile,
     StartsAtRest,
@@ -50,6 +51,7 @@ def identify(
     ] = "auto",
     as_json: AsJson = False,
     report: ReportFile = None,
+    overwrite: Overwrite = False,
     all_findings: AllFindings = False,
 ) -> None:
     """Identify the motor from existing recordings.
@@ -61,7 +63,8 @@ def identify(
     another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm,
     rev/s, counts/s, m/s).
     """
-    from servobench.cli.conclusion import check_names, check_report, conclude, deliver, status_of
+    from servobench.cli.conclusion import check_names, conclude, deliver, status_of
+    from servobench.cli.output_file import check_free
     from servobench.cli.parameter_values import parse_parameters
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.recordings import evidence_of, further_evidence_of, load_all
@@ -69,7 +72,7 @@ def identify(
 
     check_names(structure, estimator, nominal)
     stated = parse_parameters(known or ())
-    check_report(report, [*files, *(validate_with or ()), *([reading.mapping] if reading.mapping else [])])
+    check_free(report, "--report", [*files, *(validate_with or ()), reading.mapping], overwrite)
     with Progress() as progress:
         fitted = evidence_of(load_all(files, progress), reading)
         others = further_evidence_of(load_all(validate_with, progress), reading) if validate_with else []

@@ -40,13 +40,15 @@ def inspect(
     Its recordings and channels, what is wrong with their times and values, and what is missing to identify them. Options that
     say what the columns are, are tried on it.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import load_all
     from servobench.cli.terminal import output, say
     from servobench.core.rounding import count_text
     from servobench.recordings.reading import recordings_meant
 
-    _check_new(file, [write_mapping, report], overwrite)
+    for option, target in {"--write-mapping": write_mapping, "--report": report}.items():
+        check_free(target, option, [file, reading.mapping], overwrite)
     with Progress() as progress:
         loaded = load_all([file], progress)
     looks = [_look(each, said) for each, said in recordings_meant(loaded, **reading.options)]
@@ -96,23 +98,6 @@ def _look(recording: Recording, said: Mapping) -> _Look:
         raise
     except ServobenchError as error:
         return _Look(recording, against=str(error))
-
-
-def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> None:
-    """Raise `UsageError` where something would be lost: the file itself, or what is there and may not be replaced."""
-    from servobench.core.errors import UsageError
-
-    for target in targets:
-        if target is None:
-            continue
-        if target.resolve() == file.resolve():
-            raise UsageError(f"{target} is the inspected file and would be lost; give another name")
-        if target.is_dir() or not target.parent.is_dir():
-            raise UsageError(
-                f"{target} can't be written: it is a folder, or there is no folder {target.parent}"
-            )
-        if target.exists() and not overwrite:
-            raise UsageError(f"{target} exists already; give another name, or --overwrite to replace it")
 
 
 def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
-from servobench.cli.options import AllFindings, AsJson, DataSheet, DeviceName, Seed, StructureName
+from servobench.cli.options import AllFindings, AsJson, DataSheet, DeviceName, Overwrite, Seed, StructureName
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -71,6 +71,7 @@ def run(
             help='A fault to inject, as "stuck_channel from=2s for=100ms"; repeatable; see `servobench faults`.',
         ),
     ] = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
     all_findings: AllFindings = False,
 ) -> None:
@@ -91,7 +92,7 @@ def run(
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
-    with run_folder(out, datetime.now()) as folder:
+    with run_folder(out, datetime.now(), overwrite) as folder:
         with Progress() as progress, announce_compiling(progress):
             recording = _carry_out(
                 asked, device_asked_for(asked, experiment), folder, console, progress, structure

@@ -12,6 +12,7 @@ from servobench.cli.options import (
     AS_IT_IS,
     AsJson,
     DataSheet,
+    Overwrite,
     Reading,
     ReportFile,
     StartsAtRest,
@@ -50,13 +51,15 @@ def why(
     starts_at_rest: StartsAtRest = False,
     as_json: AsJson = False,
     report: ReportFile = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Explain why a figure differs from the recordings of a motor.
 
     The figure is a claim or a data sheet's. For each cause (a lag of the measurement, friction, resistance, inertia, the
     method, ...) it states how much of the difference it explains, how probable it is, and which experiment would decide.
     """
-    from servobench.cli.conclusion import check_names, check_report, conclude, status_of
+    from servobench.cli.conclusion import check_names, conclude, status_of
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.terminal import messages, output, print_json, say
@@ -70,7 +73,7 @@ def why(
     for text in claimed or ():
         Claim.parse(text)  # a mistake in it is told before any work is done
     _check_has_something(claimed, nominal)
-    check_report(report, [*files, *([reading.mapping] if reading.mapping else [])])
+    check_free(report, "--report", [*files, reading.mapping], overwrite)
     with Progress() as progress:
         evidence = evidence_of(load_all(files, progress), reading)
         with announce_compiling(progress):

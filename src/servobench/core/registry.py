@@ -7,8 +7,8 @@ import pkgutil
 import re
 from collections.abc import Callable, Iterator
 from functools import cache
-from importlib.metadata import EntryPoints, entry_points
-from typing import Generic, TypeVar
+from importlib.metadata import entry_points
+from typing import Any, Generic, TypeVar
 
 from servobench.core.errors import UnknownName, UsageError
 
@@ -118,7 +118,7 @@ class Registry(Generic[T]):
 
 
 @cache
-def _plug_ins() -> EntryPoints:
+def _plug_ins() -> Any:  # of another type in Python 3.11 than later, with the same `select`
     """What all packages offer; looking for it takes a while, and is done once for all kinds."""
     return entry_points()
 
