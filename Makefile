@@ -13,7 +13,7 @@ help:  ## list the chores
 	@sed -n 's/^\([a-z-]*\):.*## \(.*\)/  make \1\t\2/p' Makefile | expand -t 20
 
 demo: $(INSTALLED)  ## identify the simulated motor and write a report; DEMO_OUT=DIR says where
-	$(BIN)/servobench run --out "$(DEMO_OUT)"
+	$(BIN)/servobench run --overwrite --out "$(DEMO_OUT)"
 
 test: $(INSTALLED)  ## run the tests, two files at a time; ARGS='-k pattern' is passed on to pytest
 	$(BIN)/python -m pytest --numprocesses 2 --dist loadfile $(ARGS)

@@ -12,7 +12,7 @@ from tests.cli.conftest import Command
 
 def test_the_design_can_be_run_and_is_what_the_json_says(servobench: Command, tmp_path: Path) -> None:
     file = tmp_path / "designed.toml"
-    made = servobench("design", "--voltage", "8 V", "--duration", "2", "--out", file, "--json")
+    made = servobench("design", "--voltage-limit", "8 V", "--duration", "2", "--out", file, "--json")
 
     assert made.status == 0
     told = json.loads(made.out)
@@ -34,7 +34,7 @@ def test_the_design_can_be_run_and_is_what_the_json_says(servobench: Command, tm
 def test_a_result_says_what_is_known_once_the_encoder_is_told(
     servobench: Command, finished_run: Path
 ) -> None:
-    words = ("design", "--voltage", "5", "--duration", "1", "--from", finished_run / "result.json")
+    words = ("design", "--voltage-limit", "5", "--duration", "1", "--from", finished_run / "result.json")
     without = servobench(*words)
     assert without.status == 2
     assert "--counts-per-rev" in without.err
@@ -50,16 +50,16 @@ def test_a_result_says_what_is_known_once_the_encoder_is_told(
         (("--for", "speed"), "known: both, gain, time_constant"),
         (("--nominal", "qube_servo_2", "--from", "x.csv"), "give one of them"),
         (("--nominal", "nothing"), "qube_servo_2"),
-        (("--travel", "4 V"), "--travel"),
-        (("--from", "nowhere.json"), "can't be read"),
+        (("--travel-limit", "4 V"), "--travel-limit"),
+        (("--from", "nowhere.json"), "there is no result nowhere.json"),
         (("--duration", "100000"), "a duration of 100000 s at a sample time of 0.002 s is 5e+07 samples"),
-        (("--counts-per-rev", "0"), "expected a number above 0"),
-        (("--counts-per-rev", "2048"), "is for a result.json"),
-        (("--from", "x.csv", "--counts-per-rev", "2048"), "is for a result.json"),
+        (("--counts-per-rev", "2048"), "--counts-per-rev: a data sheet says all of this"),
+        (("--starts-at-rest",), "give a recording with --from FILE"),
+        (("--from", "x.csv", "--counts-per-rev", "2048"), "there is no file x.csv"),
     ],
 )
 def test_mistakes_are_told(servobench: Command, words: tuple[str, ...], expected: str) -> None:
-    ended = servobench("design", "--voltage", "10", *words)
+    ended = servobench("design", "--voltage-limit", "10", *words)
 
     assert ended.status == 2
     assert expected in ended.err

@@ -199,7 +199,7 @@ disc_inertia = "6e-5 kg*m^2"
     assert servobench("run", file, "--out", tmp_path / "run").status == 0
 
     given = ("--answer", "time_constant=0.0991")
-    own = servobench("lab", "do", "step", "--recording", tmp_path / "run" / "recording.mcap", *given)
+    own = servobench("lab", "do", "step", "--recorded", tmp_path / "run" / "recording.mcap", *given)
     twin = servobench("lab", "do", "step", *given)
 
     assert "✓ time_constant" in twin.out
@@ -214,7 +214,7 @@ def test_a_recording_of_another_experiment_is_not_held_against_an_exercise(
     file.write_text(text, encoding="utf-8")
     assert servobench("run", file, "--out", tmp_path / "run").status == 0
 
-    ended = servobench("lab", "do", "step", "--recording", tmp_path / "run" / "recording.mcap", "--solution")
+    ended = servobench("lab", "do", "step", "--recorded", tmp_path / "run" / "recording.mcap", "--solution")
 
     assert ended.status == 2
     assert "its signal and sample time are not the exercise's" in ended.err
@@ -232,7 +232,7 @@ def test_answers_to_a_recording_that_was_cut_short_are_told_that_it_was(
     (tmp_path / "torn.mcap").write_bytes(whole[: len(whole) // 3])  # its end, and how the run ended, are lost
 
     told = {
-        name: servobench("lab", "do", "step", "--recording", path, "--answer", "level=63.2 %").out
+        name: servobench("lab", "do", "step", "--recorded", path, "--answer", "level=63.2 %").out
         for name, path in (("whole", tmp_path / "run" / "recording.mcap"), ("torn", tmp_path / "torn.mcap"))
     }
 
@@ -248,7 +248,7 @@ def test_a_table_from_elsewhere_is_not_held_against_an_exercise_and_told_where_i
     rows = "".join(f"{0.002 * k:.3f},{float(k > 20)},{k * k}\n" for k in range(200))
     file.write_text(f"time [s],voltage [V],position [counts]\n{rows}", encoding="utf-8")
 
-    ended = servobench("lab", "do", "step", "--recording", file)
+    ended = servobench("lab", "do", "step", "--recorded", file)
 
     assert ended.status == 2
     assert "doesn't name its device" in ended.err
@@ -326,7 +326,7 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
         (("do", "nothing"), "no exercise called 'nothing'"),
         (("do", "encodr"), "did you mean 'encoder'?"),
         (("page", "encoder", "nothing"), "no exercise called 'nothing'"),
-        (("do", "encoder", "--recording", "a.mcap", "--device", "twin"), "don't go together"),
+        (("do", "encoder", "--recorded", "a.mcap", "--device", "twin"), "don't go together"),
         (("do", "--json"), "Missing argument"),
         (("do", "encoder", "--answer", "2048"), "'2048' is no answer"),
         (
@@ -336,10 +336,10 @@ def test_who_interrupts_all_exercises_is_told_what_is_kept_and_where(
         (("do", "encoder", "--answer", "cuonts=2048"), "no blank called 'cuonts' (did you mean 'counts'?)"),
         (("do", "encoder", "--device", "nothing"), "no device called 'nothing'"),
         (("do", "encoder", "--device", "replay"), "--device replay: its setting 'file' is missing: a native"),
-        (("do", "encoder", "--device", "replay"), "--recording FILE"),
+        (("do", "encoder", "--device", "replay"), "--recorded FILE"),
         (("do", "encoder", "--device", "assigned"), "its setting 'student' is missing: whose motor"),
         (("page", "--device", "replay"), "--device replay: its setting 'file' is missing"),
-        (("do", "encoder", "--recording", "nowhere.mcap"), "nowhere.mcap"),
+        (("do", "encoder", "--recorded", "nowhere.mcap"), "nowhere.mcap"),
         (("do", "encoder", "--page", "nowhere/page.html"), "--page nowhere"),
         (("list", "--folder", "nowhere"), "--folder nowhere: is no folder"),
         (("page", "--folder", "nowhere"), "--folder nowhere: is no folder"),

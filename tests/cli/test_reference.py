@@ -3,6 +3,7 @@
 import json
 import re
 from collections.abc import Iterator
+from dataclasses import fields
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -12,6 +13,7 @@ import typer.main
 
 from servobench.cli import failures
 from servobench.cli.app import app
+from servobench.cli.options import Reading
 
 PAGE = Path(__file__).resolve().parent.parent.parent / "docs" / "reference" / "commands.md"
 COMMANDS: dict[str, Any] = typer.main.get_command(app).commands  # type: ignore[attr-defined]
@@ -48,6 +50,16 @@ def section_before_first() -> str:
     return PAGE.read_text(encoding="utf-8").partition("\n## ")[0]
 
 
+READING = {f"--{field.name.replace('_', '-')}" for field in fields(Reading)}
+"""What every command that takes a recording has; described once for all of them."""
+
+
+def test_the_options_of_reading_are_described() -> None:
+    items = [item for item in section("reading a recording").split("\n") if item.startswith("- `--")]
+
+    assert {option for item in items for option in re.findall(r"`(--[a-z-]+) [A-Z]", item)} == READING
+
+
 @pytest.mark.parametrize(
     ("name", "command"),
     [each for each in leaves(COMMANDS) if each[0] not in {"devices", "signals", "controllers"}],
@@ -57,6 +69,9 @@ def test_every_option_of_a_command_is_described_and_no_other(name: str, command:
     described = {
         option for item in items for option in re.findall(r"`(--[a-z-]+)", item.partition(" names")[0])
     }
+
+    if "[options of reading](#reading-a-recording)" in section(name):
+        described |= READING
 
     assert described == options(command)
 

@@ -132,14 +132,18 @@ def test_the_seed_makes_the_noise(
 
 
 @pytest.mark.usefixtures("quick_report")
-def test_a_second_run_takes_the_place_of_the_first_and_leaves_other_files(
+def test_a_second_run_takes_the_place_of_the_first_when_asked_to_and_leaves_other_files(
     servobench: Command, short: Path, tmp_path: Path
 ) -> None:
     folder = tmp_path / "run"
     servobench("run", "--out", folder)
     (folder / "notes.txt").write_text("mine")
 
-    assert servobench("run", short, "--out", folder).status == 0
+    refused = servobench("run", short, "--out", folder)
+    assert refused.status == 2
+    assert "holds an earlier run; give another folder, or --overwrite" in refused.err
+
+    assert servobench("run", short, "--out", folder, "--overwrite").status == 0
 
     assert names(folder) == FILES | {"notes.txt"}
     (recording,) = sb.load(folder / "recording.mcap")
@@ -251,7 +255,7 @@ def test_a_folder_is_one_run_s_from_its_beginning_to_its_last_file(tmp_path: Pat
                 pass
         assert folder.recording.exists()
 
-    with run_folder(out, datetime.now()) as again:
+    with run_folder(out, datetime.now(), overwrite=True) as again:
         again.begin("")
         assert not folder.recording.exists()
 

@@ -126,7 +126,7 @@ def swings(result: dict[str, Any], kp: float, extra: float, h: float) -> tuple[f
     return max(course[3000:4000]), max(course[5000:])
 
 
-@pytest.mark.parametrize("ticks", [(), ("--sample-time", "5 ms")], ids=str)
+@pytest.mark.parametrize("ticks", [(), ("--controller-sample-time", "5 ms")], ids=str)
 def test_the_loop_as_it_runs_bears_its_margins_and_no_more(
     servobench: Command, finished_run: Path, ticks: tuple[str, ...]
 ) -> None:
@@ -146,7 +146,7 @@ def test_the_loop_as_it_runs_bears_its_margins_and_no_more(
 
 
 def test_a_continuous_loop_has_no_ticks(servobench: Command, finished_run: Path) -> None:
-    ended = servobench("stability", finished_run, "--continuous", "--sample-time", "2 ms")
+    ended = servobench("stability", finished_run, "--continuous", "--controller-sample-time", "2 ms")
 
     assert ended.status == 2
     assert "a continuous loop has no ticks" in " ".join(ended.err.split())
@@ -334,9 +334,9 @@ def test_a_sample_time_that_cannot_be_is_refused_before_anything_is_said(
     servobench: Command, finished_run: Path, given: str
 ) -> None:
     """0 was taken as the data's own, -1 was told half-way through the answer, 1e-8 ended in no answer at all."""
-    ended = servobench("stability", finished_run, f"--sample-time={given}")
+    ended = servobench("stability", finished_run, f"--controller-sample-time={given}")
 
     assert ended.status == 2
     assert ended.out == ""
-    assert "--sample-time" in ended.err
+    assert "--controller-sample-time" in ended.err
     assert "expected" in ended.err

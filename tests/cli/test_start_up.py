@@ -1,6 +1,7 @@
 """Help and version come at once, and say what the commands themselves would say."""
 
 import importlib.util
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -113,3 +114,45 @@ def test_ctrl_c_while_the_commands_are_imported_is_one_sentence() -> None:
     assert ended.returncode == INTERRUPTED
     assert ended.stdout == ""
     assert ended.stderr == "Error: interrupted before anything was done\n"
+
+
+@pytest.mark.parametrize("said", [None, "2"])
+def test_a_command_computes_with_one_thread_unless_the_environment_says_otherwise(said: str | None) -> None:
+    """Fits have narrow matrices, whose threads wait for each other longer than they compute."""
+    script = (
+        "import os, sys\nfrom servobench.cli import main\nsys.argv[1:] = ['--version']\nmain()\n"
+        "print(os.environ['OMP_NUM_THREADS'])"
+    )
+    environment = {name: value for name, value in os.environ.items() if name != "OMP_NUM_THREADS"}
+    given = {} if said is None else {"OMP_NUM_THREADS": said}
+    ended = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=True,
+        env={**environment, **given},
+    )
+
+    assert ended.stdout.splitlines()[-1] == (said or "1")
+
+
+def test_a_program_that_calls_the_command_line_keeps_its_own_settings() -> None:
+    script = (
+        "import gc, os\nos.environ.pop('OMP_NUM_THREADS', None)\nbefore = gc.get_threshold()\n"
+        "from servobench.cli import main\nmain(['--version'])\n"
+        "print(gc.get_threshold() == before, gc.get_freeze_count(), os.environ.get('OMP_NUM_THREADS'))"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+
+    assert ended.stdout.splitlines()[-1] == "True 0 None"
+
+
+def test_reading_a_table_of_somebody_elses_imports_no_models_of_experiments() -> None:
+    """They cost a tenth of a short command."""
+    script = (
+        "import sys\nfrom servobench.rig.lateness import lateness\n"
+        "print('servobench.rig.experiment' in sys.modules, 'pydantic' in sys.modules)"
+    )
+    ended = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+
+    assert ended.stdout.splitlines()[-1] == "False False"

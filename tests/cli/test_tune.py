@@ -37,7 +37,7 @@ def test_a_run_its_result_and_its_recording_give_the_same_gains(
     servobench: Command, finished_run: Path
 ) -> None:
     said = [
-        servobench("tune", path, "--output", "speed", "--lambda", "50ms")
+        servobench("tune", path, "--loop", "speed", "--lambda", "50ms")
         for path in (finished_run, finished_run / "result.json", finished_run / "recording.mcap")
     ]
 
@@ -55,7 +55,7 @@ def test_a_run_its_result_and_its_recording_give_the_same_gains(
         (("--lambda", "2.1 ms"), "a loop can't be faster than"),
         (("--lambda", "1 m"), "--lambda"),
         (("--poles", "a,b"), "expected numbers with commas between them"),
-        (("--output", "torque", *WISH), "no output called 'torque'"),
+        (("--loop", "torque", *WISH), "no loop called 'torque'"),
         (("--as", "pdi", *WISH), "did you mean 'pid'"),
         (("--bandwidth", "-3", "--damping", "1"), "expected more than 0 rad/s"),
         (("--method", "ziegler"), "no method called 'ziegler'; known: lambda_tuning, pole_placement"),
@@ -88,7 +88,7 @@ def test_the_direction_of_a_gain_margin_is_printed(servobench: Command, finished
     assert "downwards" not in one
 
 
-@pytest.mark.parametrize("command", [("tune",), ("design", "--voltage", "5", "--from")], ids=" ".join)
+@pytest.mark.parametrize("command", [("tune",), ("design", "--voltage-limit", "5", "--from")], ids=" ".join)
 def test_a_table_is_asked_for_what_identify_asks_for(
     servobench: Command, tmp_path: Path, command: tuple[str, ...]
 ) -> None:

@@ -1,7 +1,7 @@
 """A kind finds its members by itself, and says which there are."""
 
 import sys
-from importlib.metadata import EntryPoint
+from importlib.metadata import EntryPoint, EntryPoints
 from pathlib import Path
 
 import pytest
@@ -45,9 +45,7 @@ def kind() -> Registry[type]:
 
 def plug_in(monkeypatch: pytest.MonkeyPatch, name: str, value: str) -> None:
     entry = EntryPoint(name=name, value=value, group="fruits")
-    monkeypatch.setattr(
-        "servobench.core.registry.entry_points", lambda group: [entry] if group == "fruits" else []
-    )
+    monkeypatch.setattr("servobench.core.registry._plug_ins", lambda: EntryPoints((entry,)))
 
 
 def test_a_file_in_the_folder_is_a_member_without_a_line_elsewhere(fruits: Path) -> None:

@@ -167,7 +167,11 @@ WRONG: dict[str, tuple[dict[str, Any], type[Exception], str]] = {
     ),
     "an unknown option": ({"data": COLUMNS, "inputs": "u:V"}, UnknownName, "no option called 'inputs'"),
     "an option of a wrong type": ({"data": COLUMNS, "input": 3}, UsageError, "input is 3; expected a text"),
-    "counts of a wrong type": ({"data": COLUMNS, "counts_per_rev": "x"}, UsageError, "counts_per_rev is 'x'"),
+    "counts of a wrong type": (
+        {"data": COLUMNS, "counts_per_rev": "x"},
+        UsageError,
+        "`counts_per_rev=x`: expected",
+    ),
     "a mapping of a wrong type": (
         {"data": COLUMNS, "mapping": 3},
         UsageError,

@@ -7,8 +7,9 @@ imported, so that they come at once. It uses `panel`, `lab`, `report`, `export`,
 
 from __future__ import annotations
 
+import gc
+import os
 import sys
-from os import path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -20,7 +21,24 @@ _INTERRUPTED = 130  # as in `failures`, which isn't imported before it has to be
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line with these arguments, those of the process where there are none, and return the exit status."""
-    words = sys.argv[1:] if arguments is None else list(arguments)
+    if arguments is not None:
+        return _run(list(arguments))
+    # This process is a command and nothing else, so what follows is in nobody's way; decision 0049 has the figures.
+    # The matrices of a fit are narrow: several threads wait for each other longer than they compute. It has to be said before
+    # NumPy is imported, and whoever says otherwise is listened to.
+    os.environ.setdefault("OMP_NUM_THREADS", "1")
+    os.environ.setdefault("VECLIB_MAXIMUM_THREADS", "1")
+    # Garbage is looked for less often while a thousand modules are imported, which make none, and not at all at the end, when
+    # the system takes the memory back.
+    gc.set_threshold(100_000, 50, 100)
+    try:
+        return _run(sys.argv[1:])
+    finally:
+        gc.freeze()
+
+
+def _run(words: list[str]) -> int:
+    """Run the command line with these words."""
     text = _text_on_disk(words)
     if text is not None and _print_text(text):
         return 0
@@ -51,7 +69,7 @@ def _text_on_disk(words: list[str]) -> str | None:
 def _help_text(page: str) -> str | None:
     """A page of help, None where there is no such page."""
     try:
-        with open(path.join(path.dirname(__file__), "help", f"{page}.txt"), encoding="ascii") as file:
+        with open(os.path.join(os.path.dirname(__file__), "help", f"{page}.txt"), encoding="ascii") as file:
             return file.read()
     except OSError:
         return None

@@ -108,19 +108,3 @@ def check_names(structure: str, estimator: str, nominal: str | None) -> None:
         ESTIMATORS[estimator]
     if nominal is not None:
         data_sheet(nominal)
-
-
-def check_report(path: Path | None, inputs: Sequence[Path], option: str = "--report") -> None:
-    """Raise `UsageError` where no report can be written, or it would replace a file that is read, before any work is done."""
-    from servobench.core.errors import UsageError
-
-    if path is None:
-        return
-    if path.is_dir():
-        raise UsageError(f"{option} {path}: is a folder; name a file in it")
-    if not path.parent.is_dir():
-        raise UsageError(f"{option} {path}: there is no folder {path.parent}")
-    if any(path.resolve() == each.resolve() for each in inputs):
-        raise UsageError(
-            f"{option} {path}: is one of the files that are read, and would be lost; give another name"
-        )

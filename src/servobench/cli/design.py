@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import DONE
+from servobench.cli.options import AS_IT_IS, AsJson, DataSheet, Overwrite, Reading, StartsAtRest, with_reading
 from servobench.core.rounding import TWO_SIDED
 
 if TYPE_CHECKING:
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
-    from servobench.cli.progress import Progress
     from servobench.identification.design.assumed_motor import AssumedMotor
     from servobench.identification.design.search import Design, RatedSignal, Wish
 
 _BAR = 20  # characters of the longest bar
 
 
+@with_reading
 def design(
-    voltage: Annotated[str, typer.Option(metavar="V", help="The largest voltage, either way [V].")],
-    nominal: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The data sheet of the motor; by default qube_servo_2.")
-    ] = None,
+    voltage_limit: Annotated[
+        str, typer.Option("--voltage-limit", metavar="V", help="The largest voltage, either way [V].")
+    ],
+    nominal: DataSheet = None,
     known_from: Annotated[
         Path | None,
         typer.Option(
@@ -37,14 +37,13 @@ def design(
             help="What is known about the motor: a result.json, or a recording, which is identified first.",
         ),
     ] = None,
-    counts_per_rev: Annotated[
-        float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for a result.json.")
-    ] = None,
     duration: Annotated[str, typer.Option(metavar="S", help="The duration [s].")] = "10",
-    sample_time: Annotated[str, typer.Option(metavar="S", help="Time between samples [s].")] = "0.002",
-    current: Annotated[str | None, typer.Option(metavar="A", help="The largest current [A].")] = None,
-    speed: Annotated[str | None, typer.Option(metavar="W", help="The largest speed [rad/s].")] = None,
-    travel: Annotated[
+    experiment_sample_time: Annotated[
+        str, typer.Option(metavar="S", help="The time between samples of the experiment [s].")
+    ] = "0.002",
+    current_limit: Annotated[str | None, typer.Option(metavar="A", help="The largest current [A].")] = None,
+    speed_limit: Annotated[str | None, typer.Option(metavar="W", help="The largest speed [rad/s].")] = None,
+    travel_limit: Annotated[
         str | None,
         typer.Option(metavar="X", help="How far the shaft may go from its start, either way [rad]: 4rev."),
     ] = None,
@@ -56,31 +55,35 @@ def design(
         Path | None,
         typer.Option(metavar="FILE", help="Write the experiment (TOML), for `servobench run FILE`."),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print only JSON, the design, on standard output.")
-    ] = False,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find the experiment with the smallest interval under limits.
 
     Squares, random sequences, staircases and multisines of many sizes and speeds are compared for the motor as far as it is
-    known. The limits hold for every motor within the tolerance, 20 % for a data sheet. The result is an experiment and its
-    predicted standard deviations, before anything has moved.
+    known: from a result or a recording, or else from its data sheet, by default that of qube_servo_2. The limits hold for every
+    motor within the tolerance, 20 % for a data sheet. The result is an experiment and its predicted standard deviations,
+    before anything has moved.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.terminal import messages, output, print_json, say
     from servobench.identification.design.limits import DesignLimits
     from servobench.identification.design.search import best_design as best
 
     limits = DesignLimits(
-        voltage=_in("--voltage", voltage, "V"),
-        current=_maybe("--current", current, "A"),
-        speed=_maybe("--speed", speed, "rad/s"),
-        travel=_maybe("--travel", travel, "rad"),
+        voltage=_in("--voltage-limit", voltage_limit, "V"),
+        current=_maybe("--current-limit", current_limit, "A"),
+        speed=_maybe("--speed-limit", speed_limit, "rad/s"),
+        travel=_maybe("--travel-limit", travel_limit, "rad"),
     )
     wanted, length = _wish(wish), _in("--duration", duration, "s")
-    step = _in("--sample-time", sample_time, "s")
+    step = _in("--experiment-sample-time", experiment_sample_time, "s")
+    check_free(out, "--out", [known_from, reading.mapping], overwrite)
+    motor = _motor(nominal, known_from, reading, starts_at_rest)
     with Progress() as progress, announce_compiling(progress):
-        motor = _motor(nominal, known_from, counts_per_rev, progress)
         progress.begin("comparing experiments")
         made = best(motor, limits, length, step, wanted)
     console = messages() if as_json else output()
@@ -95,47 +98,40 @@ def design(
 
 
 def _motor(
-    nominal: str | None, known_from: Path | None, counts_per_rev: float | None, progress: Progress
+    nominal: str | None, known_from: Path | None, reading: Reading, starts_at_rest: bool
 ) -> AssumedMotor:
     """What is known of the motor: a data sheet, a result, or a recording."""
-    from servobench.cli.recordings import identify_directly
-    from servobench.core.errors import FormatError, MissingInformation, UsageError
-    from servobench.identification.design.assumed_motor import from_data_sheet, from_result, from_result_file
-    from servobench.identification.result import SCHEMAS
+    from servobench.cli.recordings import identify_file, is_result, refuse_reading
+    from servobench.core.errors import UsageError
+    from servobench.identification.design.assumed_motor import from_data_sheet, from_result
 
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both describe the motor; give one of them")
+    if known_from is None:
+        given = [*reading.given, *(["--starts-at-rest"] if starts_at_rest else [])]
+        if given:
+            raise UsageError(
+                f"{' and '.join(given)}: a data sheet says all of this; leave that out, or give a recording with --from FILE"
+            )
+        return from_data_sheet(nominal or "qube_servo_2")
+    if is_result(known_from):
+        refuse_reading(known_from, reading, starts_at_rest, usable=("--counts-per-rev",))
+        return _of_result(known_from, reading.counts_per_rev)
+    return from_result(identify_file(known_from, reading, starts_at_rest), str(known_from))
+
+
+def _of_result(path: Path, counts_per_rev: float | None) -> AssumedMotor:
+    """The motor of a result, whose encoder it doesn't hold; raises `MissingInformation` without that."""
+    from servobench.core.errors import MissingInformation, UsageError
+    from servobench.export.summary import ResultSummary
+    from servobench.identification.design.assumed_motor import from_result_file
+
     if counts_per_rev is not None and not (math.isfinite(counts_per_rev) and counts_per_rev > 0):
         raise UsageError(f"--counts-per-rev {counts_per_rev:g}: expected a number above 0")
-    if known_from is None:
-        _refuse_unused_counts(counts_per_rev)
-        return from_data_sheet(nominal or "qube_servo_2")
-    if known_from.suffix == ".json":
-        try:
-            content = json.loads(known_from.read_text(encoding="utf-8"))
-        except OSError as error:
-            raise UsageError(f"--from {known_from}: can't be read: {error.strerror or error}") from error
-        except ValueError as error:
-            raise FormatError(f"--from {known_from}: isn't JSON: {error}") from error
-        if isinstance(content, dict) and content.get("schema") in SCHEMAS:
-            if counts_per_rev is None:
-                raise MissingInformation(
-                    str(known_from), ["the encoder, which isn't in a result: --counts-per-rev N"]
-                )
-            return from_result_file(content, str(known_from), counts_per_rev)
-    _refuse_unused_counts(counts_per_rev)
-    progress.begin("identifying")
-    return from_result(identify_directly(known_from), str(known_from))
-
-
-def _refuse_unused_counts(counts_per_rev: float | None) -> None:
-    """Raise `UsageError` for counts of a turn that nothing would use: a data sheet and a recording have their own."""
-    from servobench.core.errors import UsageError
-
-    if counts_per_rev is not None:
-        raise UsageError(
-            "--counts-per-rev is for a result.json (--from); a data sheet and a recording already contain it"
-        )
+    content = ResultSummary.read(path).document
+    if counts_per_rev is None:
+        raise MissingInformation(str(path), ["the encoder, which isn't in a result: --counts-per-rev N"])
+    return from_result_file(content, str(path), counts_per_rev)
 
 
 def _show(console: Console, made: Design, motor: AssumedMotor) -> None:

@@ -7,6 +7,17 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from servobench.cli.option_names import CONTROLLER, with_options
+from servobench.cli.options import (
+    AS_IT_IS,
+    ControllerSampleTime,
+    Overwrite,
+    Reading,
+    StartsAtRest,
+    VoltageLimit,
+    with_reading,
+)
+
 if TYPE_CHECKING:
     from rich.console import Console
 
@@ -14,8 +25,9 @@ if TYPE_CHECKING:
     from servobench.export.summary import ResultSummary
 
 
+@with_reading
 def export(
-    result: Annotated[Path, typer.Argument(metavar="RESULT", hidden=True)],
+    motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
     target: Annotated[
         str,
         typer.Option(
@@ -53,25 +65,20 @@ def export(
             metavar="S", help="How late the robot's loop gets its measurement, beyond the data's delay [s]."
         ),
     ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option(
-            metavar="S",
-            help="The time between two calls of the controller, or between a simulation's steps [s].",
-        ),
-    ] = None,
+    controller_sample_time: ControllerSampleTime = None,
     closed_loop: Annotated[
         str | None,
         typer.Option(
             metavar="S", help="The desired time constant of the closed loop [s], for robot code and c."
         ),
     ] = None,
-    counts_per_rev: Annotated[
-        float | None, typer.Option(metavar="N", help="The encoder's counts per turn, for c.")
+    controller_counts_per_rev: Annotated[
+        float | None,
+        typer.Option(
+            metavar="N", help="The counts per turn of the encoder that the controller reads, for c."
+        ),
     ] = None,
-    voltage_limit: Annotated[
-        str | None, typer.Option(metavar="V", help="The largest voltage of the controller [V], for c.")
-    ] = None,
+    voltage_limit: VoltageLimit = None,
     inertia: Annotated[
         str | None,
         typer.Option(
@@ -81,51 +88,58 @@ def export(
             ),
         ),
     ] = None,
-    overwrite: Annotated[bool, typer.Option("--overwrite", help="Replace existing files.")] = False,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
+    overwrite: Overwrite = False,
 ) -> None:
     """Write an identified motor for another program.
 
     RESULT is a run's folder, or a file that `servobench identify FILE --json` printed; for c also one of `servobench tune
-    --json`, whose controller of position or speed it then is. The targets: control (a Python file for
+    --json`, whose controller of position or speed it then is. A FILE with a recording is identified first, with the column
+    options of that command. The targets: control (a Python file for
     python-control), matlab (.m and .mat, Octave too), wpilib (kS, kV, kA, kG or kCos and feedback gains as JSON), java, cpp,
     python (the same as robot code), mujoco (a joint and its actuator), c (a speed controller in C99, with its test), json,
     csv. A refused result exports nothing.
     """
+    from servobench.cli.output_file import check_free
+    from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import output, say
     from servobench.core.errors import UsageError
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
     from servobench.export.c_law import export_law, read_tuning
-    from servobench.export.summary import ResultSummary
 
     suffix = TARGETS[target].suffix
+    file = out if out is not None else Path(default_name(target))
+    named = file if file.suffix else file.with_name(file.name + suffix)
+    check_free(named, "--out", [motor, reading.mapping], overwrite)
     wishes = Wishes(
         unit=position_unit,
-        sample_time=_quantity("--sample-time", sample_time, "s"),
+        sample_time=_quantity("--controller-sample-time", controller_sample_time, "s"),
         inertia=_quantity("--inertia", inertia, "kg*m^2"),
         closed_loop=_quantity("--closed-loop", closed_loop, "s"),
-        counts_per_rev=counts_per_rev,
+        counts_per_rev=controller_counts_per_rev,
         voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
         wheel_diameter=_quantity("--wheel-diameter", wheel_diameter, "m"),
         measurement_delay=_quantity("--measurement-delay", measurement_delay, "s"),
     )
-    file = out if out is not None else Path(default_name(target))
-    _check_free(file, suffix, [result], overwrite)
-    if (tuned := read_tuning(result)) is not None:
-        if target != "c":
-            raise UsageError(
-                f"{result} is a tuned controller, which is exported as c; {target} takes a result"
-            )
-        for written in export_law(tuned, file, wishes):
-            say(output(), f"written: {written}")
-        return
-    answer = ResultSummary.read(result)
-    files = exported(answer, target, file, wishes)
     console = output()
-    _show_constants(console, answer, target, wishes)
+    tuned, answer = read_tuning(motor), None
+    if tuned is not None and target != "c":
+        raise UsageError(f"{motor} is a tuned controller, which is exported as c; {target} takes a result")
+    try:
+        if tuned is not None:
+            files = export_law(tuned, file, wishes)
+        else:
+            answer = motor_in(motor, reading, starts_at_rest)
+            files = exported(answer, target, file, wishes)
+            _show_constants(console, answer, target, wishes)
+    except UsageError as error:  # which calls by Python's keyword what is an option of this command
+        error.args = (with_options(str(error), CONTROLLER),)
+        raise
     for written in files:
         say(console, f"written: {written}")
-    if answer.verdict == "doubtful":
+    if answer is not None and answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
 
 
@@ -182,18 +196,3 @@ def _quantity(option: str, text: str | None, si: str) -> float | None:
         return quantity(text, si)
     except UnitError as error:
         raise UsageError(f"{option}: {error}") from None
-
-
-def _check_free(file: Path, suffix: str, inputs: list[Path], overwrite: bool) -> None:
-    """Raise `UsageError` where a file of that name is there and may not be replaced, or is what is exported."""
-    from servobench.core.errors import UsageError
-
-    if file.is_dir():
-        raise UsageError(f"--out {file}: is a folder; name a file in it")
-    if not file.parent.is_dir():
-        raise UsageError(f"--out {file}: there is no folder {file.parent}")
-    named = file if file.suffix else file.with_name(file.name + suffix)
-    if any(named.resolve() == each.resolve() for each in inputs):
-        raise UsageError(f"--out {named}: is the result itself, and would be lost; give another name")
-    if named.exists() and not overwrite:
-        raise UsageError(f"{named} exists already; give another name, or --overwrite to replace it")

@@ -13,16 +13,14 @@ import typer
 
 from servobench.cli.failures import DONE
 from servobench.cli.options import (
+    AS_IT_IS,
     AsJson,
-    ChainText,
-    CountsPerRev,
-    InputColumn,
-    MappingFile,
-    OutputColumn,
-    RecordingNames,
-    SampleTime,
-    SupplyColumn,
-    TimeColumn,
+    DeviceName,
+    Reading,
+    Seed,
+    StartsAtRest,
+    StructureName,
+    with_reading,
 )
 from servobench.core.rounding import TWO_SIDED
 
@@ -40,36 +38,23 @@ _MOST_DRAWN = 20  # runs
 _LONGEST = 28  # characters of a run's name in a picture
 
 
+@with_reading
 def honest(
     files: Annotated[
         list[Path] | None, typer.Argument(metavar="[EXPERIMENT.toml | FILE...]", hidden=True)
     ] = None,
     runs: Annotated[int, typer.Option(metavar="N", min=2, help="The number of runs of the experiment.")] = 10,
-    device: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The device, instead of the experiment's.")
-    ] = None,
-    seed: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="The seed of the first run; each has the next.")
-    ] = None,
-    time: TimeColumn = None,
-    input_column: InputColumn = None,
-    output_column: OutputColumn = None,
-    supply: SupplyColumn = None,
-    sample_time: SampleTime = None,
-    counts_per_rev: CountsPerRev = None,
-    mapping: MappingFile = None,
-    recording: RecordingNames = None,
-    chain: ChainText = "",
+    device: DeviceName = None,
+    seed: Seed = None,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
     out: Annotated[
         Path | None,
         typer.Option(
             metavar="DIR", help="The folder for the recordings; by default one named after the time."
         ),
     ] = None,
-    structure: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="The model structure; auto chooses the one that most runs need."),
-    ] = "auto",
+    structure: StructureName = "auto",
     as_json: AsJson = False,
 ) -> None:
     """Compare runs of one motor: do their 95 % intervals cover?
@@ -80,51 +65,42 @@ def honest(
     """
     from servobench.cli.conclusion import check_names
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
+    from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.run import status_after
     from servobench.cli.terminal import messages, output, print_json
     from servobench.identification.honest.repeatability import honest as held_together
-    from servobench.recordings.formats.mapping import Mapping as Said
-    from servobench.recordings.measurement.measure import measure
 
     check_names(structure, "auto", None)
-    base = mapping_of(mapping)
-    said = Said(
-        time=time,
-        input=input_column,
-        output=output_column,
-        supply=supply,
-        sample_time=seconds(sample_time),
-        counts_per_rev=counts_per_rev,
-        recordings=tuple(recording or ()),
-    )
     given = files or []
     experiment = given[0] if len(given) == 1 and given[0].suffix == ".toml" else None
     console = messages() if as_json else output()
     with Progress() as progress, announce_compiling(progress):
         if given and experiment is None:
-            recordings, own = _distinct_names(load_all(given, progress)), chain
+            recordings = load_all(given, progress)
         else:
-            recordings, own = _repeat_runs(experiment, device, seed, runs, out, console, progress)
+            _refuse_reading(reading)
+            recordings, chain = _repeat_runs(experiment, device, seed, runs, out, console, progress)
+            reading = replace(reading, chain=chain)
         progress.begin("identifying")
-        evidence = apply_mapping(recordings, base, replace(said, chain=own))
-        data = [measure(each.recording, each.chain) for each in evidence]
-        found = held_together(data, structure=structure, beside=_beside(recordings))
+        evidence = evidence_of(recordings, reading)
+        data = [each.dataset(starts_at_rest) for each in evidence]
+        beside = _beside([each.recording for each in evidence])
+        found = held_together(data, structure=structure, beside=beside)
     _show(console, found)
     if as_json:
         print_json(found.to_dict())
     raise typer.Exit(status_after(recordings[-1]) if experiment or not given else DONE)
 
 
-def _distinct_names(recordings: Sequence[Recording]) -> list[Recording]:
-    """The recordings, called after their files where several have one name."""
-    names = [recording.name for recording in recordings]
-    return [
-        replace(each, name=f"{Path(each.source.name).stem} {each.name}")
-        if names.count(each.name) > 1
-        else each
-        for each in recordings
-    ]
+def _refuse_reading(reading: Reading) -> None:
+    """Raise `UsageError` for options that say how to read a file where runs are made, which say all of that themselves."""
+    from servobench.core.errors import UsageError
+
+    if reading.given:
+        raise UsageError(
+            f"{' and '.join(reading.given)}: an experiment's runs need no columns, and the chain is in the experiment's file; "
+            "leave that out, or give recordings"
+        )
 
 
 def _repeat_runs(

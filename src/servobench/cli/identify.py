@@ -8,44 +8,26 @@ from typing import Annotated
 import typer
 
 from servobench.cli.options import (
+    AS_IT_IS,
     AllFindings,
     AsJson,
-    ChainText,
-    CountsPerRev,
-    CurrentColumn,
-    InputColumn,
-    InputValues,
-    MappingFile,
-    OutputColumn,
-    RecordingNames,
-    ReferenceColumn,
+    DataSheet,
+    Overwrite,
+    Reading,
     ReportFile,
-    SampleTime,
     StartsAtRest,
     StructureName,
-    SupplyColumn,
-    TimeColumn,
+    with_reading,
 )
 
 
+@with_reading
 def identify(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
-    time: TimeColumn = None,
-    input_column: InputColumn = None,
-    input_value: InputValues = None,
-    output_column: OutputColumn = None,
-    supply: SupplyColumn = None,
-    reference: ReferenceColumn = None,
-    current: CurrentColumn = None,
-    mapping: MappingFile = None,
-    sample_time: SampleTime = None,
+    reading: Reading = AS_IT_IS,
     starts_at_rest: StartsAtRest = False,
-    counts_per_rev: CountsPerRev = None,
-    chain: ChainText = "",
-    nominal: Annotated[
-        str | None, typer.Option(metavar="NAME", help="The data sheet to compare the result with.")
-    ] = None,
+    nominal: DataSheet = None,
     known: Annotated[
         list[str] | None,
         typer.Option(
@@ -60,7 +42,6 @@ def identify(
             help="Test the model on this file instead of a part of the data; may be repeated.",
         ),
     ] = None,
-    recording: RecordingNames = None,
     structure: StructureName = "auto",
     estimator: Annotated[
         str,
@@ -70,6 +51,7 @@ def identify(
     ] = "auto",
     as_json: AsJson = False,
     report: ReportFile = None,
+    overwrite: Overwrite = False,
     all_findings: AllFindings = False,
 ) -> None:
     """Identify the motor from existing recordings.
@@ -81,42 +63,19 @@ def identify(
     another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm,
     rev/s, counts/s, m/s).
     """
-    from servobench.cli.conclusion import check_names, check_report, conclude, deliver, status_of
+    from servobench.cli.conclusion import check_names, conclude, deliver, status_of
+    from servobench.cli.output_file import check_free
     from servobench.cli.parameter_values import parse_parameters
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import apply_mapping, input_values, load_all, mapping_of, seconds
+    from servobench.cli.recordings import evidence_of, further_evidence_of, load_all
     from servobench.cli.terminal import messages, output, say
-    from servobench.recordings.evidence import evidence_of
-    from servobench.recordings.formats.mapping import Mapping
 
     check_names(structure, estimator, nominal)
     stated = parse_parameters(known or ())
-    check_report(report, [*files, *(validate_with or ()), *([mapping] if mapping else [])])
-    base = mapping_of(mapping)
-    said = Mapping(
-        time=time,
-        input=input_column,
-        output=output_column,
-        supply=supply,
-        reference=reference,
-        current=current,
-        sample_time=seconds(sample_time),
-        counts_per_rev=counts_per_rev,
-        chain=chain,
-        recordings=tuple(recording or ()),
-    )
+    check_free(report, "--report", [*files, *(validate_with or ()), reading.mapping], overwrite)
     with Progress() as progress:
-        values = input_values(files, input_value or (), input_column)
-        fitted = apply_mapping(load_all(files, progress), base, said, values)
-        alike = (
-            said.override_with(Mapping(input_value=values[str(files[0])]))
-            if len(set(values.values())) == 1
-            else said
-        )
-        others = [
-            evidence_of(each, base.of(each.name).override_with(alike))
-            for each in load_all(validate_with or (), progress)
-        ]
+        fitted = evidence_of(load_all(files, progress), reading)
+        others = further_evidence_of(load_all(validate_with, progress), reading) if validate_with else []
         with announce_compiling(progress):
             result = conclude(
                 fitted,

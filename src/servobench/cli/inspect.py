@@ -3,21 +3,25 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from servobench.cli.option_names import with_options
+from servobench.cli.options import AS_IT_IS, Overwrite, Reading, ReportFile, with_reading
 
 if TYPE_CHECKING:
     from rich.console import Console
 
     from servobench.core.finding import Finding
+    from servobench.recordings.formats.mapping import Mapping
     from servobench.recordings.measurement.dataset import Dataset
     from servobench.recordings.recording import Recording, Series
 
 
+@with_reading
 def inspect(
     file: Annotated[Path, typer.Argument(metavar="FILE", hidden=True)],
     write_mapping: Annotated[
@@ -27,32 +31,35 @@ def inspect(
             help="Write what was recognised as a mapping to edit, with questions about the rest.",
         ),
     ] = None,
-    report: Annotated[
-        Path | None, typer.Option(metavar="FILE.html", help="Write the findings as a page with figures.")
-    ] = None,
-    overwrite: Annotated[
-        bool, typer.Option("--overwrite", help="Replace the mapping and the report if they exist.")
-    ] = False,
+    report: ReportFile = None,
+    reading: Reading = AS_IT_IS,
+    overwrite: Overwrite = False,
 ) -> None:
     """Show what is in a file and what it can support.
 
-    Its recordings and channels, what is wrong with their times and values, and what is missing to identify them.
+    Its recordings and channels, what is wrong with their times and values, and what is missing to identify them. Options that
+    say what the columns are, are tried on it.
     """
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import load_all
     from servobench.cli.terminal import output, say
     from servobench.core.rounding import count_text
+    from servobench.recordings.reading import recordings_meant
 
-    _check_new(file, [write_mapping, report], overwrite)
+    for option, target in {"--write-mapping": write_mapping, "--report": report}.items():
+        check_free(target, option, [file, reading.mapping], overwrite)
     with Progress() as progress:
-        recordings = load_all([file], progress)
+        loaded = load_all([file], progress)
+    looks = [_look(each, said) for each, said in recordings_meant(loaded, **reading.options)]
+    recordings = [look.recording for look in looks]
     console = output()
     source = recordings[0].source
     say(console, f"{source.name}: {source.format}, {count_text(len(recordings), 'recording')}")
     say(console, f"SHA-256 {source.sha256}")
-    for recording in recordings:
+    for look in looks:
         console.print()
-        _show(console, recording)
+        _show(console, look)
     if report is not None:
         from servobench.report.inspection import InspectionReport
 
@@ -66,21 +73,31 @@ def inspect(
         )
 
 
-def _check_new(file: Path, targets: Sequence[Path | None], overwrite: bool) -> None:
-    """Raise `UsageError` where something would be lost: the file itself, or what is there and may not be replaced."""
-    from servobench.core.errors import UsageError
+@dataclass(frozen=True)
+class _Look:
+    """A recording with the roles that were said or recognised, its data, what is missing for that, or what is against it."""
 
-    for target in targets:
-        if target is None:
-            continue
-        if target.resolve() == file.resolve():
-            raise UsageError(f"{target} is the inspected file and would be lost; give another name")
-        if target.is_dir() or not target.parent.is_dir():
-            raise UsageError(
-                f"{target} can't be written: it is a folder, or there is no folder {target.parent}"
-            )
-        if target.exists() and not overwrite:
-            raise UsageError(f"{target} exists already; give another name, or --overwrite to replace it")
+    recording: Recording
+    data: Dataset | None = None
+    missing: tuple[str, ...] = ()
+    against: str = ""
+
+
+def _look(recording: Recording, said: Mapping) -> _Look:
+    """What the recording is with what was said of it; raises `UnknownName` for a column that isn't there."""
+    from servobench.core.errors import MissingInformation, ServobenchError, UnknownName
+    from servobench.recordings.evidence import evidence_of
+
+    try:
+        part = evidence_of(recording, said)
+        told = part.recording if said != type(said)() else recording
+        return _Look(told, part.dataset())
+    except MissingInformation as error:
+        return _Look(recording, missing=tuple(error.missing))
+    except UnknownName:
+        raise
+    except ServobenchError as error:
+        return _Look(recording, against=str(error))
 
 
 def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
@@ -97,13 +114,14 @@ def _propose(recordings: Sequence[Recording], file: Path, target: Path) -> None:
         raise StorageError(f"{target} can't be written: {error.strerror or error}") from error
 
 
-def _show(console: Console, recording: Recording) -> None:
+def _show(console: Console, look: _Look) -> None:
     from rich.text import Text
 
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import one_line, say
     from servobench.core.finding import Severity
 
+    recording = look.recording
     console.print(Text(one_line(recording.name), style="bold"))
     # What is missing or damaged comes first: all that follows is about what is left.
     show_findings(console, [each for each in recording.findings if each.severity is not Severity.INFO])
@@ -115,7 +133,7 @@ def _show(console: Console, recording: Recording) -> None:
     if recording.stopped.reason != "unknown":
         say(console, f"  ended: {one_line(recording.stopped.sentence)}")
     show_findings(console, [each for each in recording.findings if each.severity is Severity.INFO])
-    lines, doubts = _support(recording)
+    lines, doubts = _support(look)
     for line in lines:
         say(console, one_line(line))
     show_findings(console, doubts)
@@ -205,31 +223,29 @@ def _pictures(console: Console, recording: Recording) -> list[str]:
 
 def _unit_in(recording: Recording, data: Dataset) -> str:
     """The unit of the column that is the output, and that of the results where it is another one."""
-    written = recording[recording.output or ""].channel.unit
+    from servobench.recordings.formats.mapping import assign
+
+    written = recording[recording.output].channel.unit if recording.output else None
+    if recording.output is None:
+        named = assign(recording)
+        written = named[named.output or ""].channel.unit
     if written in (None, "", data.output_unit):
         return data.output_unit
     return f"{written} (results are in {data.output_unit})"
 
 
-def _support(recording: Recording) -> tuple[list[str], list[Finding]]:
+def _support(look: _Look) -> tuple[list[str], list[Finding]]:
     """What the recording can be used for as it is, or what has to be said before; and what speaks against using it."""
-    from servobench.core.errors import MissingInformation, ServobenchError
     from servobench.identification.trust.doubts.base import about_data
-    from servobench.recordings.formats.mapping import assign
-    from servobench.recordings.measurement.measure import measure
 
-    try:
-        assigned = assign(recording)
-        data = measure(assigned)
-    except MissingInformation as error:
-        return [
-            "To identify it, this is missing:",
-            *(f"  • {with_options(each)}" for each in error.missing),
-        ], []
-    except ServobenchError as error:
-        return [f"It can't be identified as it is: {error}"], []
+    data = look.data
+    if look.missing:
+        asked = [f"  • {with_options(each)}" for each in look.missing]
+        return ["To identify it, this is missing:", *asked], []
+    if data is None:
+        return [f"It can't be identified as it is: {with_options(look.against)}"], []
     told = (
-        f"`servobench identify` can use it as it is: the output is a {data.kind} in {_unit_in(assigned, data)}, "
+        f"`servobench identify` can use it as it is: the output is a {data.kind} in {_unit_in(look.recording, data)}, "
         f"{data.duration:.4g} s long, the input {data.u.min():.4g} to {data.u.max():.4g} {data.input_unit}."
     )
     return [told], about_data([data])

@@ -36,7 +36,14 @@ OPTIONS: Mapping[str, str] = {
 }
 """The option of each keyword that a message may name."""
 
-TUNE: Mapping[str, str] = {**OPTIONS, "closed_loop": "--lambda"}
+CONTROLLER: Mapping[str, str] = {
+    **OPTIONS,
+    "counts_per_rev": "--controller-counts-per-rev",
+    "sample_time": "--controller-sample-time",
+}
+"""The same for what is said of a controller, and not of data."""
+
+TUNE: Mapping[str, str] = {**CONTROLLER, "closed_loop": "--lambda", "output": "--loop"}
 """The same for `servobench tune`."""
 
 _KEYWORD = re.compile(r"`([a-z_]+)=([^`\n]+)`")

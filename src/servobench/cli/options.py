@@ -1,11 +1,17 @@
-"""Options that several commands have: what the columns of a recording are, and the like. Each is said in the same words."""
+"""Options that several commands have: how to read a recording, and the like. Each has one name, one meaning and one text."""
 
 from __future__ import annotations
 
+import inspect
+from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any, TypeVar, get_type_hints
 
 import typer
+
+T = TypeVar("T")
 
 TimeColumn = Annotated[str | None, typer.Option("--time", metavar="COL[:UNIT]", help="The column of times.")]
 InputColumn = Annotated[
@@ -73,8 +79,7 @@ CountsPerRev = Annotated[
     typer.Option(
         "--counts-per-rev",
         metavar="N",
-        help="The counts per turn of the shaft of an output in counts (usually four per encoder line); the result "
-        "is then in rad.",
+        help="The encoder's counts per turn of the shaft, usually four per line; an output in counts is then in rad.",
     ),
 ]
 ChainText = Annotated[
@@ -94,6 +99,39 @@ RecordingNames = Annotated[
         help="Use only the recording of that name, if a file has several; may be repeated.",
     ),
 ]
+ControllerSampleTime = Annotated[
+    str | None,
+    typer.Option(
+        "--controller-sample-time",
+        metavar="S",
+        help="The time between two ticks of the controller that will run, or of a simulation [s].",
+    ),
+]
+VoltageLimit = Annotated[
+    str | None, typer.Option("--voltage-limit", metavar="V", help="The largest voltage, either way [V].")
+]
+DeviceName = Annotated[
+    str | None,
+    typer.Option(
+        "--device",
+        metavar="NAME",
+        help="The device, instead of the one in the file; see `servobench devices`.",
+    ),
+]
+DataSheet = Annotated[
+    str | None,
+    typer.Option("--nominal", metavar="NAME", help="The data sheet of the motor, such as qube_servo_2."),
+]
+Seed = Annotated[
+    int | None,
+    typer.Option(
+        "--seed",
+        metavar="N",
+        min=0,
+        help="The seed of simulated noise, instead of the experiment's; of several runs each has the next.",
+    ),
+]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace files that exist.")]
 StructureName = Annotated[
     str,
     typer.Option(
@@ -105,3 +143,87 @@ AllFindings = Annotated[
     bool, typer.Option("--all-findings", help="Print all findings, not only the five that matter most.")
 ]
 ReportFile = Annotated[Path | None, typer.Option("--report", metavar="FILE", help="Write a report (HTML).")]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Reading:
+    """How to read recordings, as a command line says it: the same options in every command that takes any.
+
+    The columns `time`, `input`, `output`, `supply`, `reference` and `current`, the `sample_time`, `counts_per_rev`, the `chain`,
+    the `mapping` file and the names in `recording` are as they were typed; the help of each option says what it means.
+    """
+
+    time: TimeColumn = None
+    input: InputColumn = None
+    input_value: InputValues = None
+    output: OutputColumn = None
+    supply: SupplyColumn = None
+    reference: ReferenceColumn = None
+    current: CurrentColumn = None
+    sample_time: SampleTime = None
+    counts_per_rev: CountsPerRev = None
+    chain: ChainText = ""
+    mapping: MappingFile = None
+    recording: RecordingNames = None
+
+    @property
+    def given(self) -> tuple[str, ...]:
+        """The options that were given, as they are typed."""
+        return tuple(
+            f"--{each.name.replace('_', '-')}"
+            for each in fields(self)
+            if getattr(self, each.name) not in (None, "", [])
+        )
+
+    @property
+    def options(self) -> dict[str, Any]:
+        """The same by the names that Python has for them; raises `UsageError` for a sample time that can't be one."""
+        said = {each.name: getattr(self, each.name) for each in fields(self)}
+        said = {name: None if value == "" else value for name, value in said.items()}
+        names = said.pop("recording")
+        return {**said, "sample_time": _seconds(self.sample_time), "recordings": names or None}
+
+
+AS_IT_IS = Reading()
+"""Nothing is said of how to read."""
+
+
+def with_reading(command: Callable[..., T]) -> Callable[..., T]:
+    """Give a command the options of `Reading`, in the place of its argument `reading`, which they become."""
+    kinds = get_type_hints(Reading, include_extras=True)
+    names = [each.name for each in fields(Reading)]
+    own = inspect.signature(command, eval_str=True)
+    parameters: list[inspect.Parameter] = []
+    for each in own.parameters.values():
+        if each.name != "reading":
+            parameters.append(each.replace(kind=inspect.Parameter.KEYWORD_ONLY))
+            continue
+        for field in fields(Reading):
+            option = inspect.Parameter(
+                field.name,
+                inspect.Parameter.KEYWORD_ONLY,
+                default=field.default,
+                annotation=kinds[field.name],
+            )
+            parameters.append(option)
+
+    @wraps(command)
+    def read(**given: Any) -> T:
+        said = Reading(**{name: given.pop(name) for name in names})
+        return command(**given, reading=said)
+
+    read.__signature__ = own.replace(parameters=parameters)  # type: ignore[attr-defined]
+    return read
+
+
+def _seconds(text: str | None) -> float | None:
+    """The sample time in a text, with its unit or in seconds; raises `UsageError` where it can't be one."""
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.recordings.formats.timing import seconds
+
+    if text is None:
+        return None
+    try:
+        return seconds(text)
+    except (UnitError, UsageError) as error:
+        raise UsageError(f"--sample-time: {error}") from None

@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
+from servobench.cli.options import DeviceName
+
 if TYPE_CHECKING:
     from servobench.panel.keys import Carrier
     from servobench.panel.server import Tls
@@ -18,12 +20,7 @@ _EVERYWHERE = ("0.0.0.0", "::")
 
 
 def panel(
-    device: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="The device, instead of the experiment's; see `servobench devices`."
-        ),
-    ] = None,
+    device: DeviceName = None,
     experiment: Annotated[
         Path | None,
         typer.Option(

@@ -1,16 +1,18 @@
-"""The recordings that a command line names."""
+"""The recordings and results that a command line names."""
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from servobench.cli.options import Reading
     from servobench.cli.progress import Progress
+    from servobench.export.summary import ResultSummary
     from servobench.identification.result import Result
     from servobench.recordings.evidence import Evidence
-    from servobench.recordings.formats.mapping import Mapping
     from servobench.recordings.recording import Recording
 
 
@@ -26,96 +28,82 @@ def load_all(files: Sequence[Path], progress: Progress) -> list[Recording]:
     return recordings
 
 
-def select(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
-    """Return the recordings that have one of some names, all of them where there are no names.
+def evidence_of(recordings: Sequence[Recording], reading: Reading) -> list[Evidence]:
+    """Return the recordings that are meant, with roles, units, times and chain as the command line says."""
+    from servobench.recordings.evidence import Evidence
+    from servobench.recordings.reading import evidence_in
 
-    Raises `UnknownName`, which lists the names that there are.
-    """
-    from servobench.core.errors import UnknownName
-
-    known = [recording.name for recording in recordings]
-    for name in names:
-        if name not in known:
-            raise UnknownName("recording", name, known)
-    return [recording for recording in recordings if not names or recording.name in names]
+    parts = evidence_in(list(recordings), **{**reading.options, "input_value": _values(recordings, reading)})
+    return [part for part in parts if isinstance(part, Evidence)]
 
 
-def mapping_of(file: Path | None) -> Mapping:
-    """Return the mapping in a file, one that says nothing where there is none; raises `UsageError` for one with mistakes."""
-    from servobench.recordings.formats.mapping import Mapping
-
-    return Mapping() if file is None else Mapping.read(file)
-
-
-def input_values(files: Sequence[Path], values: Sequence[str], column: str | None) -> dict[str, str]:
-    """Return the stated input of each file by its path: one for all, or one for each.
-
-    Raises `UsageError` for another number of them, and beside a `column` of the input.
-    """
+def _values(recordings: Sequence[Recording], reading: Reading) -> list[str] | None:
+    """The stated input of each recording, where each file has its own; as it was typed where one is for all."""
     from servobench.core.errors import UsageError
 
-    if not values:
-        return {}
-    if column is not None:
-        raise UsageError(f"both `input={column}` and `input_value={values[0]}` are given; give one of them")
-    if len(values) not in {1, len(files)}:
+    values = reading.input_value or None
+    if values is None or len(values) == 1:
+        return values
+    files = list(dict.fromkeys(each.source.name for each in recordings))
+    if len(values) != len(files):
         raise UsageError(
             f"`input_value=...` is given {len(values)} times for {len(files)} files; give it once, or once for each in their "
             "order"
         )
-    return dict(zip(map(str, files), values if len(values) > 1 else [*values] * len(files), strict=True))
+    return [values[files.index(each.source.name)] for each in recordings]
 
 
-def apply_mapping(
-    recordings: Sequence[Recording],
-    mapping: Mapping,
-    said: Mapping,
-    values: dict[str, str] | None = None,
-) -> list[Evidence]:
-    """Return the recordings that a mapping means, with roles, units, times and chain as it and the command line say.
+def further_evidence_of(recordings: Sequence[Recording], reading: Reading) -> list[Evidence]:
+    """Return the same for recordings beside those that are meant: all of them."""
+    from servobench.recordings.evidence import Evidence
+    from servobench.recordings.reading import further_evidence_in
 
-    `said` is what the command line says, which comes before what the mapping says, and `values` the stated input of the files by
-    their paths. Raises what `assign` does, and `UnknownName`
-    where the mapping tells of a recording that there isn't.
-    """
-    from servobench.recordings.evidence import evidence_of
-
-    meant = select(recordings, said.recordings or mapping.recordings)
-    select(
-        recordings, tuple(mapping.each)
-    )  # a name that isn't there is a mistake, even where it would change nothing
-    own = {name: said.override_with(type(said)(input_value=value)) for name, value in (values or {}).items()}
-    return [
-        evidence_of(each, mapping.of(each.name).override_with(own.get(each.source.name, said)))
-        for each in meant
-    ]
+    parts = further_evidence_in(list(recordings), argument="--validate-with", **reading.options)
+    return [part for part in parts if isinstance(part, Evidence)]
 
 
-def seconds(text: str | None) -> float | None:
-    """Return the sample time in a text, with its unit or in seconds; raises `UsageError` where it can't be one."""
-    from servobench.core.errors import UnitError, UsageError
-    from servobench.recordings.formats.timing import seconds as checked
+def motor_in(path: Path, reading: Reading, starts_at_rest: bool) -> ResultSummary:
+    """Return what is known of a motor: a result, or what recordings in a file tell."""
+    from servobench.export.summary import ResultSummary
 
-    if text is None:
-        return None
+    if is_result(path):
+        refuse_reading(path, reading, starts_at_rest)
+        return ResultSummary.read(path)
+    return ResultSummary.of(identify_file(path, reading, starts_at_rest))
+
+
+def identify_file(path: Path, reading: Reading, starts_at_rest: bool) -> Result:
+    """Return what the recordings in a file tell of the motor, for a command that goes on from there."""
+    from servobench.cli.conclusion import conclude
+    from servobench.cli.progress import Progress, announce_compiling
+
+    with Progress() as progress:
+        evidence = evidence_of(load_all([path], progress), reading)
+        with announce_compiling(progress):
+            return conclude(evidence, progress, starts_at_rest=starts_at_rest)
+
+
+def is_result(path: Path) -> bool:
+    """Return whether a path is that of a result, there or not: a run's folder, or JSON that isn't a recording."""
+    if path.is_dir() or (not path.exists() and path.suffix in ("", ".json")):
+        return True
+    if path.suffix != ".json":
+        return False
     try:
-        return checked(text)
-    except (UnitError, UsageError) as error:
-        raise UsageError(f"--sample-time: {error}") from None
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError, RecursionError):
+        return True  # which says in its own words what is wrong with it
+    return isinstance(content, dict) and str(content.get("schema")).startswith("servobench.")
 
 
-def identify_directly(file: Path) -> Result:
-    """Return what is identified from the recordings in a file, for a command that takes no columns and units.
+def refuse_reading(path: Path, reading: Reading, starts_at_rest: bool, usable: Sequence[str] = ()) -> None:
+    """Raise `UsageError` for options that say how to read a recording where there is a result; `usable` are of use there, too."""
+    from servobench.core.errors import UsageError
 
-    Raises `UsageError` where these have to be said: to `servobench identify`, whose result the command takes as well.
-    """
-    from servobench.core.errors import MissingInformation, UsageError
-    from servobench.identification.identify import identify
-
-    try:
-        return identify(file)
-    except MissingInformation as error:
+    given = [*reading.given, *(["--starts-at-rest"] if starts_at_rest else [])]
+    useless = [each for each in given if each not in usable]
+    if useless:
         raise UsageError(
-            f"{file} doesn't contain enough to be identified: {'; '.join(error.missing)}. Give that to `servobench "
-            f"identify {file} --json`, save the output as result.json, and use it instead of {file}"
-        ) from None
+            f"{path} is a result, which has no columns to be read: leave {' and '.join(useless)} out, or give the file with "
+            "the recording"
+        )

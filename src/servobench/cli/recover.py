@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+from servobench.cli.options import Overwrite
 
 if TYPE_CHECKING:
     from servobench.recordings.recording import Recording
@@ -16,6 +19,7 @@ def recover(
     to: Annotated[
         Path | None, typer.Option("--to", metavar="FILE", help="The new file; by default one next to FILE.")
     ] = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Save the intact part of a recording that was cut short.
 
@@ -26,7 +30,7 @@ def recover(
     from servobench.cli.terminal import output, say
     from servobench.core.rounding import count_text
 
-    target, recordings = _recover_file(file, to)
+    target, recordings = _recover_file(file, to, overwrite)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
     console = output()
     say(console, f"{target}: {count_text(len(recordings), 'recording')}, {count_text(samples, 'sample')}")
@@ -36,15 +40,23 @@ def recover(
     show_findings(console, (finding for each in recordings for finding in each.findings))
 
 
-def _recover_file(file: Path, to: Path | None) -> tuple[Path, tuple[Recording, ...]]:
+def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, tuple[Recording, ...]]:
     """The new file, and the recordings in it."""
+    from servobench.cli.output_file import check_free
     from servobench.cli.run_folder import RunFolder
     from servobench.core.errors import UsageError
     from servobench.recordings.native.recover import recover as recovered
 
     if not file.is_dir():
         target = to or _beside(file)
-        return target, recovered(file, target)
+        check_free(target, "--to", [file], overwrite)
+        if not target.exists():
+            return target, recovered(file, target)
+        # What is there stays until the new one is whole.
+        with TemporaryDirectory(prefix=".", dir=target.parent) as beside:
+            recordings = recovered(file, Path(beside) / target.name)
+            (Path(beside) / target.name).replace(target)
+        return target, recordings
     if to is not None:
         raise UsageError(
             f"--to {to}: the folder of a run is repaired in place; for a copy, give its recording.mcap.part"

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.failures import CANNOT_WRITE, DEVICE_FAILED, DONE, INTERRUPTED, complain
-from servobench.cli.options import AllFindings
+from servobench.cli.options import AllFindings, AsJson, DataSheet, DeviceName, Overwrite, Seed, StructureName
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -46,12 +46,7 @@ def run(
         Path | None,
         typer.Argument(metavar="EXPERIMENT.toml", hidden=True),
     ] = None,
-    device: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="The device, instead of the experiment's; see `servobench devices`."
-        ),
-    ] = None,
+    device: DeviceName = None,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -59,20 +54,9 @@ def run(
             help="The folder for the five files of the run; by default a new one named after the time.",
         ),
     ] = None,
-    structure: Annotated[
-        str,
-        typer.Option(metavar="NAME", help="The model structure; auto chooses the one that the data need."),
-    ] = "auto",
-    nominal: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="The data sheet to compare the result with; by default the twin's own."
-        ),
-    ] = None,
-    seed: Annotated[
-        int | None,
-        typer.Option(metavar="N", min=0, help="The seed of simulated noise, instead of the experiment's."),
-    ] = None,
+    structure: StructureName = "auto",
+    nominal: DataSheet = None,
+    seed: Seed = None,
     until: Annotated[
         str | None,
         typer.Option(
@@ -87,9 +71,8 @@ def run(
             help='A fault to inject, as "stuck_channel from=2s for=100ms"; repeatable; see `servobench faults`.',
         ),
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print only JSON, the result, on standard output.")
-    ] = False,
+    overwrite: Overwrite = False,
+    as_json: AsJson = False,
     all_findings: AllFindings = False,
 ) -> None:
     """Run an experiment: record, identify, validate, report.
@@ -109,7 +92,7 @@ def run(
     held_against = nominal or asked.nominal or None
     check_names(structure, "auto", held_against)
     console = messages() if as_json else output()
-    with run_folder(out, datetime.now()) as folder:
+    with run_folder(out, datetime.now(), overwrite) as folder:
         with Progress() as progress, announce_compiling(progress):
             recording = _carry_out(
                 asked, device_asked_for(asked, experiment), folder, console, progress, structure

@@ -78,11 +78,12 @@ class RunFolder:
             raise StorageError(f"{self.path} can't be written: {error.strerror or error}") from error
 
     @contextmanager
-    def reserve(self) -> Iterator[None]:
+    def reserve(self, overwrite: bool) -> Iterator[None]:
         """Keep other runs out until this one has written its last file; a folder in which nothing was recorded is removed.
 
-        The lock is on the experiment's file. Raises `UsageError` where another run has the folder, or holds files that no
-        finished run wrote, and `StorageError` where it can't be written.
+        The lock is on the experiment's file. Raises `UsageError` where another run has the folder, or it holds files that no
+        finished run wrote, or those of a run that isn't to be replaced (`overwrite`), and `StorageError` where it can't be
+        written.
         """
         self._check()
         file, ours = None, False
@@ -91,6 +92,10 @@ class RunFolder:
             if not hold(file):
                 raise UsageError(f"--out {self.path}: {busy_text(self.path)}")
             self._check()  # again, as another run may just have ended
+            if self.recording.exists() and not overwrite:
+                raise UsageError(
+                    f"--out {self.path}: holds an earlier run; give another folder, or --overwrite to replace it"
+                )
             ours = True
             yield
         except BaseException as error:
@@ -209,15 +214,15 @@ class RunFolder:
 
 
 @contextmanager
-def run_folder(out: Path | None, now: datetime) -> Iterator[RunFolder]:
+def run_folder(out: Path | None, now: datetime, overwrite: bool = False) -> Iterator[RunFolder]:
     """Reserve the folder for a run: `out`, or a new one that is called after the time and that no other run gets.
 
-    `out` may be new, empty, or the folder of an earlier run, whose place the new run takes.
+    `out` may be new or empty, and where `overwrite` says so the folder of an earlier run, whose place the new run takes.
     Raises `UsageError` for a file, a folder that holds something else, one that another run writes to, and a run whose recording
     was never finished; `StorageError` where it can't be written.
     """
     folder = RunFolder(out or make_folder("run", now))
-    with folder.reserve():
+    with folder.reserve(overwrite):
         yield folder
 
 

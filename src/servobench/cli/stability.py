@@ -10,16 +10,12 @@ import typer
 
 from servobench.cli.failures import DONE
 from servobench.cli.options import (
+    AS_IT_IS,
     AsJson,
-    ChainText,
-    CountsPerRev,
-    InputColumn,
-    MappingFile,
-    OutputColumn,
-    RecordingNames,
-    SampleTime,
-    SupplyColumn,
-    TimeColumn,
+    ControllerSampleTime,
+    Reading,
+    StartsAtRest,
+    with_reading,
 )
 
 if TYPE_CHECKING:
@@ -30,7 +26,6 @@ if TYPE_CHECKING:
     from servobench.export.summary import ResultSummary
     from servobench.identification.estimators.base import Fit
     from servobench.identification.result import Result
-    from servobench.recordings.formats.mapping import Mapping
     from servobench.recordings.measurement.dataset import Dataset
     from servobench.systems.stability.proportional import ProportionalLoop
     from servobench.systems.transfer_function import TransferFunction
@@ -47,9 +42,10 @@ _ADDED = (
 )
 _FALLS = "A gain margin below 1 is the factor to which the gain may fall."
 _ON_PAPER = "They are for the continuous loop; a sampled loop has a smaller gain margin."
-_UNSTATED = "The result doesn't contain the sample time of its data: give --sample-time for the sampled loop."
+_UNSTATED = "The result doesn't contain the sample time of its data: give --controller-sample-time for the sampled loop."
 
 
+@with_reading
 def stability(
     motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
     kp: Annotated[
@@ -59,15 +55,7 @@ def stability(
             help="The gain of a position loop around the motor, in the motor's units: V/rad, V/counts, %/rad ...",
         ),
     ] = "1",
-    time: TimeColumn = None,
-    input_column: InputColumn = None,
-    output_column: OutputColumn = None,
-    supply: SupplyColumn = None,
-    mapping: MappingFile = None,
-    sample_time: SampleTime = None,
-    counts_per_rev: CountsPerRev = None,
-    chain: ChainText = "",
-    recording: RecordingNames = None,
+    controller_sample_time: ControllerSampleTime = None,
     continuous: Annotated[
         bool,
         typer.Option(
@@ -75,63 +63,61 @@ def stability(
             help=("Judge the continuous loop, without sampling; a sampled one tolerates less gain."),
         ),
     ] = False,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
     as_json: AsJson = False,
 ) -> None:
     """Say whether an identified motor is stable, and a position loop around it.
 
     RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the same column options as
     `servobench identify`. The output lists the poles and their meaning, a bounded input that makes the position unbounded,
-    and verdict and margins of the sampled loop with its delay, at the sample time of the data, or for a RESULT at
-    --sample-time. For a FILE it adds what the record itself shows, and whether the verdicts hold for all parameters
+    and verdict and margins of the sampled loop with its delay, at the sample time of the data, or at
+    --controller-sample-time. For a FILE it adds what the record itself shows, and whether the verdicts hold for all parameters
     consistent with the data.
     """
-    from dataclasses import replace
-
-    from servobench.cli.recordings import mapping_of, seconds
+    from servobench.cli.recordings import is_result, refuse_reading
     from servobench.cli.stability_document import SCHEMA
     from servobench.cli.terminal import messages, output, print_json
-    from servobench.core.errors import UsageError
     from servobench.core.json_numbers import finite
     from servobench.export.summary import ResultSummary
-    from servobench.recordings.formats.mapping import Mapping
 
     out = messages() if as_json else output()
     document: dict[str, Any] = {"schema": SCHEMA, "records": [], "over_intervals": []}
-    said = Mapping(
-        time=time,
-        input=input_column,
-        output=output_column,
-        supply=supply,
-        sample_time=seconds(sample_time),
-        counts_per_rev=counts_per_rev,
-        chain=chain,
-        recordings=tuple(recording or ()),
-    )
-    if continuous and sample_time is not None:
-        raise UsageError(
-            f"--sample-time {sample_time}: a continuous loop has no ticks; leave out --continuous or --sample-time"
-        )
-    if motor.is_dir() or motor.suffix == ".json" or not motor.exists():
-        if replace(said, sample_time=None) != Mapping() or mapping is not None:
-            raise UsageError(
-                f"{motor} is a result, which has no columns: leave out --mapping, --chain and the options that name "
-                "columns, or give the file with the recording"
-            )
+    asked = _ticks_asked_for(controller_sample_time, continuous)
+    fit, gain_unit = None, ""
+    if is_result(motor):
+        refuse_reading(motor, reading, starts_at_rest)
         answer = ResultSummary.read(motor)
-        ticks = None if continuous else said.sample_time or answer.sample_time
-        _check_ticks(answer, ticks)
-        document |= _of_an_answer(out, answer, kp, ticks, continuous)
     else:
-        base = mapping_of(mapping)
-        result, document["records"] = _result_and_records(out, motor, base, said, kp)
-        answer = ResultSummary.of(result)
-        document |= _of_an_answer(out, answer, kp, None if continuous else answer.sample_time, continuous)
-        if result.fit is not None:
-            gain = _gain(kp, _gain_unit(result.data[0]))
-            document["over_intervals"] = _over_intervals(out, result.fit, gain, continuous)
+        result, document["records"] = _result_and_records(out, motor, reading, starts_at_rest, kp)
+        answer, fit = ResultSummary.of(result), result.fit
+        gain_unit = _gain_unit(result.data[0])
+    ticks = None if continuous else asked or answer.sample_time
+    _check_ticks(answer, ticks)
+    document |= _of_an_answer(out, answer, kp, ticks, continuous)
+    if fit is not None:
+        document["over_intervals"] = _over_intervals(out, fit, _gain(kp, gain_unit), ticks)
     if as_json:
         print_json(finite(document))
     raise typer.Exit(DONE)
+
+
+def _ticks_asked_for(text: str | None, continuous: bool) -> float | None:
+    """The sample time of the loop [s] where one is asked for; raises `UsageError` where it can't be one."""
+    from servobench.core.errors import UnitError, UsageError
+    from servobench.recordings.formats.timing import seconds
+
+    if text is None:
+        return None
+    if continuous:
+        raise UsageError(
+            f"--controller-sample-time {text}: a continuous loop has no ticks; leave out --continuous or "
+            "--controller-sample-time"
+        )
+    try:
+        return seconds(text)
+    except (UnitError, UsageError) as error:
+        raise UsageError(f"--controller-sample-time: {error}") from None
 
 
 def _check_ticks(answer: ResultSummary, sample_time: float | None) -> None:
@@ -141,8 +127,8 @@ def _check_ticks(answer: ResultSummary, sample_time: float | None) -> None:
     delay = answer.transfer_function.delay
     if sample_time is not None and delay > _MOST_DELAYED * sample_time:
         raise UsageError(
-            f"--sample-time {sample_time:g}: the motor's delay of {delay:.3g} s takes more than {_MOST_DELAYED} ticks of that; "
-            f"expected {1.1 * delay / _MOST_DELAYED:.2g} s at least, or --continuous for the loop without ticks"
+            f"--controller-sample-time {sample_time:g}: the motor's delay of {delay:.3g} s takes more than {_MOST_DELAYED} "
+            f"ticks of that; expected {1.1 * delay / _MOST_DELAYED:.2g} s at least, or --continuous for the loop without ticks"
         )
 
 
@@ -165,19 +151,18 @@ def _gain_unit(data: Dataset) -> str:
 
 
 def _result_and_records(
-    out: Console, path: Path, base: Mapping, said: Mapping, kp: str
+    out: Console, path: Path, reading: Reading, starts_at_rest: bool, kp: str
 ) -> tuple[Result, list[dict[str, Any]]]:
     """What a file's recordings tell of the motor; and what the records themselves say of stability, which is printed."""
     from servobench.cli.conclusion import conclude
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import apply_mapping, load_all
+    from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.stability_document import of_a_record
     from servobench.recordings.boundedness import bibo
-    from servobench.recordings.measurement.measure import measure
 
     with Progress() as progress:
-        evidence = apply_mapping(load_all([path], progress), base, said)
-    records = [measure(each.recording, each.chain) for each in evidence]
+        evidence = evidence_of(load_all([path], progress), reading)
+    records = [each.dataset(starts_at_rest) for each in evidence]
     _gain(kp, _gain_unit(records[0]))  # a mistake in it is told before any work is done
     told = []
     for data in records:
@@ -185,7 +170,7 @@ def _result_and_records(
         _say(out, f"The record {data.name}", found.sentences)
         told.append(of_a_record(data, found))
     with Progress() as progress, announce_compiling(progress):
-        return conclude(evidence, progress), told
+        return conclude(evidence, progress, starts_at_rest=starts_at_rest), told
 
 
 def _of_an_answer(
@@ -313,15 +298,17 @@ def _bears(ranges: Sequence[tuple[float, float]]) -> tuple[str, ...]:
     return (f"{why} no gain of this sign makes this loop stable.",)
 
 
-def _over_intervals(out: Console, fit: Fit, kp: float, continuous: bool) -> list[dict[str, Any]]:
+def _over_intervals(out: Console, fit: Fit, kp: float, sample_time: float | None) -> list[dict[str, Any]]:
     from servobench.cli.stability_document import over_intervals
     from servobench.identification.uncertainty import stability as intervals
     from servobench.systems.transfer_function import TransferFunction
 
     feedback = TransferFunction(numerator=(kp,), denominator=(1.0,), output="input", unit="1")
     speed = intervals.stability_over_intervals(fit, "speed")
-    judge = intervals.continuous_loop_over_intervals if continuous else intervals.loop_over_intervals
-    loop = judge(fit, feedback)
+    if sample_time is None:
+        loop = intervals.continuous_loop_over_intervals(fit, feedback)
+    else:
+        loop = intervals.loop_over_intervals(fit, feedback, sample_time=sample_time)
     _say(out, "What the data leave undetermined", (speed.sentence, loop.sentence))
     return [over_intervals("speed", speed), over_intervals("position_loop", loop)]
 

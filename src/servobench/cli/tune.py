@@ -10,6 +10,15 @@ import typer
 
 from servobench.cli.failures import DONE
 from servobench.cli.option_names import TUNE, with_options
+from servobench.cli.options import (
+    AS_IT_IS,
+    AsJson,
+    ControllerSampleTime,
+    Reading,
+    StartsAtRest,
+    VoltageLimit,
+    with_reading,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,6 +31,7 @@ if TYPE_CHECKING:
     from servobench.systems.tuning.loop import LoopValue
     from servobench.systems.tuning.tune import TuningResult
 
+_VOLTAGE_LIMIT = 10.0  # V
 _WORDS = {
     "gain_margin": "gain margin (factor)",
     "gain_margin_downwards": "gain margin downwards (factor)",
@@ -33,13 +43,14 @@ _WORDS = {
 }
 
 
+@with_reading
 def tune(
     motor: Annotated[Path, typer.Argument(metavar="RESULT | FILE", hidden=True)],
     controller: Annotated[
         str, typer.Option("--as", metavar="CONTROLLER", help="pid, state_feedback or lead.")
     ] = "pid",
-    output: Annotated[
-        str, typer.Option(metavar="WHAT", help="The controlled output: position or speed.")
+    loop: Annotated[
+        str, typer.Option(metavar="WHAT", help="What the controller follows: position or speed.")
     ] = "position",
     method: Annotated[
         str | None,
@@ -64,13 +75,8 @@ def tune(
         str | None,
         typer.Option("--lambda", metavar="S", help="The desired time constant of the closed loop [s]."),
     ] = None,
-    sample_time: Annotated[
-        str | None,
-        typer.Option(metavar="S", help="The controller's sample time; by default that of the data [s]."),
-    ] = None,
-    voltage_limit: Annotated[
-        str, typer.Option(metavar="V", help="The largest voltage of the controller [V].")
-    ] = "10",
+    controller_sample_time: ControllerSampleTime = None,
+    voltage_limit: VoltageLimit = None,
     step: Annotated[
         str | None,
         typer.Option(
@@ -80,31 +86,35 @@ def tune(
     cutoff: Annotated[
         str | None, typer.Option(metavar="W", help="The cut-off of the speed's filter [rad/s].")
     ] = None,
-    as_json: Annotated[
-        bool, typer.Option("--json", help="Print only JSON, the gains, on standard output.")
-    ] = False,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
+    as_json: AsJson = False,
 ) -> None:
     """Find the gains of a controller for an identified motor.
 
-    RESULT is a run's folder or a result.json; a FILE with a recording is identified first. The output lists the obtained and
+    RESULT is a run's folder or a result.json; a FILE with a recording is identified first, with the column options of
+    `servobench identify`. The controller runs at the sample time of the data and puts out 10 V at most, unless options say
+    otherwise. The output lists the obtained and
     the requested poles, the margins and the step response, with 95 % intervals from the uncertainty of the data, and a table
     [controller] to paste into an experiment's file. A request that delay, sample time or voltage don't allow, or that would
     be missed by more than 3 %, is refused with the nearest possible one.
     """
+    from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import messages, print_json
     from servobench.cli.terminal import output as standard_output
     from servobench.systems.tuning.base import Wish
 
-    followed = _output(output)
-    answer = _answer(motor)
+    followed = _followed(loop)
+    answer = motor_in(motor, reading, starts_at_rest)
     made = _tune(
         answer,
         method or ("lambda_tuning" if closed_loop is not None else "pole_placement"),
         Wish(
             controller=controller,
             output=followed,
-            sample_time=_positive("--sample-time", sample_time, "s") or _own_sample_time(answer),
-            voltage_limit=_positive("--voltage-limit", voltage_limit, "V") or 0.0,
+            sample_time=_positive("--controller-sample-time", controller_sample_time, "s")
+            or _own_sample_time(answer),
+            voltage_limit=_positive("--voltage-limit", voltage_limit, "V") or _VOLTAGE_LIMIT,
             step=_positive("--step", step, "rad" if followed == "position" else "rad/s"),
             damping=damping,
             bandwidth=_positive("--bandwidth", bandwidth, "rad/s"),
@@ -132,36 +142,23 @@ def _tune(answer: ResultSummary, method: str, wish: Wish) -> TuningResult:
         raise
 
 
-def _answer(path: Path) -> ResultSummary:
-    """What is known of the motor: a result, or what a recording says."""
-    from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import identify_directly
-    from servobench.export.summary import ResultSummary
-
-    if path.is_dir() or path.suffix == ".json" or not path.exists():
-        return ResultSummary.read(path)
-    with Progress() as progress, announce_compiling(progress):
-        progress.begin("identifying")
-        return ResultSummary.of(identify_directly(path))
-
-
 def _own_sample_time(answer: ResultSummary) -> float:
     """The sample time of the data that the result was made from."""
     from servobench.core.errors import UsageError
 
     if answer.sample_time is None:
         raise UsageError(
-            "the result doesn't contain the sample time of its data; give --sample-time, such as 2ms"
+            "the result doesn't contain the sample time of its data; give --controller-sample-time, such as 2ms"
         )
     return answer.sample_time
 
 
-def _output(text: str) -> Output:
+def _followed(text: str) -> Output:
     from servobench.core.errors import UnknownName
 
     known: dict[str, Output] = {"position": "position", "speed": "speed"}
     if text not in known:
-        raise UnknownName("output", text, known)
+        raise UnknownName("loop", text, known)
     return known[text]
 
 

@@ -9,18 +9,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.options import (
+    AS_IT_IS,
     AsJson,
-    ChainText,
-    CountsPerRev,
-    InputColumn,
-    MappingFile,
-    OutputColumn,
-    RecordingNames,
-    ReferenceColumn,
+    DataSheet,
+    Overwrite,
+    Reading,
     ReportFile,
-    SampleTime,
-    SupplyColumn,
-    TimeColumn,
+    StartsAtRest,
+    with_reading,
 )
 
 if TYPE_CHECKING:
@@ -32,6 +28,7 @@ if TYPE_CHECKING:
 _MOST_CAUSES = 6  # in the table; what is less probable stands in the sentences and in the JSON
 
 
+@with_reading
 def why(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
@@ -49,38 +46,26 @@ def why(
             help="How the figure was found: step_63, log_linear, rise_time, arx or output_error.",
         ),
     ] = None,
-    nominal: Annotated[
-        str | None,
-        typer.Option(
-            metavar="NAME", help="The motor's data sheet; compared with the data if nothing is claimed."
-        ),
-    ] = None,
-    time: TimeColumn = None,
-    input_column: InputColumn = None,
-    output_column: OutputColumn = None,
-    supply: SupplyColumn = None,
-    reference: ReferenceColumn = None,
-    sample_time: SampleTime = None,
-    counts_per_rev: CountsPerRev = None,
-    chain: ChainText = "",
-    mapping: MappingFile = None,
-    recording: RecordingNames = None,
+    nominal: DataSheet = None,
+    reading: Reading = AS_IT_IS,
+    starts_at_rest: StartsAtRest = False,
     as_json: AsJson = False,
     report: ReportFile = None,
+    overwrite: Overwrite = False,
 ) -> None:
     """Explain why a figure differs from the recordings of a motor.
 
     The figure is a claim or a data sheet's. For each cause (a lag of the measurement, friction, resistance, inertia, the
     method, ...) it states how much of the difference it explains, how probable it is, and which experiment would decide.
     """
-    from servobench.cli.conclusion import check_names, check_report, conclude, status_of
+    from servobench.cli.conclusion import check_names, conclude, status_of
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress, announce_compiling
-    from servobench.cli.recordings import apply_mapping, load_all, mapping_of, seconds
+    from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.terminal import messages, output, print_json, say
     from servobench.identification.reconciliation.claim import Claim
     from servobench.identification.reconciliation.reconcile import explain as explained
     from servobench.identification.reconciliation.reenactment import check_method
-    from servobench.recordings.formats.mapping import Mapping
     from servobench.report.explanation import ExplanationReport
 
     check_names("auto", "auto", nominal)
@@ -88,23 +73,11 @@ def why(
     for text in claimed or ():
         Claim.parse(text)  # a mistake in it is told before any work is done
     _check_has_something(claimed, nominal)
-    check_report(report, [*files, *([mapping] if mapping else [])])
-    base = mapping_of(mapping)
-    said = Mapping(
-        time=time,
-        input=input_column,
-        output=output_column,
-        supply=supply,
-        reference=reference,
-        sample_time=seconds(sample_time),
-        counts_per_rev=counts_per_rev,
-        chain=chain,
-        recordings=tuple(recording or ()),
-    )
+    check_free(report, "--report", [*files, reading.mapping], overwrite)
     with Progress() as progress:
-        evidence = apply_mapping(load_all(files, progress), base, said)
+        evidence = evidence_of(load_all(files, progress), reading)
         with announce_compiling(progress):
-            result = conclude(evidence, progress)
+            result = conclude(evidence, progress, starts_at_rest=starts_at_rest)
             explanation = explained(result, claimed or (), nominal=nominal, method=method)
     console = messages() if as_json else output()
     try:

@@ -10,6 +10,7 @@ from typing import Any, TypeVar, cast
 import numba
 from numba.core.caching import FunctionCache
 from numba.core.event import Event, Listener, register, unregister
+from numba.core.runtime.nrt import rtsys
 
 F = TypeVar("F", bound=Callable[..., object])
 
@@ -34,7 +35,11 @@ class _Cache(FunctionCache):
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         """Return what was kept, None where there is nothing or it can't be read; a damaged index is begun anew."""
         try:
-            return super().load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            # Numba would load here all that compiling may need, a quarter of a second's work; a compiler loads it by itself, and
+            # code that is there needs only what it calls: memory for arrays.
+            rtsys.initialize(target_context)
+            with self._guard_against_spurious_io_errors():
+                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
         except Exception as error:  # pickle: what stands in a damaged file may raise anything
             _warn(f"compiled code in {self.cache_path} can't be read ({_reason(error)})")
             with suppress(OSError):

@@ -6,8 +6,9 @@ import importlib
 import pkgutil
 import re
 from collections.abc import Callable, Iterator
+from functools import cache
 from importlib.metadata import entry_points
-from typing import Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
 from servobench.core.errors import UnknownName, UsageError
 
@@ -105,7 +106,7 @@ class Registry(Generic[T]):
             # Compiled kernels belong to members and are none; importing them costs a second that a look at the names shouldn't.
             if module.name != "kernels":
                 importlib.import_module(f"{self.package}.{module.name}")
-        for plug_in in entry_points(group=self.group):
+        for plug_in in _plug_ins().select(group=self.group):
             try:
                 found = plug_in.load()
             except Exception as error:
@@ -114,6 +115,12 @@ class Registry(Generic[T]):
                     f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
                 ) from error
             self.member(plug_in.name)(found)
+
+
+@cache
+def _plug_ins() -> Any:  # of another type in Python 3.11 than later, with the same `select`
+    """What all packages offer; looking for it takes a while, and is done once for all kinds."""
+    return entry_points()
 
 
 def _prefix(form: str) -> str:

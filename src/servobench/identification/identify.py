@@ -69,7 +69,7 @@ from servobench.identification.uncertainty.unresolved_time_constant import with_
 from servobench.identification.uncertainty.weak_priors import with_weak_priors
 from servobench.recordings.evidence import Evidence
 from servobench.recordings.measurement.dataset import Dataset
-from servobench.recordings.reading import ReadingOptions, evidence_in
+from servobench.recordings.reading import ReadingOptions, evidence_in, further_evidence_in
 from servobench.recordings.recording import Recording
 from servobench.rig.motor.parameters import MotorParameters, nominal_motor
 
@@ -122,8 +122,7 @@ def identify(
     parts = evidence_in(data, **options)
     others: tuple[Evidence | Dataset, ...] = ()
     if not (isinstance(validate_on, Sequence) and not len(validate_on)):
-        alike = {name: value for name, value in options.items() if name not in ("t", "u", "y", "recordings")}
-        others = evidence_in(validate_on, argument="validate_on", **alike)
+        others = further_evidence_in(validate_on, argument="validate_on", **options)
     return identify_evidence(
         parts, structure, estimator, nominal, validate_on=others, known=known, starts_at_rest=starts_at_rest
     )

@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
-from servobench.recordings.adapters.base import recordings_in
+from typing import Unpack
+
 from servobench.recordings.formats.describe import Description, describe
+from servobench.recordings.reading import ReadingOptions, recordings_meant
 
 
-def inspect(data: object) -> tuple[Description, ...]:
+def inspect(data: object = None, **options: Unpack[ReadingOptions]) -> tuple[Description, ...]:
     """Return what is in each recording of a file, a DataFrame, a recording, or a list of such.
 
-    Its channels and times, which of them are recognised as input and output, and what has to be said before it can be identified.
+    Its channels and times, which of them are input and output as far as that is said or recognised, and what has to be said
+    before it can be identified. `options` say how to read it, as for `identify`: see `ReadingOptions`.
     Raises `UsageError` for what can't be read.
 
     >>> for each in inspect({"t": [0, 0.1, 0.2], "voltage": [0, 1, 1], "angle_deg": [0, 0, 1]}):
     ...     print(each.mapping.input, each.mapping.output)
     voltage:V angle_deg:deg
     """
-    return tuple(describe(each) for each in recordings_in(data))
+    return tuple(describe(recording, said) for recording, said in recordings_meant(data, **options))

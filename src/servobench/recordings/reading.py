@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, TypedDict
 
 import numpy as np
@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
-from servobench.recordings.adapters.base import name_apart, recordings_in
+from servobench.recordings.adapters.base import recordings_in, with_names_of_their_own
 from servobench.recordings.arrays import recordings_of_arrays
 from servobench.recordings.evidence import Evidence, evidence_of
 from servobench.recordings.formats.mapping import Mapping
@@ -114,31 +114,69 @@ def evidence_in(
 ) -> tuple[Evidence | Dataset, ...]:
     """Return the recordings in what somebody has at hand, with roles, units and times; a `Dataset` as it is.
 
+    Recordings of one name are called after their files, or numbered, so that each can be told from the others.
     Raises `UsageError`, which names the argument, for what can't be read or doesn't go together; `MissingInformation` where
     something has to be said first.
     """
-    options = {name: value for name, value in options.items() if value is not None}
-    said = _parse_options(options)
-    if any(name in options for name in _ARRAYS):
-        return tuple(evidence_of(each, said.of(each)) for each in _of_arrays(data, argument, options))
     datasets = _datasets(data, argument, options)
+    return datasets or _evidence(recordings_meant(data, argument=argument, **options))
+
+
+def recordings_meant(
+    data: object = None, *, argument: str = "data", **options: Any
+) -> tuple[tuple[Recording, Mapping], ...]:
+    """Return the recordings that are meant of those in what somebody has at hand, each with what was said of it.
+
+    Raises what `evidence_in` does, but for what has to be said first.
+    """
+    found, said = _look(data, argument, options)
+    recordings = [each for each, _ in found]
+    select(
+        recordings, tuple(said.base.each)
+    )  # a name that isn't there would change nothing, and is a mistake
+    names = {each.name for each in select(recordings, said.mapping.recordings or said.base.recordings)}
+    return tuple((each, said.of(each, part)) for each, part in found if each.name in names)
+
+
+def further_evidence_in(data: object, *, argument: str, **options: Any) -> tuple[Evidence | Dataset, ...]:
+    """Return the same for data beside others, to which the options were said: all recordings, whatever names those choose."""
+    kept = {name: value for name, value in options.items() if name not in (*_ARRAYS, "recordings")}
+    if (
+        len(set(_values(kept.get("input_value") or ()))) > 1
+    ):  # each belongs to one of the data that these come beside
+        del kept["input_value"]
+    datasets = _datasets(data, argument, kept)
     if datasets:
         return datasets
+    found, said = _look(data, argument, kept)
+    return _evidence([(each, said.of(each)) for each, _ in found])
+
+
+def _look(
+    data: object, argument: str, options: dict[str, Any]
+) -> tuple[tuple[tuple[Recording, int], ...], _Said]:
+    """The recordings that there are, each with the number of its part in a list of data, and what was said of them."""
+    options = _without_empty(options)
+    said = _parse_options(options)
+    if any(name in options for name in _ARRAYS):
+        return tuple((each, 0) for each in _of_arrays(data, argument, options)), said
     parts = data if isinstance(data, list | tuple) and len(said.values) > 1 else [data]
     if len(said.values) > 1 and len(parts) != len(said.values):
         raise UsageError(
             f"input_value has {len(said.values)} values, and {argument} {len(parts)}; give one, or one for each in a list"
         )
-    several = [recordings_in(part, argument) for part in parts]
-    belongs = [number for number, each in enumerate(several) for _ in each]
-    recordings = name_apart([each for part in several for each in part])
-    names = said.mapping.recordings or said.base.recordings
-    _check_are_there((*names, *said.base.each), recordings)
-    return tuple(
-        evidence_of(each, said.of(each, part))
-        for each, part in zip(recordings, belongs, strict=True)
-        if not names or each.name in names
-    )
+    return tuple((each, k) for k, part in enumerate(parts) for each in recordings_in(part, argument)), said
+
+
+def _without_empty(options: dict[str, Any]) -> dict[str, Any]:
+    return {name: value for name, value in options.items() if value is not None}
+
+
+def _evidence(meant: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence, ...]:
+    """The recordings as they were said to be, each under a name of its own."""
+    parts = [evidence_of(recording, said) for recording, said in meant]
+    named = with_names_of_their_own([part.recording for part in parts])
+    return tuple(replace(part, recording=own) for part, own in zip(parts, named, strict=True))
 
 
 def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dataset, ...]:
@@ -149,9 +187,10 @@ def _datasets(data: object, argument: str, options: dict[str, Any]) -> tuple[Dat
         raise UsageError(
             f"{argument} has Datasets beside things that are still to be read; make Datasets of all of them with measure()"
         )
-    if found and options:
+    given = _without_empty(options)
+    if found and given:
         raise UsageError(
-            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(options)} out"
+            f"{argument} is of Datasets, which have columns, units and chain already: leave {' and '.join(given)} out"
         )
     return found
 
@@ -174,11 +213,16 @@ def _of_arrays(data: object, argument: str, options: dict[str, Any]) -> tuple[Re
     )
 
 
-def _check_are_there(names: Sequence[str], recordings: Sequence[Recording]) -> None:
+def select(recordings: Sequence[Recording], names: Sequence[str]) -> list[Recording]:
+    """Return the recordings that have one of some names, all of them where there are no names.
+
+    Raises `UnknownName`, which lists the names that there are.
+    """
     known = [recording.name for recording in recordings]
-    for name in names:  # also of a mapping's, where a name that isn't there would change nothing
+    for name in names:
         if name not in known:
             raise UnknownName("recording", name, known)
+    return [recording for recording in recordings if not names or recording.name in names]
 
 
 def _parse_options(options: dict[str, Any]) -> _Said:
@@ -223,7 +267,7 @@ def _turn(given: Any) -> float | None:
     if given is None:
         return None
     if isinstance(given, bool) or not isinstance(given, int | float | np.number) or not 0 < given < np.inf:
-        raise UsageError(f"counts_per_rev is {given!r}; expected a number above 0, such as 2048")
+        raise UsageError(f"`counts_per_rev={given}`: expected a number above 0, such as 2048")
     return float(given)
 
 

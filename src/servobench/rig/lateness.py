@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -10,7 +11,9 @@ from servobench.core.channels import Array
 from servobench.core.errors import ExperimentError
 from servobench.core.rounding import count_text, microseconds
 from servobench.recordings.recording import Recording
-from servobench.rig.experiment import Experiment, read_experiment
+
+if TYPE_CHECKING:
+    from servobench.rig.experiment import Experiment
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -86,6 +89,8 @@ def lateness(recording: Recording) -> Lateness | None:
 
 
 def _experiment(recording: Recording) -> Experiment | None:
+    from servobench.rig.experiment import read_experiment  # which a file of others doesn't need
+
     try:
         return read_experiment(recording.experiment)
     except ExperimentError:  # of another version, or with a signal from a plug-in that isn't here

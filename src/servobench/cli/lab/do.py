@@ -9,7 +9,8 @@ from typing import Annotated
 import typer
 
 from servobench.cli.failures import DONE
-from servobench.cli.lab.options import AsJson, DeviceName, Folder, Name, Solution, Studies
+from servobench.cli.lab.options import Folder, Name, Solution, Studies
+from servobench.cli.options import AsJson, DeviceName, Overwrite
 
 
 def do(
@@ -29,6 +30,7 @@ def do(
     recording: Annotated[
         Path | None,
         typer.Option(
+            "--recorded",
             metavar="FILE",
             help="A recording of the exercise's experiment that servobench made, in place of a run.",
         ),
@@ -36,15 +38,16 @@ def do(
     page: Annotated[
         Path | None, typer.Option(metavar="PAGE.html", help="Where to write it as a page, too.")
     ] = None,
+    overwrite: Overwrite = False,
     as_json: AsJson = False,
 ) -> None:
     """Do an exercise, which `lab list` lists, or check answers to it.
 
     It is done on the simulated motor, in virtual time, or on a device.
     """
-    from servobench.cli.conclusion import check_report
     from servobench.cli.lab.exercises import exercise_by_name, motor_stand, stand_of_recording
     from servobench.cli.lab.shown import show_checked, show_worked
+    from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.run import status_after, terminate_like_ctrl_c
     from servobench.cli.terminal import messages, output, print_json, say
@@ -55,10 +58,10 @@ def do(
 
     if recording is not None and device is not None:
         raise UsageError(
-            "--recording and --device don't go together, as a recording of servobench's own says what device it is of; leave "
+            "--recorded and --device don't go together, as a recording of servobench's own says what device it is of; leave "
             "--device out"
         )
-    check_report(page, [recording] if recording else [], option="--page")
+    check_free(page, "--page", [recording], overwrite)
     exercise = exercise_by_name(name, folder)
     given = _answers(answers or ())
     for blank in given:

@@ -65,6 +65,6 @@ def motor_stand(exercise: Exercise, device: str | None) -> MotorStand:
     check_named_alone(
         device,
         f'in an exercise of your own, with name = "{device}" in [device] and the settings in [device.settings]; for a recording '
-        "that there is take `servobench lab do` with --recording FILE, in place of --device",
+        "that there is take `servobench lab do` with --recorded FILE, in place of --device",
     )
     return stand_with(exercise, DeviceChoice(name=device))

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from servobench.cli.lab.options import AsJson, Folder, Name, Roster, WithMotor
+from servobench.cli.lab.options import Folder, Name, Roster, WithMotor
+from servobench.cli.options import AsJson
 
 if TYPE_CHECKING:
     from rich.console import Console

@@ -27,17 +27,6 @@ Studies = Annotated[
 Solution = Annotated[
     bool, typer.Option("--solution", help="Show the right answers beside the blanks, and what comes out.")
 ]
-DeviceName = Annotated[
-    str | None,
-    typer.Option(
-        "--device",
-        metavar="NAME",
-        help="The device, in place of the exercise's; see `servobench devices`.",
-    ),
-]
-AsJson = Annotated[
-    bool, typer.Option("--json", help="Print what comes out as JSON, and nothing else, on standard output.")
-]
 WithMotor = Annotated[
     bool,
     typer.Option(

@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.lab.options import AsJson, DeviceName, Folder, Solution, Studies
+from servobench.cli.lab.options import Folder, Solution, Studies
+from servobench.cli.options import AsJson, DeviceName
 
 if TYPE_CHECKING:
     from servobench.lab.page import InPart

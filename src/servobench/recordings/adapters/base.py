@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import PurePath
 from typing import Any, ClassVar, Protocol, runtime_checkable
 
 from servobench.core.arguments import text_of_value
@@ -35,14 +37,13 @@ ADAPTERS: Registry[type[Adapter]] = Registry(
 def recordings_in(data: object, argument: str = "data") -> tuple[Recording, ...]:
     """Return the recordings in what somebody has at hand: a path, a table, a recording, or a list of such.
 
-    Recordings of one name are numbered, so that each can be told from the others. `argument` is what an error message calls it.
+    `argument` is what an error message calls it.
     Raises `UsageError` for an object of no kind that is known, and what reading it raises.
     """
     if isinstance(data, list | tuple):
         if not data:
             raise UsageError(f"{argument} is an empty list; expected {_list_of_kinds()}")
-        found = [each for k, part in enumerate(data) for each in recordings_in(part, f"{argument}[{k}]")]
-        return name_apart(found)
+        return tuple(each for k, part in enumerate(data) for each in recordings_in(part, f"{argument}[{k}]"))
     for adapter in ADAPTERS:
         if adapter().accepts(data):
             return adapter().recordings(data)
@@ -58,10 +59,16 @@ def _list_of_kinds() -> str:
     return ", ".join(adapter.accepted for adapter in ADAPTERS)
 
 
-def name_apart(recordings: list[Recording]) -> tuple[Recording, ...]:
-    """Return the recordings, those of one name numbered."""
+def with_names_of_their_own(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings, those of one name called after their files, or numbered where that tells them no better."""
     names = [each.name for each in recordings]
+    stems = [PurePath(each.source.name).stem for each in recordings]
+    longer = [f"{stem} {name}".strip() for stem, name in zip(stems, names, strict=True)]
+    own = [
+        each if longer.count(each) == 1 else f"{name} {k + 1}"
+        for k, (each, name) in enumerate(zip(longer, names, strict=True))
+    ]
     return tuple(
-        replace(each, name=f"{each.name} {k + 1}") if names.count(each.name) > 1 else each
-        for k, each in enumerate(recordings)
+        replace(each, name=name) if names.count(each.name) > 1 else each
+        for each, name in zip(recordings, own, strict=True)
     )

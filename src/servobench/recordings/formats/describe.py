@@ -11,7 +11,7 @@ from servobench.core.errors import MissingInformation, UsageError
 from servobench.core.finding import Finding
 from servobench.core.rounding import count_text
 from servobench.recordings.formats.columns import TIME_NAMES, heading, time_unit
-from servobench.recordings.formats.mapping import Mapping, assign
+from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.formats.roles import ColumnSpec, Role, plain_name, quantity_of, recognise
 from servobench.recordings.formats.times import TimeBase, time_base
 from servobench.recordings.recording import Recording, Series, Source
@@ -76,14 +76,15 @@ class Description:
         return f"<Description {self.name}: {channels}; {len(self.missing)} to be said>"
 
 
-def describe(recording: Recording) -> Description:
-    """Return what is in a recording."""
+def describe(recording: Recording, said: Mapping | None = None) -> Description:
+    """Return what is in a recording, with what was said of its columns."""
+    said = said or Mapping()
     different: list[Array] = []
     channels = tuple(_channel(series, _place(series.t, different)) for series in recording.series)
     missing: tuple[str, ...] = ()
     findings = recording.findings
     try:
-        findings = assign(recording).findings
+        findings = said.assign_to(recording).findings
     except MissingInformation as error:
         missing = error.missing
     except UsageError as error:
@@ -93,7 +94,7 @@ def describe(recording: Recording) -> Description:
         source=recording.source,
         channels=channels,
         time_bases=tuple(time_base(t) for t in different),
-        mapping=_complete_mapping(recording),
+        mapping=_complete_mapping(recording).override_with(said),
         missing=missing,
         findings=findings,
     )

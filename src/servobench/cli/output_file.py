@@ -1,0 +1,27 @@
+"""The files that a command writes to: what is there already is replaced when that is asked for, and never in silence."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from servobench.core.errors import UsageError
+
+
+def check_free(path: Path | None, option: str, inputs: Sequence[Path | None], overwrite: bool) -> None:
+    """Raise `UsageError` where a file can't be written, or something would be lost by it, before any work is done.
+
+    `inputs` are the files that the command reads; they are never replaced. Another file is where `overwrite` says so.
+    """
+    if path is None:
+        return
+    if path.is_dir():
+        raise UsageError(f"{option} {path}: is a folder; name a file in it")
+    if not path.parent.is_dir():
+        raise UsageError(f"{option} {path}: there is no folder {path.parent}")
+    if any(path.resolve() == each.resolve() for each in inputs if each is not None):
+        raise UsageError(
+            f"{option} {path}: is one of the files that are read, and would be lost; give another name"
+        )
+    if path.exists() and not overwrite:
+        raise UsageError(f"{option} {path}: exists already; give another name, or --overwrite to replace it")
