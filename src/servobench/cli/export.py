@@ -124,14 +124,14 @@ def export(
         measurement_delay=_quantity("--measurement-delay", measurement_delay, "s"),
     )
     console = output()
-    tuned, answer = read_tuning(motor), None
+    tuned = read_tuning(motor)
     if tuned is not None and target != "c":
         raise UsageError(f"{motor} is a tuned controller, which is exported as c; {target} takes a result")
+    answer = None if tuned is not None else motor_in(motor, reading, starts_at_rest)
     try:
         if tuned is not None:
             files = export_law(tuned, file, wishes)
-        else:
-            answer = motor_in(motor, reading, starts_at_rest)
+        elif answer is not None:
             files = exported(answer, target, file, wishes)
             _show_constants(console, answer, target, wishes)
     except UsageError as error:  # which calls by Python's keyword what is an option of this command
