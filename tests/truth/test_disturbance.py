@@ -65,10 +65,11 @@ def test_intervals_cover_where_the_shaft_rests_for_half_of_the_time(levels: str,
     assert min(covered.values()) >= 16, covered
 
 
-def test_prediction_error_is_more_accurate_than_output_error_under_a_random_torque() -> None:
+@pytest.mark.parametrize("runs", [12, pytest.param(30, marks=pytest.mark.long)])
+def test_prediction_error_is_more_accurate_than_output_error_under_a_random_torque(runs: int) -> None:
     """The bound on τ's sd at 1e-5 N·m/√Hz is 0.18 %; output error stays 1.6 times above it."""
     errors: dict[str, list[float]] = {"output_error": [], "prediction_error": []}
-    for seed in range(30):
+    for seed in range(runs):
         truth = drawn(seed)
         data = dataset(seed=seed, truth=truth, torque_noise=1e-5)
         for name, found in errors.items():
@@ -76,7 +77,7 @@ def test_prediction_error_is_more_accurate_than_output_error_under_a_random_torq
             assert fit is not None
             found.append(fit["time_constant"].value / answers(truth)["time_constant"] - 1)
     rms = {name: float(np.sqrt(np.mean(np.square(found)))) for name, found in errors.items()}
-    # 30 runs: a ratio of 1.6 is known to 18 %.
+    # A ratio of 1.6 is known to 18 % from 30 runs, to 29 % from 12.
     assert rms["prediction_error"] < rms["output_error"] / 1.25
 
 
