@@ -85,12 +85,13 @@ def _serve() -> None:
 
 
 def _warm_up() -> None:
-    """Import what commands need, and load the kernels, by a run of the simulated motor and an identification."""
+    """Import what commands need, and load the kernels, by a run of the simulated motor, an identification and the exercises."""
     from servobench.cli import main
 
     with tempfile.TemporaryDirectory() as folder:
         main(["run", "--out", f"{folder}/run"])
         main(["identify", f"{folder}/run/recording.mcap"])
+        main(["lab", "list"])
 
 
 def _become(words: list[str], cwd: str, environment: dict[str, str], out: str, err: str) -> NoReturn:

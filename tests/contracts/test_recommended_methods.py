@@ -17,8 +17,17 @@ from servobench.rig.motor.individual import TIME_CONSTANT, individual
 from tests.lab.recommended_methods import METHODS, Student
 
 SECRET = bytes(range(32))
-STUDENTS = {"step": 40}
-FEWEST = 3
+FEWEST, MOST = 2, 3
+"""Students of an exercise in `make test`, and as many as `make test-long` goes on to."""
+STEP_FEWEST, STEP_MOST = 10, 40
+NUMBERS = {each.name: (FEWEST, MOST) for each in exercises()} | {"step": (STEP_FEWEST, STEP_MOST)}
+STUDENTS = [
+    *(pytest.param(name, range(few), id=name) for name, (few, _) in NUMBERS.items()),
+    *(
+        pytest.param(name, range(few, most), id=f"{name}, more", marks=pytest.mark.long)
+        for name, (few, most) in NUMBERS.items()
+    ),
+]
 
 
 @pytest.fixture(scope="module")
@@ -41,10 +50,10 @@ def written(value: float, question: Question) -> str:
     return f"{value:.12g}" if question.blank.tolerance == "exact" else f"{value:.4g}"
 
 
-@pytest.mark.parametrize("name", [each.name for each in exercises()])
-def test_the_recommended_method_gets_full_marks(secret: Path, name: str) -> None:
+@pytest.mark.parametrize(("name", "students"), STUDENTS)
+def test_the_recommended_method_gets_full_marks(secret: Path, name: str, students: range) -> None:
     wrong = []
-    for number in range(STUDENTS.get(name, FEWEST)):
+    for number in students:
         stand, to_do = asked(secret, name, number)
         answers = METHODS[name](Student(stand=stand))
         for each in to_do:
@@ -62,7 +71,7 @@ def test_the_students_have_quick_and_slow_motors() -> None:
     """The longest and shortest of 40 even draws of ln τ lie within a tenth of the range of its ends, but for 0.9⁴⁰ = 1.5 %."""
     low, high = TIME_CONSTANT
     edge = (high / low) ** 0.1
-    own = [individual(SECRET, "step", f"s{number}") for number in range(STUDENTS["step"])]
+    own = [individual(SECRET, "step", f"s{number}") for number in range(STEP_MOST)]
     tau = [
         each.resistance * each.inertia / (each.resistance * each.viscous_friction + each.motor_constant**2)
         for each in own
