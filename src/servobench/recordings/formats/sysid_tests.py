@@ -56,7 +56,7 @@ class Test:
 
 
 def begins_at_rest(speed: Array) -> bool:
-    """Return whether a test with a speed (N,) begins with a shaft that rests, as its routine asks for."""
+    """Return whether a test with a speed (N,), in any unit, begins with a shaft that rests, as its routine asks for."""
     seen = np.abs(speed[np.isfinite(speed)])
     return bool(len(seen) and seen[0] <= _SLOW * seen.max())
 
