@@ -12,7 +12,7 @@ import pytest
 
 from servobench.core.errors import FormatError, UsageError
 from servobench.export.base import Wishes
-from servobench.export.c_law import TunedLaw, export_law, read_tuning, text_of_law, tuned_law
+from servobench.export.c_law import TunedLaw, export_law, read_tuning, text_of_law, law_of_tuning
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
@@ -133,7 +133,7 @@ def document(**changed: Any) -> dict[str, Any]:
 )
 def test_a_damaged_tuning_is_told(changed: dict[str, Any], tmp_path: Path) -> None:
     with pytest.raises(FormatError, match=r"tuning\.json"):
-        tuned_law(document(**changed), "tuning.json")
+        law_of_tuning(document(**changed), "tuning.json")
 
 
 def test_a_file_of_something_else_is_no_tuning(tmp_path: Path) -> None:

@@ -208,10 +208,10 @@ def read_tuning(path: str | os.PathLike[str]) -> TunedLaw | None:
         return None  # whatever reads it as a result says why it is none
     if not isinstance(document, dict) or document.get("schema") != SCHEMA:
         return None
-    return tuned_law(document, str(file))
+    return law_of_tuning(document, str(file))
 
 
-def tuned_law(document: Mapping[str, Any], name: str) -> TunedLaw:
+def law_of_tuning(document: Mapping[str, Any], name: str) -> TunedLaw:
     """Return the controller in plain data of the schema `servobench.tuning/1`; raises `FormatError`, which calls them `name`."""
     try:
         settings = dict(document["controller"])

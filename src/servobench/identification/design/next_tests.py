@@ -2,7 +2,7 @@
 
 With P the covariance that there is and P' that of a test alone, both know the motor to (P⁻¹ + P'⁻¹)⁻¹ where their errors
 are independent, and kA's variance follows to first order. P' has the noise of an encoder alone, so that it puts tests in an order
-and promises nothing.
+and promises nothing. The design of experiments by the information they give is that of Goodwin and Payne (1977).
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ _SHORTEST = 20  # samples
 
 @dataclass(frozen=True, kw_only=True)
 class NextTest:
-    """A test from rest: what it does, in words, and `half` of kA's 95 % interval after it, as a part of kA, from noise alone."""
+    """A test from rest, and what it would tell."""
 
     sentence: str
+    """What it does, in words."""
     half: float
+    """Half of kA's 95 % interval after it, as a part of kA, if the encoder's noise were all that limits it."""
 
 
 def best_next_tests(

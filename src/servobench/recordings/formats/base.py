@@ -19,6 +19,7 @@ from servobench.core.arguments import check_type
 from servobench.core.errors import FormatError, StorageError, UsageError
 from servobench.core.finding import info
 from servobench.core.registry import Registry
+from servobench.recordings.formats.bag_folder import METADATA, bag_files, is_metadata, metadata_in
 from servobench.recordings.native.lease import is_held
 from servobench.recordings.native.mcap_file import busy_text
 from servobench.recordings.recording import Recording, Source
@@ -86,13 +87,12 @@ def load(
     Raises `UsageError` where there is no such file, `FormatError` where it can't be read.
     """
     check_type("path", path, (str, os.PathLike), "the path of a file")
-    file = Path(path)
+    file = _file_of(Path(path))
     try:
         _check_is_there(file)
         with file.open("rb") as stream:
             head = stream.read(_HEAD)
-            stream.seek(0)
-            checksum = hashlib.file_digest(stream, "sha256").hexdigest()
+            checksum = _checksum(file, head)
         if not head:
             raise FormatError(f"{file} is empty")
         name = _format_of(file, head)
@@ -101,7 +101,7 @@ def load(
         raise FormatError(f"{file} can't be read: {error.strerror or error}") from error
     source = Source(name=os.fspath(path), sha256=checksum, format=name)
     recordings = tuple(replace(recording, source=source) for recording in recordings)
-    if file.suffix.lower() in FORMATS[name].suffixes:
+    if file.suffix.lower() in FORMATS[name].suffixes or file.name == METADATA:
         return recordings
     told = info(
         "format-by-content",
@@ -139,6 +139,21 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
         raise StorageError(f"{file} can't be written: {error.strerror or error}") from error
 
 
+def _file_of(path: Path) -> Path:
+    """The file that is read: of a folder that is a bag of ROS 2 its metadata."""
+    return (metadata_in(path) or path) if path.is_dir() else path
+
+
+def _checksum(file: Path, head: bytes) -> str:
+    """The SHA-256 of a file; of a bag's metadata with the files that they name behind them."""
+    digest = hashlib.sha256()
+    for each in (file, *(bag_files(file) if is_metadata(file, head) else ())):
+        with each.open("rb") as stream:
+            while block := stream.read(1 << 20):
+                digest.update(block)
+    return digest.hexdigest()
+
+
 def _check_is_there(file: Path) -> None:
     part = file / "recording.mcap.part"
     if file.is_dir() and part.exists():
@@ -148,7 +163,9 @@ def _check_is_there(file: Path) -> None:
             f"{file} is the folder of a run that was cut short; `servobench recover {file}` makes it whole"
         )
     if file.is_dir():
-        raise UsageError(f"{file} is a folder; name a file in it")
+        raise UsageError(
+            f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it"
+        )
     if not file.exists():
         folder = file.parent
         near = get_close_matches(file.name, os.listdir(folder), n=1) if folder.is_dir() else []

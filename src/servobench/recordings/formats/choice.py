@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from servobench.core.channels import Array
 from servobench.core.errors import UsageError
 from servobench.core.finding import Finding, info
 from servobench.core.units import unit
@@ -148,6 +149,10 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
     candidates = candidates or [
         each for each in possible if quantity_of(recording[each].channel.unit) in wanted
     ]
+    if not candidates and role == "input":
+        candidates = [name for name in possible if _COMMAND.search(name.lower())]
+    moving = [name for name in candidates if _varies(recording[name].values)]
+    candidates = moving or candidates
     if candidates:
         options = " or ".join(f"`{role}={_with_unit(recording, name)}`" for name in candidates)
         sentence = f"which column is the {role}, as {quote(candidates)} may be: say {options}"
@@ -167,6 +172,17 @@ def _which(recording: Recording, role: Role, candidates: Sequence[str]) -> str:
             "`input_value=50:%`"
         )
     return sentence
+
+
+_COMMAND = re.compile(
+    r"(?:^|[/_.])(?:cmds?|commands?|voltages?|volts|efforts?|duty|pwm|controls?)(?:[/_.\d]|$)"
+)
+
+
+def _varies(values: Array) -> bool:
+    """Whether a column ever changes: one that doesn't is of a motor that nobody moved."""
+    finite = values[np.isfinite(values)]
+    return bool(len(finite) and (finite != finite[0]).any())
 
 
 def sides_of(names: Sequence[str]) -> tuple[str, ...]:

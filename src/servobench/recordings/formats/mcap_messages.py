@@ -114,6 +114,11 @@ def _topic(channel: Any, schema: Any) -> Topic:
     return Topic(name=str(channel.topic), schema=name, decoder=decoder, why_not=why)
 
 
+def cdr_decoder(name: str, encoding: str, definition: bytes) -> tuple[Decoder | None, str]:
+    """Return the decoder of CDR messages of a type with its definition (`ros2msg`), or None and why there is none."""
+    return _cdr(import_library().Schema(id=1, name=name, encoding=encoding, data=definition))
+
+
 def _cdr(schema: Any) -> tuple[Decoder | None, str]:
     from mcap_ros2.decoder import DecoderFactory
 

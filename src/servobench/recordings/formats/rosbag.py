@@ -1,6 +1,7 @@
 """MCAP files that others wrote: ROS 2 bags and Foxglove's JSON. One recording, each topic with its own times.
 
-A number in a message is the channel `topic.field`; of sensor_msgs/JointState it is `joint.position`, `.velocity`, `.effort`.
+A number in a message is the channel `topic.field`; of one like a sensor_msgs/JointState, with names and lists
+beside them, it is `joint.position`, `.velocity`, `.effort`.
 Where all messages of a topic have a header with a stamp, that is their time; otherwise it is the one at which they were logged.
 Source: ROS 2, common_interfaces, sensor_msgs/msg/JointState.msg and std_msgs/msg/Header.msg.
 """
@@ -20,6 +21,8 @@ from numpy.typing import NDArray
 from servobench.core.channels import Channel
 from servobench.core.errors import FormatError, UsageError
 from servobench.core.finding import Finding, info, warning
+from servobench.recordings.formats import db3_messages
+from servobench.recordings.formats.bag_folder import METADATA, bag_files, is_metadata
 from servobench.recordings.formats.base import FORMATS
 from servobench.recordings.formats.columns import LARGEST_TABLE, distinct, printable, quote
 from servobench.recordings.formats.mcap_messages import Message, Reading, Topic, messages
@@ -30,6 +33,12 @@ MOST_NUMBERS = 20_000_000
 _MOST_ELEMENTS = 100  # of one list in a message; what is longer is an image or a scan
 _DEEPEST = 16
 _JOINT_UNITS = {"position": "rad", "velocity": "rad/s", "effort": None}
+_JOINT_FIELDS = {
+    "position": "position", "positions": "position", "velocity": "velocity", "velocities": "velocity",
+    "effort": "effort", "efforts": "effort",
+}  # fmt: skip
+_PARTS = ("", "actual", "feedback", "desired", "reference", "output")  # of a trajectory controller's state
+_SAYS_NOTHING = ("header", "layout")  # of the motor: a time, and how a list is folded
 _CLOCKS_APART = 1e9  # ns, from which on two clocks aren't the same
 
 
@@ -43,6 +52,7 @@ class _Gathered:
     fields: dict[str, tuple[array[float], array[int]]] = field(default_factory=dict)
     broken: int = 0
     too_long: set[str] = field(default_factory=set)
+    is_of_joints: bool = False
 
     def add(self, message: Message) -> int:
         """Take a message; return how many numbers it had."""
@@ -65,17 +75,19 @@ class _Gathered:
         return len(numbers)
 
     def _numbers(self, content: Any) -> Iterator[tuple[str, float]]:
-        if self.is_of_joints and not isinstance(content, dict):
-            for what in _JOINT_UNITS:
-                for joint, value in zip(content.name, getattr(content, what), strict=False):
-                    yield f"{joint}.{what}", float(value)
-        else:
+        names = _joints_of(content)
+        if not names:
             yield from self._flat("", content, 0)
-
-    @property
-    def is_of_joints(self) -> bool:
-        """Whether the messages are joints' states, whose parallel lists belong to the names in them."""
-        return self.topic.schema in ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
+            return
+        self.is_of_joints = True
+        for part in _PARTS:
+            inner = getattr(content, part, None) if part else content
+            for field_name, what in _JOINT_FIELDS.items():
+                values = getattr(inner, field_name, None)
+                if isinstance(values, str) or not hasattr(values, "__len__") or values is None:
+                    continue
+                for joint, value in zip(names, values, strict=False):
+                    yield f"{joint}.{part}.{what}".replace("..", "."), float(value)
 
     def _flat(self, name: str, value: Any, depth: int) -> Iterator[tuple[str, float]]:
         """The numbers in a value by the names of the fields that lead to them; those of a header say nothing of the motor."""
@@ -86,7 +98,7 @@ class _Gathered:
         elif isinstance(value, dict) or hasattr(value, "__slots__"):
             keys = value if isinstance(value, dict) else value.__slots__
             for key in keys:
-                if key != "header":
+                if key not in _SAYS_NOTHING:
                     inner = value[key] if isinstance(value, dict) else getattr(value, key)
                     yield from self._flat(f"{name}.{key}".lstrip("."), inner, depth + 1)
         elif isinstance(value, bytes) or len(value) > _MOST_ELEMENTS:
@@ -104,6 +116,15 @@ class _Gathered:
     def has_stamps(self) -> bool:
         """Whether each message has a stamp of its own."""
         return bool(self.stamped) and min(self.stamped) > 0
+
+
+def _joints_of(content: Any) -> list[str]:
+    """The joints that a message like a JointState names, whose parallel lists belong to them; none for any other message."""
+    for key in ("name", "joint_names"):
+        names = getattr(content, key, None)
+        if isinstance(names, list) and names and all(isinstance(each, str) for each in names):
+            return names
+    return []
 
 
 def _stamp(content: Any) -> int:
@@ -126,14 +147,14 @@ def _stamp(content: Any) -> int:
 @FORMATS.member("rosbag")
 @dataclass(frozen=True, kw_only=True)
 class RosBag:
-    """MCAP files that others wrote, ROS 2's and Foxglove's: the numbers in their messages (the extra `ros2`)."""
+    """ROS 2 bags (folders, .mcap, .db3) and Foxglove's MCAP files: the numbers in their messages (the extra `ros2`)."""
 
-    suffixes: ClassVar[tuple[str, ...]] = (".mcap",)
+    suffixes: ClassVar[tuple[str, ...]] = (".mcap", ".db3")
     by_library: ClassVar[bool] = True
 
     def recognises(self, path: Path, head: bytes) -> bool:
-        """Return whether a file is an MCAP file whose header names another program than this one."""
-        return is_of_others(head)
+        """Return whether a file is an MCAP file whose header names another program, an SQLite file, or the metadata of a bag."""
+        return is_of_others(head) or head.startswith(db3_messages.MAGIC) or is_metadata(path, head)
 
     def read(self, path: Path) -> tuple[Recording, ...]:
         """Return the recording in a file; raises `FormatError` where it has no number that can be read."""
@@ -151,7 +172,7 @@ def read(path: Path) -> tuple[Recording, ...]:
     reading = Reading()
     topics: dict[tuple[str, str], _Gathered] = {}
     count = 0
-    for message in messages(path, reading):
+    for message in _messages(path, reading):
         if message.topic.decoder is None:
             continue
         key = message.topic.name, message.topic.schema
@@ -164,7 +185,7 @@ def read(path: Path) -> tuple[Recording, ...]:
     skipped = _topics_without_channel(reading, topics)
     if not with_numbers:
         raise FormatError(
-            f"{path.name} is an MCAP file without a message of numbers that can be read; its topics: {quote(skipped) or 'none'}"
+            f"{path.name} is a bag without a message of numbers that can be read; its topics: {quote(skipped) or 'none'}"
         )
     series, back = _series(with_numbers)
     if len(series) > LARGEST_TABLE:
@@ -178,7 +199,24 @@ def read(path: Path) -> tuple[Recording, ...]:
     )
     findings = [*_about_file(reading, skipped), *renamed, *_about_topics(with_numbers, back)]
     source = Source(name=path.name, format="rosbag")
-    return (Recording(name=path.stem, series=named, source=source, findings=tuple(findings)),)
+    name = path.parent.name if path.name == METADATA else path.stem
+    return (Recording(name=name, series=named, source=source, findings=tuple(findings)),)
+
+
+def _messages(path: Path, reading: Reading) -> Iterator[Message]:
+    """The messages of a file, or of all files of a bag whose metadata it is; each file numbers its topics anew."""
+    if path.name != METADATA:
+        with path.open("rb") as file:
+            in_sqlite = file.read(len(db3_messages.MAGIC)) == db3_messages.MAGIC
+        yield from (db3_messages.messages if in_sqlite else messages)(path, reading)
+        return
+    for part in bag_files(path):
+        own = Reading()
+        yield from _messages(part, own)
+        begin = len(reading.topics)
+        reading.topics.update({begin + k: topic for k, topic in enumerate(own.topics.values())})
+        reading.lost += own.lost
+        reading.damage = reading.damage or (f"{part.name}: {own.damage}" if own.damage else "")
 
 
 def _topics_without_channel(reading: Reading, topics: dict[tuple[str, str], _Gathered]) -> list[str]:

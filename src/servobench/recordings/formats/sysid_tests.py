@@ -56,7 +56,7 @@ class Test:
 
 
 def begins_at_rest(speed: Array) -> bool:
-    """Return whether a test with a speed (N,) begins with a shaft that rests, as its routine asks for."""
+    """Return whether a test with a speed (N,), in any unit, begins with a shaft that rests, as its routine asks for."""
     seen = np.abs(speed[np.isfinite(speed)])
     return bool(len(seen) and seen[0] <= _SLOW * seen.max())
 
@@ -118,21 +118,21 @@ def _part(recording: Recording, test: Test, told: Finding) -> Recording:
             "first sample: a value holds until the next one."
         )
         findings.append(info("value-held", sentence))
-    at_rest = [begins_at_rest(each.values) for each in _measuring(series, "speed")]
+    at_rest = [begins_at_rest(each.values) for each in _entries_of(series, "speed")]
     if at_rest and all(at_rest):
         findings.append(info("starts-at-rest", AT_REST))
     return replace(
         recording,
         name=test.name,
         series=tuple(series),
-        input=_the_only(_measuring(series, "voltage")),
-        output=_the_only(_measuring(series, "position")),
+        input=_the_only(_entries_of(series, "voltage")),
+        output=_the_only(_entries_of(series, "position")),
         starts_at_rest=bool(at_rest) and all(at_rest),
         findings=tuple(findings),
     )
 
 
-def _measuring(series: Sequence[Series], quantity: str) -> list[Series]:
+def _entries_of(series: Sequence[Series], quantity: str) -> list[Series]:
     """The channels of SysId's own entries that measure something: a name is `voltage-motor-mechanism`."""
     return [
         each

@@ -71,7 +71,7 @@ def assign_times(
     has_times = [each.t is not None for each in series.values()]
     if all(has_times or [any(each.t is not None for each in recording.series)]):
         return dict(series), []
-    stated = _stated_in_file(recording)
+    stated = _sample_time_in_file(recording)
     if stated is not None:
         step, told = stated
         evenly = {
@@ -112,7 +112,7 @@ def _contradictions(series: Mapping[Role, Series], step: float) -> list[Finding]
     return []
 
 
-def _stated_in_file(recording: Recording) -> tuple[float, str] | None:
+def _sample_time_in_file(recording: Recording) -> tuple[float, str] | None:
     """The sample time [s] that a column of one value gives, such as a rate in the first row alone, and how it was found."""
     for each in recording.series:
         name, values = plain_name(each.channel.name), each.values[np.isfinite(each.values)]

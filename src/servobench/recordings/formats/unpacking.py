@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from servobench.recordings.formats.bag_folder import size_of
+
 MOST_BYTES = 2**30
 """The most bytes that the content of a file may come to, as the floats of a recording."""
 
@@ -13,4 +15,4 @@ _RATIO = 20  # beyond that; a voltage in steps and counted angles compress to ab
 
 def most_bytes(file: Path) -> int:
     """Return how many bytes the content of a file may come to as floats: what its own size accounts for."""
-    return min(MOST_BYTES, _ALWAYS + _RATIO * file.stat().st_size)
+    return min(MOST_BYTES, _ALWAYS + _RATIO * size_of(file))

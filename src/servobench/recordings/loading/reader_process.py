@@ -18,6 +18,7 @@ from tempfile import TemporaryFile
 from typing import IO, Any, cast
 
 from servobench.core.errors import FormatError, UsageError
+from servobench.recordings.formats.bag_folder import size_of
 from servobench.recordings.formats.unpacking import most_bytes
 from servobench.recordings.loading.transfer import recordings_from_pipe
 from servobench.recordings.recording import Recording
@@ -54,7 +55,7 @@ class Limits:
     @classmethod
     def of(cls, file: Path) -> Limits:
         """Return the limits for a file, by its size."""
-        content, size = most_bytes(file), file.stat().st_size
+        content, size = most_bytes(file), size_of(file)
         return cls(
             memory=_LIBRARIES + _COPIES * content,
             seconds=_SECONDS + round(size / _BYTES_A_SECOND),
