@@ -19,6 +19,7 @@ them. `a.b` is the key `b` of the object `a`, and `a.*.b` that of each object in
 """
 
 FROM = {
+    "catalogue-1": "[`servobench signals --json`](commands.md#lists) and the other lists",
     "design-1": "[`servobench design --json`](commands.md#design)",
     "handed-out-1": "[`servobench lab assess --json`](commands.md#lab-assess)",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",

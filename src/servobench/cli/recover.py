@@ -52,11 +52,10 @@ def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, t
         check_free(target, "--to", [file], overwrite)
         if not target.exists():
             return target, recovered(file, target)
-        with TemporaryDirectory(
-            prefix=".", dir=target.parent
-        ) as folder:  # what is there stays until the new one is whole
-            recordings = recovered(file, Path(folder) / target.name)
-            (Path(folder) / target.name).replace(target)
+        # What is there stays until the new one is whole.
+        with TemporaryDirectory(prefix=".", dir=target.parent) as new:
+            recordings = recovered(file, Path(new) / target.name)
+            (Path(new) / target.name).replace(target)
         return target, recordings
     if to is not None:
         raise UsageError(
