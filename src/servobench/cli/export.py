@@ -10,6 +10,7 @@ import typer
 from servobench.cli.option_names import CONTROLLER, with_options
 from servobench.cli.options import (
     AS_IT_IS,
+    AsJson,
     ControllerSampleTime,
     Overwrite,
     Reading,
@@ -67,6 +68,7 @@ def export(
     reading: Reading = AS_IT_IS,
     starts_at_rest: StartsAtRest = False,
     overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write an identified motor for another program.
 
@@ -77,7 +79,8 @@ def export(
     """
     from servobench.cli.output_file import check_free
     from servobench.cli.recordings import motor_in
-    from servobench.cli.terminal import output, say
+    from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.cli.written import written_document
     from servobench.export.base import TARGETS, Wishes
 
     suffix = TARGETS[target].suffix
@@ -94,11 +97,13 @@ def export(
     )
     answer = motor_in(motor, reading, starts_at_rest)
     files = _export(answer, target, file, wishes)
-    console = output()
+    console = messages() if as_json else output()
     for written in files:
         say(console, f"written: {written}")
     if answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
+    if as_json:
+        print_json(written_document(files))
 
 
 def _export(answer: ResultSummary, target: str, file: Path, wishes: Wishes) -> tuple[Path, ...]:
