@@ -9,7 +9,7 @@ from typing import Any, get_args, get_origin
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
 
-from servobench.cli.catalogue import default_text, meaning, what_it_is
+from servobench.cli.catalogue import default_text, meaning
 from servobench.core.registry import Registry
 from servobench.core.settings import unit_of
 from servobench.rig.devices.base import DEVICES
@@ -124,7 +124,7 @@ def _members(
     """A table of the file whose keys depend on which member it names: what each is, and its keys."""
     yield from (f"## {heading}", "", sentence, "")
     for name in kind.names():
-        yield from (f"### {name}", "", what_it_is(kind[name]), "")
+        yield from (f"### {name}", "", kind.sentence(name), "")
         fields = settings(kind[name]).model_fields
         yield from _rows(fields)
         yield ""

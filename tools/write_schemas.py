@@ -19,9 +19,12 @@ them. `a.b` is the key `b` of the object `a`, and `a.*.b` that of each object in
 """
 
 FROM = {
+    "catalogue-1": "[`servobench signals --json`](commands.md#lists) and the other lists",
     "design-1": "[`servobench design --json`](commands.md#design)",
     "handed-out-1": "[`servobench lab assess --json`](commands.md#lab-assess)",
+    "each-1": "[`servobench identify --each --json`](commands.md#identify), a line for each file",
     "honest-1": "[`servobench honest --json`](commands.md#honest)",
+    "inspection-1": "[`servobench inspect --json`](commands.md#inspect)",
     "lab-1": "[`servobench lab do --json`](commands.md#lab-do)",
     "marks-1": "[`servobench lab mark --json`](commands.md#lab-mark)",
     "result-1": "results of earlier versions, which are still read",
@@ -29,6 +32,7 @@ FROM = {
     "stability-1": "[`servobench stability --json`](commands.md#stability)",
     "tuning-1": "[`servobench tune --json`](commands.md#tune)",
     "why-1": "[`servobench why --json`](commands.md#why)",
+    "written-1": "[`servobench convert --json`](commands.md#convert), `export --json` and `recover --json`",
 }
 
 

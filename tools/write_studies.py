@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, get_args
 
-from servobench.cli.catalogue import default_text, meaning, what_it_is
+from servobench.cli.catalogue import default_text, meaning
 from servobench.core.settings import Settings
 from servobench.lab.studies.base import STUDIES
 
@@ -29,7 +29,7 @@ def page() -> str:
 
 def _section(name: str) -> list[str]:
     study: Any = STUDIES[name]
-    return ["", f"## {name}", "", what_it_is(study), *_table(study, leave_out=("paper",))]
+    return ["", f"## {name}", "", STUDIES.sentence(name), *_table(study, leave_out=("paper",))]
 
 
 def _table(settings: type[Settings], leave_out: tuple[str, ...] = ()) -> list[str]:

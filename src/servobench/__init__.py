@@ -11,27 +11,36 @@ from typing import TYPE_CHECKING
 from servobench._version import __version__
 
 if TYPE_CHECKING:
+    from servobench.export.base import TARGETS as exports
     from servobench.export.summary import load_result
     from servobench.identification.comparison import compare
     from servobench.identification.design.planning import design
+    from servobench.identification.estimators.base import ESTIMATORS as estimators
     from servobench.identification.honest.repeatability import honest
     from servobench.identification.identify import identify
+    from servobench.identification.models.base import STRUCTURES as structures
     from servobench.identification.reconciliation.reconcile import reconcile
     from servobench.identification.result import Result
     from servobench.identification.simulation import predict, residuals, simulate
     from servobench.identification.trust.validation import validate
     from servobench.identification.why import why
+    from servobench.lab.studies.base import STUDIES as studies
     from servobench.recordings.boundedness import bibo
+    from servobench.recordings.formats.base import FORMATS as formats
     from servobench.recordings.formats.base import save
     from servobench.recordings.inspection import inspect
     from servobench.recordings.loading.load import load
     from servobench.recordings.measurement.measure import measure
     from servobench.recordings.recording import Recording
     from servobench.report.document import Report
+    from servobench.rig.devices.base import DEVICES as devices
     from servobench.rig.devices.base import connect
+    from servobench.rig.devices.faults.base import FAULTS as faults
     from servobench.rig.experiment import Experiment
     from servobench.rig.loop.run import run
+    from servobench.systems.control.base import CONTROLLERS as controllers
     from servobench.systems.interop import from_control, from_scipy, to_control, to_scipy
+    from servobench.systems.signals.base import SIGNALS as signals
     from servobench.systems.signals.chirp import Chirp
     from servobench.systems.signals.constant import Constant
     from servobench.systems.signals.multisine import Multisine
@@ -59,7 +68,13 @@ __all__ = [
     "bibo",
     "compare",
     "connect",
+    "controllers",
     "design",
+    "devices",
+    "estimators",
+    "exports",
+    "faults",
+    "formats",
     "from_control",
     "from_scipy",
     "honest",
@@ -73,8 +88,11 @@ __all__ = [
     "residuals",
     "run",
     "save",
+    "signals",
     "simulate",
     "stability",
+    "structures",
+    "studies",
     "to_control",
     "to_scipy",
     "validate",
@@ -119,12 +137,29 @@ _HOMES = {
     "why": "servobench.identification.why",
 }
 
+_KINDS = {
+    "controllers": ("servobench.systems.control.base", "CONTROLLERS"),
+    "devices": ("servobench.rig.devices.base", "DEVICES"),
+    "estimators": ("servobench.identification.estimators.base", "ESTIMATORS"),
+    "exports": ("servobench.export.base", "TARGETS"),
+    "faults": ("servobench.rig.devices.faults.base", "FAULTS"),
+    "formats": ("servobench.recordings.formats.base", "FORMATS"),
+    "signals": ("servobench.systems.signals.base", "SIGNALS"),
+    "structures": ("servobench.identification.models.base", "STRUCTURES"),
+    "studies": ("servobench.lab.studies.base", "STUDIES"),
+}
+"""What lists itself: `signals` at the prompt shows a line for each signal, `signals["square"]` is one."""
+
 
 def __getattr__(name: str) -> object:
     """Load a public name where it lives (PEP 562)."""
-    if name not in _HOMES:
+    if name in _KINDS:
+        home, inside = _KINDS[name]
+    elif name in _HOMES:
+        home, inside = _HOMES[name], name
+    else:
         raise AttributeError(f"module 'servobench' has no attribute {name!r}; it has {', '.join(__all__)}")
-    value = getattr(import_module(_HOMES[name]), name)
+    value = getattr(import_module(home), inside)
     globals()[name] = value
     return value
 

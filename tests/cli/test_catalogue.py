@@ -1,8 +1,11 @@
 """`servobench signals`, `servobench controllers` and `servobench devices` list what there is, as the registries know it."""
 
+import json
 import re
+from importlib.resources import files
 from typing import Annotated, Any, Literal
 
+import jsonschema
 import pytest
 from pydantic import Field
 
@@ -77,6 +80,47 @@ def test_all_devices_and_all_their_settings_are_listed(servobench: Command) -> N
         assert re.search(rf"^{name}  ", said, re.MULTILINE)
         for setting in DEVICES[name].Settings.model_fields:
             assert re.search(rf"^  {setting} ", said, re.MULTILINE), (name, setting)
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "chains", "controllers", "devices", "estimators", "exports", "faults", "formats", "signals", "structures", "studies",
+    ],
+)  # fmt: skip
+def test_a_list_is_the_same_as_json(servobench: Command, command: str) -> None:
+    told = json.loads(servobench(command, "--json").out)
+    schema = json.loads(
+        files("servobench").joinpath("cli/schemas/catalogue-1.json").read_text(encoding="utf-8")
+    )
+
+    jsonschema.Draft202012Validator.check_schema(schema)
+    jsonschema.Draft202012Validator(schema).validate(told)
+    words = servobench(command).out
+    for member in told["members"]:
+        assert re.search(rf"^{re.escape(member['name'])}  ", words, re.MULTILINE), member["name"]
+        assert member["sentence"]
+    first = told["members"][0]["name"]
+    assert [each["name"] for each in json.loads(servobench(command, first, "--json").out)["members"]] == [
+        first
+    ]
+
+
+def test_a_structure_that_is_made_from_its_name_can_be_asked_for(servobench: Command) -> None:
+    ended = servobench("structures", "rational_2_1", "--json")
+
+    (member,) = json.loads(ended.out)["members"]
+    assert member["name"] == "rational_2_1"
+    assert len(member["parameters"]) >= 4
+
+
+@pytest.mark.parametrize("command", ["signals", "structures", "estimators", "formats", "exports", "studies"])
+def test_a_name_that_is_not_there_is_told_with_the_nearest(servobench: Command, command: str) -> None:
+    ended = servobench(command, "nothing-like-it")
+
+    assert ended.status == 2
+    assert "known: " in ended.err
+    assert ended.out == ""
 
 
 def test_one_can_be_asked_for(servobench: Command) -> None:

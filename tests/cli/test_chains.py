@@ -12,7 +12,7 @@ def test_all_devices_are_listed_with_chain_lag_and_source(servobench: Command) -
     for preset in PRESETS.values():
         assert f"{preset.name}  {preset.device[:20]}" in said
         assert preset.chain in said
-    assert said.count("Source: ") == sum(len(preset.sources) for preset in PRESETS.values())
+    assert said.count("source: ") == sum(len(preset.sources) for preset in PRESETS.values())
 
 
 def test_one_device_is_told_alone_and_an_unknown_one_is_an_error(servobench: Command) -> None:

@@ -103,7 +103,7 @@ def test_a_fault_of_ours_is_one_line_and_leaves_its_traceback_in_a_file(
     servobench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path))
-    monkeypatch.setattr("servobench.cli.catalogue.show_members", lambda *_: {}["no\nsuch"])
+    monkeypatch.setattr("servobench.cli.catalogue.list_members", lambda *_: {}["no\nsuch"])
 
     ended = servobench("signals")
 
@@ -120,7 +120,7 @@ def test_where_no_file_can_be_written_the_traceback_is_shown(
     servobench: Command, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     monkeypatch.setattr("tempfile.tempdir", str(tmp_path / "missing"))
-    monkeypatch.setattr("servobench.cli.catalogue.show_members", lambda *_: 1 / 0)
+    monkeypatch.setattr("servobench.cli.catalogue.list_members", lambda *_: 1 / 0)
 
     ended = servobench("signals")
 

@@ -54,6 +54,16 @@ READING = {f"--{field.name.replace('_', '-')}" for field in fields(Reading)}
 """What every command that takes a recording has; described once for all of them."""
 
 
+LISTS = ("devices", "signals", "controllers", "structures", "estimators", "formats", "exports", "studies")
+"""What has one section together."""
+
+
+@pytest.mark.parametrize("name", LISTS)
+def test_every_list_is_described_with_its_option(name: str) -> None:
+    assert f"servobench {name} [NAME]" in section("lists")
+    assert options(COMMANDS[name]) == {"--json"}
+
+
 def test_the_options_of_reading_are_described() -> None:
     items = [item for item in section("reading a recording").split("\n") if item.startswith("- `--")]
 
@@ -62,7 +72,7 @@ def test_the_options_of_reading_are_described() -> None:
 
 @pytest.mark.parametrize(
     ("name", "command"),
-    [each for each in leaves(COMMANDS) if each[0] not in {"devices", "signals", "controllers"}],
+    [each for each in leaves(COMMANDS) if each[0] not in LISTS],
 )
 def test_every_option_of_a_command_is_described_and_no_other(name: str, command: Any) -> None:
     items = [item for item in section(name).split("\n") if item.startswith("- `--")]

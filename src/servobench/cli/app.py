@@ -11,13 +11,17 @@ import typer
 
 from servobench._version import __version__
 from servobench.cli.chains import chains
+from servobench.cli.completion import completion
 from servobench.cli.controllers import controllers
 from servobench.cli.convert import convert
 from servobench.cli.design import design
 from servobench.cli.devices import devices
+from servobench.cli.estimators import estimators
 from servobench.cli.export import export
+from servobench.cli.exports import exports
 from servobench.cli.failures import CANNOT_WRITE, DONE, OUR_FAULT, flush_output, report_failure
 from servobench.cli.faults import faults
+from servobench.cli.formats import formats
 from servobench.cli.honest import honest
 from servobench.cli.identify import identify
 from servobench.cli.inspect import inspect
@@ -27,6 +31,8 @@ from servobench.cli.recover import recover
 from servobench.cli.run import run
 from servobench.cli.signals import signals
 from servobench.cli.stability import stability
+from servobench.cli.structures import structures
+from servobench.cli.studies import studies
 from servobench.cli.terminal import spell_what_cannot_be_encoded
 from servobench.cli.tune import tune
 from servobench.cli.why import why
@@ -87,6 +93,12 @@ for command in (
     signals,
     controllers,
     chains,
+    structures,
+    estimators,
+    formats,
+    exports,
+    studies,
+    completion,
 ):
     app.command()(command)
 app.add_typer(lab)

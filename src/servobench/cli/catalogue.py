@@ -2,40 +2,92 @@
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any, Literal, get_args, get_origin
 
 from pydantic import BaseModel
 from pydantic.fields import FieldInfo
-from rich.console import Console
 from rich.text import Text
 
 from servobench.cli.layout import show_table, show_wrapped
+from servobench.cli.terminal import output, print_json
 from servobench.core.errors import UnknownName
+from servobench.core.registry import Registry
 from servobench.core.settings import unit_of
 
+_SHORT = 40  # characters; parts of a list that are longer have a line each
+SCHEMA = "servobench.catalogue/1"
 
-def show_members(
-    console: Console,
-    kind: str,
-    members: Mapping[str, type],
-    settings: Mapping[str, type[BaseModel]],
-    name: str | None,
-) -> None:
-    """Print the member of that name, or all members: what it is in a sentence, and its settings.
 
-    `settings` are the models of the members' settings. Raises `UnknownName`.
-    """
-    if name is not None and name not in members:
-        raise UnknownName(kind, name, members)
-    for each in [name] if name is not None else members:
-        show_wrapped(console, Text(f"{each}  ", style="bold"), what_it_is(members[each]), hanging=0)
-        fields = settings[each].model_fields.items()
-        if fields:
-            rows = [(field.alias or key, default_text(field), meaning(field)) for key, field in fields]
+@dataclass(frozen=True, kw_only=True)
+class Member:
+    """What there is to know of the member `name` of a kind: a `sentence`, its `settings` or `parameters`, and other `facts`."""
+
+    name: str
+    sentence: str
+    settings: tuple[Mapping[str, Any], ...] = ()
+    parameters: tuple[Mapping[str, Any], ...] = ()
+    facts: Mapping[str, Any] = field(default_factory=dict)
+
+
+def with_settings(
+    registry: Registry[Any], settings: Callable[[Any], type[BaseModel]] = lambda member: member
+) -> list[Member]:
+    """Return the members of a kind with their settings; `settings` gives the model of a member's."""
+    return [
+        Member(
+            name=name,
+            sentence=registry.sentence(name),
+            settings=tuple(
+                {
+                    "name": each.alias or key,
+                    "default": default_text(each),
+                    "required": each.is_required(),
+                    "unit": unit_of(each),
+                    "meaning": meaning(each),
+                }
+                for key, each in settings(registry[name]).model_fields.items()
+            ),
+        )
+        for name in registry.names()
+    ]
+
+
+def list_members(kind: str, members: Sequence[Member], name: str | None, as_json: bool) -> None:
+    """Print the member of that name, or all members, as words or as JSON; raises `UnknownName`."""
+    known = {each.name: each for each in members}
+    if name is not None and name not in known:
+        raise UnknownName(kind, name, known)
+    chosen = list(members) if name is None else [known[name]]
+    if as_json:
+        print_json({"schema": SCHEMA, "kind": kind, "members": [_plain(each) for each in chosen]})
+        return
+    console = output()
+    for each in chosen:
+        show_wrapped(console, Text(f"{each.name}  ", style="bold"), each.sentence, hanging=0)
+        for fact, value in each.facts.items():
+            parts = value if isinstance(value, list) else [value]
+            lines = parts if any(len(part) > _SHORT for part in parts) else [", ".join(parts)]
+            for line in lines:
+                show_wrapped(console, Text("  "), f"{fact}: {line}", hanging=4)
+        if each.settings:
+            rows = [(row["name"], row["default"], row["meaning"]) for row in each.settings]
             show_table(console, ("setting", "default", "meaning"), rows)
+        if each.parameters:
+            rows = [(row["name"], row["unit"], row["meaning"]) for row in each.parameters]
+            show_table(console, ("parameter", "unit", "meaning"), rows)
         console.print()
+
+
+def _plain(member: Member) -> dict[str, Any]:
+    return {
+        "name": member.name,
+        "sentence": member.sentence,
+        "settings": [dict(each) for each in member.settings],
+        "parameters": [dict(each) for each in member.parameters],
+        "facts": dict(member.facts),
+    }
 
 
 def default_text(field: FieldInfo) -> str:
@@ -58,12 +110,6 @@ def meaning(field: FieldInfo) -> str:
     if all(choice in sentence for choice in choices):
         return sentence
     return f"{sentence.rstrip('.')}: {', '.join(choices)}."
-
-
-def what_it_is(member: type) -> str:
-    """Return what a member is: the first line of its file, as a file is one of the kind."""
-    said = sys.modules[member.__module__].__doc__ or member.__doc__ or ""
-    return (said.strip().splitlines() or [""])[0]
 
 
 def _choices(annotation: Any) -> tuple[object, ...]:

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-import typer
+from servobench.cli.options import AsJson, MemberName
 
 
-def controllers(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
-) -> None:
+def controllers(name: MemberName = None, as_json: AsJson = False) -> None:
     """List the controllers, with their settings, units and defaults.
 
     With NAME, only that one. In an experiment's file: [controller], then type = "pid", kp = "2 V/rad" and so on; the signal
     is then the reference, in rad or rad/s. `servobench tune` finds the gains.
     """
-    from servobench.cli.catalogue import show_members
-    from servobench.cli.terminal import output
+    from servobench.cli.catalogue import list_members, with_settings
     from servobench.systems.control.base import CONTROLLERS
 
-    members: dict[str, Any] = {each: CONTROLLERS[each] for each in CONTROLLERS.names()}
-    show_members(output(), "controller", members, members, name)
+    list_members("controller", with_settings(CONTROLLERS), name, as_json)

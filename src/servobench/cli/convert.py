@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.options import AS_IT_IS, Overwrite, Reading, with_reading
+from servobench.cli.options import AS_IT_IS, AsJson, Overwrite, Reading, with_reading
 
 if TYPE_CHECKING:
     from servobench.recordings.evidence import Evidence
@@ -20,6 +20,7 @@ def convert(
     target: Annotated[Path, typer.Argument(metavar="OUT", hidden=True)],
     reading: Reading = AS_IT_IS,
     overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write the recordings in a file in another format.
 
@@ -30,7 +31,8 @@ def convert(
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.result_text import show_findings
-    from servobench.cli.terminal import output, say
+    from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.cli.written import written_document
     from servobench.core.rounding import count_text
     from servobench.recordings.formats.base import save
     from servobench.recordings.reading import select
@@ -43,9 +45,12 @@ def convert(
     elif reading.recording:
         recordings = select(recordings, reading.recording)
     save(recordings, target)
-    console = output()
+    console = messages() if as_json else output()
     say(console, f"{target}: {count_text(len(recordings), 'recording')} from {source}")
-    show_findings(console, (finding for each in recordings for finding in each.findings))
+    findings = [finding for each in recordings for finding in each.findings]
+    show_findings(console, findings)
+    if as_json:
+        print_json(written_document([target], recordings, findings))
 
 
 def _as_said(found: Evidence) -> Recording:

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated
-
-import typer
+from servobench.cli.options import AsJson, MemberName
 
 
-def devices(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
-) -> None:
+def devices(name: MemberName = None, as_json: AsJson = False) -> None:
     """List the devices, with their settings, units and defaults.
 
     With NAME, only that one. In an experiment's file: [device] with name = "twin", then [device.settings].
     """
-    from servobench.cli.catalogue import show_members
-    from servobench.cli.terminal import output
+    from servobench.cli.catalogue import list_members, with_settings
     from servobench.rig.devices.base import DEVICES
 
-    members = {each: DEVICES[each] for each in DEVICES.names()}
-    show_members(output(), "device", members, {each: found.Settings for each, found in members.items()}, name)
+    list_members("device", with_settings(DEVICES, lambda device: device.Settings), name, as_json)

@@ -10,6 +10,7 @@ import typer
 from servobench.cli.option_names import CONTROLLER, with_options
 from servobench.cli.options import (
     AS_IT_IS,
+    AsJson,
     ControllerSampleTime,
     Overwrite,
     Reading,
@@ -91,6 +92,7 @@ def export(
     reading: Reading = AS_IT_IS,
     starts_at_rest: StartsAtRest = False,
     overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Write an identified motor for another program.
 
@@ -103,7 +105,8 @@ def export(
     """
     from servobench.cli.output_file import check_free
     from servobench.cli.recordings import motor_in
-    from servobench.cli.terminal import output, say
+    from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.cli.written import written_document
     from servobench.core.errors import UsageError
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
@@ -123,7 +126,7 @@ def export(
         wheel_diameter=_quantity("--wheel-diameter", wheel_diameter, "m"),
         measurement_delay=_quantity("--measurement-delay", measurement_delay, "s"),
     )
-    console = output()
+    console = messages() if as_json else output()
     tuned = read_tuning(motor)
     if tuned is not None and target != "c":
         raise UsageError(f"{motor} is a tuned controller, which is exported as c; {target} takes a result")
@@ -141,6 +144,8 @@ def export(
         say(console, f"written: {written}")
     if answer is not None and answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
+    if as_json:
+        print_json(written_document(files))
 
 
 def default_name(target: str) -> str:

@@ -2,23 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-import typer
+from servobench.cli.options import AsJson, MemberName
 
 
-def faults(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
-) -> None:
+def faults(name: MemberName = None, as_json: AsJson = False) -> None:
     """List the faults that a run can inject, with their settings, units and defaults.
 
     With NAME, only that one. For one run: --fault "stuck_channel from=2s for=100ms".
     In an experiment's file: [[device.faults]], then name = "stuck_channel", from = "2 s" and so on.
     A recording with injected faults is marked.
     """
-    from servobench.cli.catalogue import show_members
-    from servobench.cli.terminal import output
+    from servobench.cli.catalogue import list_members, with_settings
     from servobench.rig.devices.faults.base import FAULTS
 
-    members: dict[str, Any] = {each: FAULTS[each] for each in FAULTS.names()}
-    show_members(output(), "fault", members, members, name)
+    list_members("fault", with_settings(FAULTS), name, as_json)

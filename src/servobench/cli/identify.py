@@ -25,6 +25,17 @@ from servobench.cli.options import (
 def identify(
     context: typer.Context,
     files: Annotated[list[Path], typer.Argument(metavar="FILE", hidden=True)],
+    each: Annotated[
+        bool,
+        typer.Option(
+            "--each",
+            help="Fit each FILE by itself: under --out a folder for each, with --json a line for each.",
+        ),
+    ] = False,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="The folder for the results of --each; new or empty."),
+    ] = None,
     reading: Reading = AS_IT_IS,
     starts_at_rest: StartsAtRest = False,
     nominal: DataSheet = None,
@@ -56,23 +67,29 @@ def identify(
 ) -> None:
     """Identify the motor from existing recordings.
 
-    All recordings in all FILEs are fitted jointly. The result is a transfer function with intervals, a verdict, and the
-    findings behind it. Missing information is asked for, never guessed.
+    All recordings in all FILEs are fitted jointly, or with --each those of each FILE by themselves. The result is a transfer
+    function with intervals, a verdict, and the findings behind it. Missing information is asked for, never guessed.
 
     COL is a column's name, a variable's name in a .mat file, or a column's number, counted from 1; FILE#COL for a column of
     another file. UNIT decides whether the output is a position (rad, deg, rev, counts, m) or a speed (rad/s, deg/s, rpm,
     rev/s, counts/s, m/s).
     """
     from servobench.cli.conclusion import check_names, conclude, deliver, status_of
+    from servobench.cli.each import Asked, identify_each
     from servobench.cli.output_file import check_free
     from servobench.cli.parameter_values import parse_parameters
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.recordings import evidence_of, further_evidence_of, load_all
     from servobench.cli.terminal import messages, output, say
+    from servobench.core.rounding import count_text
 
     check_names(structure, estimator, nominal)
     stated = parse_parameters(known or ())
+    _check_together(each, out, report, validate_with)
     check_free(report, "--report", [*files, *(validate_with or ()), reading.mapping], overwrite)
+    if each:
+        asked = Asked(structure, estimator, nominal, stated, starts_at_rest)
+        raise typer.Exit(identify_each(files, reading, asked, out, as_json, context.obj or ""))
     with Progress() as progress:
         fitted = evidence_of(load_all(files, progress), reading)
         others = further_evidence_of(load_all(validate_with, progress), reading) if validate_with else []
@@ -88,12 +105,15 @@ def identify(
                 starts_at_rest=starts_at_rest,
             )
     console = messages() if as_json else output()
-    for each in fitted:
-        if each.recording.stopped.reason not in ("finished", "unknown"):
-            say(console, f"{each.recording.name} ended: {each.recording.stopped.sentence}")
+    if len(fitted) > 1:
+        how = "fitted jointly; --each fits each file by itself" if len(files) > 1 else "fitted jointly"
+        say(console, f"{count_text(len(fitted), 'recording')} from {count_text(len(files), 'file')}, {how}\n")
+    for part in fitted:
+        if part.recording.stopped.reason not in ("finished", "unknown"):
+            say(console, f"{part.recording.name} ended: {part.recording.stopped.sentence}")
     deliver(
         result,
-        [each.recording for each in fitted],
+        [part.recording for part in fitted],
         console=console,
         as_json=as_json,
         report=report,
@@ -101,3 +121,21 @@ def identify(
         all_findings=all_findings,
     )
     raise typer.Exit(status_of(result))
+
+
+def _check_together(
+    each: bool, out: Path | None, report: Path | None, validate_with: list[Path] | None
+) -> None:
+    """Raise `UsageError` for options that don't go with --each, or without it."""
+    from servobench.core.errors import UsageError
+
+    if out is not None and not each:
+        raise UsageError(
+            f"--out {out}: is for the results of --each; a single result is printed, with --json as JSON"
+        )
+    if each and report is not None:
+        raise UsageError(
+            "--report and --each don't go together: with --out each file has a report of its own"
+        )
+    if each and validate_with:
+        raise UsageError("--validate-with and --each don't go together: leave one of them out")

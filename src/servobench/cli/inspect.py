@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from servobench.cli.option_names import with_options
-from servobench.cli.options import AS_IT_IS, Overwrite, Reading, ReportFile, with_reading
+from servobench.cli.options import AS_IT_IS, AsJson, Overwrite, Reading, ReportFile, with_reading
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -34,16 +34,18 @@ def inspect(
     report: ReportFile = None,
     reading: Reading = AS_IT_IS,
     overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what is in a file and what it can support.
 
     Its recordings and channels, what is wrong with their times and values, and what is missing to identify them. Options that
     say what the columns are, are tried on it.
     """
+    from servobench.cli.inspection_document import inspection_document
     from servobench.cli.output_file import check_free
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import load_all
-    from servobench.cli.terminal import output, say
+    from servobench.cli.terminal import messages, output, print_json, say
     from servobench.core.rounding import count_text
     from servobench.recordings.reading import recordings_meant
 
@@ -51,15 +53,18 @@ def inspect(
         check_free(target, option, [file, reading.mapping], overwrite)
     with Progress() as progress:
         loaded = load_all([file], progress)
-    looks = [_look(each, said) for each, said in recordings_meant(loaded, **reading.options)]
+    meant = recordings_meant(loaded, **reading.options)
+    looks = [_look(each, said) for each, said in meant]
     recordings = [look.recording for look in looks]
-    console = output()
+    console = messages() if as_json else output()
     source = recordings[0].source
     say(console, f"{source.name}: {source.format}, {count_text(len(recordings), 'recording')}")
     say(console, f"SHA-256 {source.sha256}")
     for look in looks:
         console.print()
         _show(console, look)
+    if as_json:
+        print_json(inspection_document(meant))
     if report is not None:
         from servobench.report.inspection import InspectionReport
 

@@ -139,6 +139,7 @@ StructureName = Annotated[
     ),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print only JSON, the answer, on standard output.")]
+MemberName = Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)]
 AllFindings = Annotated[
     bool, typer.Option("--all-findings", help="Print all findings, not only the five that matter most.")
 ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from servobench.cli.options import Overwrite
+from servobench.cli.options import AsJson, Overwrite
 
 if TYPE_CHECKING:
     from servobench.recordings.recording import Recording
@@ -20,6 +20,7 @@ def recover(
         Path | None, typer.Option("--to", metavar="FILE", help="The new file; by default one next to FILE.")
     ] = None,
     overwrite: Overwrite = False,
+    as_json: AsJson = False,
 ) -> None:
     """Save the intact part of a recording that was cut short.
 
@@ -27,17 +28,21 @@ def recover(
     repaired: recording.mcap instead of recording.mcap.part, data.csv, and experiment.toml if that is missing.
     """
     from servobench.cli.result_text import show_findings
-    from servobench.cli.terminal import output, say
+    from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.cli.written import written_document
     from servobench.core.rounding import count_text
 
     target, recordings = _recover_file(file, to, overwrite)
     samples = sum(max((len(series.values) for series in each.series), default=0) for each in recordings)
-    console = output()
+    console = messages() if as_json else output()
     say(console, f"{target}: {count_text(len(recordings), 'recording')}, {count_text(samples, 'sample')}")
     for each in recordings:
         if each.stopped.reason != "unknown":
             say(console, f"ended: {each.stopped.sentence}")
-    show_findings(console, (finding for each in recordings for finding in each.findings))
+    findings = [finding for each in recordings for finding in each.findings]
+    show_findings(console, findings)
+    if as_json:
+        print_json(written_document([target], recordings, findings))
 
 
 def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, tuple[Recording, ...]]:
@@ -53,9 +58,9 @@ def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, t
         if not target.exists():
             return target, recovered(file, target)
         # What is there stays until the new one is whole.
-        with TemporaryDirectory(prefix=".", dir=target.parent) as beside:
-            recordings = recovered(file, Path(beside) / target.name)
-            (Path(beside) / target.name).replace(target)
+        with TemporaryDirectory(prefix=".", dir=target.parent) as new:
+            recordings = recovered(file, Path(new) / target.name)
+            (Path(new) / target.name).replace(target)
         return target, recordings
     if to is not None:
         raise UsageError(

@@ -2,21 +2,15 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any
-
-import typer
+from servobench.cli.options import AsJson, MemberName
 
 
-def signals(
-    name: Annotated[str | None, typer.Argument(metavar="NAME", hidden=True)] = None,
-) -> None:
+def signals(name: MemberName = None, as_json: AsJson = False) -> None:
     """List the signals, with their settings, units and defaults.
 
     With NAME, only that one. In an experiment's file: [signal], then type = "square", low = "1 V" and so on.
     """
-    from servobench.cli.catalogue import show_members
-    from servobench.cli.terminal import output
+    from servobench.cli.catalogue import list_members, with_settings
     from servobench.systems.signals.base import SIGNALS
 
-    members: dict[str, Any] = {each: SIGNALS[each] for each in SIGNALS.names()}
-    show_members(output(), "signal", members, members, name)
+    list_members("signal", with_settings(SIGNALS), name, as_json)

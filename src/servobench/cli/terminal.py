@@ -55,10 +55,15 @@ def say(console: Console, line: str) -> None:
 
 def print_json(data: Mapping[str, Any]) -> None:
     """Print one JSON object on standard output, in ASCII, as no code page can hurt it; raises `OutputGone`."""
+    print_text(json.dumps(data, indent=2, allow_nan=False) + "\n")
+
+
+def print_text(text: str) -> None:
+    """Print a text on standard output as it stands; raises `OutputGone`."""
     if sys.stdout is None:  # the process was started without an output
         raise OutputGone
     try:
-        sys.stdout.write(json.dumps(data, indent=2, allow_nan=False) + "\n")
+        sys.stdout.write(text)
         sys.stdout.flush()
     except BrokenPipeError:
         raise OutputGone from None

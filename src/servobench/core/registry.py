@@ -5,9 +5,11 @@ from __future__ import annotations
 import importlib
 import pkgutil
 import re
+import sys
 from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import entry_points
+from types import FunctionType
 from typing import Any, Generic, TypeVar
 
 from servobench.core.errors import UnknownName, UsageError
@@ -79,6 +81,31 @@ class Registry(Generic[T]):
     def __iter__(self) -> Iterator[T]:
         return (self._members[name] for name in self.names())
 
+    def families(self) -> dict[str, str]:
+        """Return the forms of the names of members without number, and what their parts mean."""
+        self._load()
+        return dict(self._meanings)
+
+    def sentence(self, name: str) -> str:
+        """Return what a member is, in a sentence: the first line of its file, or its own where a file has several members."""
+        found = self[name]
+        home = _home(found)
+        alone = [_home(each) for each in self].count(home) == 1
+        own = found if isinstance(found, type | FunctionType) else type(found)
+        said = (sys.modules[home].__doc__ if alone else None) or own.__doc__ or ""
+        return (said.strip().splitlines() or [""])[0]
+
+    def __repr__(self) -> str:
+        """The members, a line for each: what it is."""
+        names = self.names()
+        widest = max(map(len, names), default=0)
+        lines = [f"{name:{widest}}  {self.sentence(name)}" for name in names]
+        return "\n".join([*lines, *(f"{form}: {meaning}" for form, meaning in self._meanings.items())])
+
+    def _ipython_key_completions_(self) -> list[str]:
+        """The names that a notebook completes between the brackets."""
+        return list(self.names())
+
     def name_of(self, found: object) -> str:
         """Return the name that a member, or a value whose class is a member, is known by.
 
@@ -115,6 +142,12 @@ class Registry(Generic[T]):
                     f"the {self.kind} {plug_in.name!r}{origin} can't be loaded: {error!r}; update or uninstall that package"
                 ) from error
             self.member(plug_in.name)(found)
+
+
+def _home(found: object) -> str:
+    """The module that a member, or its class, is defined in."""
+    own = found if isinstance(found, type | FunctionType) else type(found)
+    return own.__module__
 
 
 @cache

@@ -1,0 +1,141 @@
+"""`servobench identify --each`: many files, each by itself; one that can't be used doesn't stop the others."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import nullcontext
+from dataclasses import dataclass
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from servobench.cli.failures import DONE, REFUSED, USER_MISTAKE
+from servobench.cli.option_names import with_options
+
+if TYPE_CHECKING:
+    from servobench.cli.options import Reading
+    from servobench.identification.result import Result
+    from servobench.recordings.evidence import Evidence
+
+SCHEMA = "servobench.each/1"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What was asked for of each file: `structure`, `estimator`, `nominal`, `known` and `starts_at_rest` as for `identify`."""
+
+    structure: str
+    estimator: str
+    nominal: str | None
+    known: Mapping[str, tuple[float, float]]
+    starts_at_rest: bool
+
+
+def identify_each(
+    files: Sequence[Path], reading: Reading, asked: Asked, out: Path | None, as_json: bool, command: str
+) -> int:
+    """Identify each file by itself, and return the exit status.
+
+    With `out` each has a folder of its file's name, with result and report; with `as_json` a line on standard output. The status
+    is that of the worst: 2 where a file couldn't be used, 3 where one was refused, 0 otherwise.
+    """
+    from servobench.cli.output_folder import empty_folder
+    from servobench.cli.progress import Progress, announce_compiling
+
+    statuses = []
+    names = _names_of_their_own(files)
+    with (
+        empty_folder(out, "identify", datetime.now()) if out is not None else nullcontext() as folder,
+        Progress() as progress,
+        announce_compiling(progress),
+    ):
+        for number, (file, name) in enumerate(zip(files, names, strict=True)):
+            progress.begin(f"identifying {len(files)} files")
+            progress.advance(number / len(files))
+            place = folder / name if folder is not None else None
+            statuses.append(_identify_one(file, reading, asked, place, as_json, command))
+    return next((status for status in (USER_MISTAKE, REFUSED) if status in statuses), DONE)
+
+
+def _identify_one(
+    file: Path, reading: Reading, asked: Asked, folder: Path | None, as_json: bool, command: str
+) -> int:
+    """The exit status of one file, whose result or error is printed and written."""
+    from servobench.cli.conclusion import status_of
+    from servobench.cli.failures import complain
+    from servobench.cli.recordings import evidence_of
+    from servobench.cli.terminal import output, say
+    from servobench.core.errors import MissingInformation, ServobenchError
+    from servobench.identification.identify import identify_evidence
+    from servobench.recordings.loading.load import load
+
+    try:
+        evidence = evidence_of(load(file), reading)
+        result = identify_evidence(
+            evidence,
+            asked.structure,
+            asked.estimator,
+            asked.nominal,
+            known=asked.known,
+            starts_at_rest=asked.starts_at_rest,
+        )
+    except ServobenchError as error:
+        if error.exit_status != USER_MISTAKE:
+            raise
+        told = "; ".join(error.missing) if isinstance(error, MissingInformation) else str(error)
+        sentence = with_options(told)
+        complain(f"{file}: {sentence}")
+        if as_json:
+            _print_line(file, sentence, None)
+        return error.exit_status
+    if folder is not None:
+        _write(folder, evidence, result, command)
+    if as_json:
+        _print_line(file, None, result.to_dict())
+    else:
+        say(output(), f"{file}: {_in_a_line(result)}")
+    return status_of(result)
+
+
+def _print_line(file: Path, error: str | None, result: Mapping[str, Any] | None) -> None:
+    """Print what came of a file as one line of JSON."""
+    from servobench.cli.terminal import print_text
+
+    line = {"schema": SCHEMA, "file": str(file), "error": error, "result": result}
+    print_text(json.dumps(line, allow_nan=False) + "\n")
+
+
+def _write(folder: Path, evidence: Sequence[Evidence], result: Result, command: str) -> None:
+    """Write the result of a file and its report into its folder."""
+    from servobench.cli.output_folder import make
+    from servobench.cli.run_folder import RunFolder
+    from servobench.report.document import Report
+
+    make(folder)
+    RunFolder(folder).write_result(result.to_dict())
+    Report([part.recording for part in evidence], result, command=command).write(RunFolder(folder).report)
+
+
+def _in_a_line(result: Result) -> str:
+    """The verdict and the parameters with their intervals, or why there are none."""
+    from servobench.core.finding import Severity
+    from servobench.core.parameter_names import parameter_in_words
+
+    told: list[Any] = [str(result.verdict)]
+    if result.verdict == "refused" or result.fit is None:
+        reasons = [each.sentence for each in result.findings if each.severity is Severity.REFUSAL]
+        return "; ".join([*told, *reasons[:1]])
+    for name, estimate in result.fit.estimates.items():
+        if name in ("gain", "time_constant"):
+            told.append(f"{parameter_in_words(name, estimate.unit)} {estimate}")
+    return ", ".join(told)
+
+
+def _names_of_their_own(files: Sequence[Path]) -> list[str]:
+    """The names of the files without endings, with a number where several have one name."""
+    stems = [file.stem for file in files]
+    return [
+        stem if stems.count(stem) == 1 else f"{stem}-{stems[: place + 1].count(stem)}"
+        for place, stem in enumerate(stems)
+    ]

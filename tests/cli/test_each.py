@@ -1,0 +1,99 @@
+"""`servobench identify --each`: many files, each by itself."""
+
+import json
+from importlib.resources import files
+from pathlib import Path
+
+import jsonschema
+import numpy as np
+import pytest
+
+from tests.cli.conftest import Command, checked
+
+
+def write_motor(file: Path, gain: float) -> None:
+    """Write a recording of a motor of that gain and 0.1 s: its speed, every 5 ms."""
+    t = np.arange(0, 4, 0.005)
+    u = np.where(t % 1.3 < 0.6, 2.0, -1.5)
+    speed = np.zeros(len(t))
+    decay = np.exp(-0.05)
+    for k in range(len(t) - 1):
+        speed[k + 1] = decay * speed[k] + (1 - decay) * gain * u[k]
+    rows = "".join(f"{x:.3f},{v:g},{w:.6f}\n" for x, v, w in zip(t, u, speed, strict=True))
+    file.write_text(f"t,voltage,speed\n{rows}", encoding="utf-8")
+
+
+@pytest.fixture
+def fleet(tmp_path: Path) -> list[Path]:
+    """Two motors and a file in between that is none."""
+    found = [tmp_path / name for name in ("one.csv", "torn.csv", "two.csv")]
+    write_motor(found[0], 20.0)
+    found[1].write_text("voltage,speed\n1,2\n", encoding="utf-8")
+    write_motor(found[2], 30.0)
+    return found
+
+
+COLUMNS = ("--output", "speed:rad/s", "--chain", "none")
+
+
+def test_each_file_has_a_line_and_a_bad_one_does_not_stop_the_others(
+    servobench: Command, fleet: list[Path]
+) -> None:
+    ended = servobench("identify", *fleet, *COLUMNS, "--each", "--json")
+    schema = json.loads(files("servobench").joinpath("cli/schemas/each-1.json").read_text(encoding="utf-8"))
+    lines = [json.loads(line) for line in ended.out.splitlines()]
+
+    assert ended.status == 2
+    jsonschema.Draft202012Validator.check_schema(schema)
+    for line in lines:
+        jsonschema.Draft202012Validator(schema).validate(line)
+    assert [line["file"] for line in lines] == [str(file) for file in fleet]
+    gains = [checked(line["result"])["parameters"]["gain"]["value"] for line in (lines[0], lines[2])]
+    assert gains == pytest.approx([20.0, 30.0], rel=1e-3)
+    assert lines[1]["result"] is None
+    assert lines[1]["error"] in ended.err
+
+
+def test_each_file_has_a_folder(servobench: Command, fleet: list[Path], tmp_path: Path) -> None:
+    other = tmp_path / "elsewhere"
+    other.mkdir()
+    write_motor(other / "one.csv", 10.0)
+    out = tmp_path / "out"
+
+    ended = servobench("identify", fleet[0], other / "one.csv", *COLUMNS, "--each", "--out", out)
+
+    assert ended.status == 0, ended.err
+    assert sorted(path.name for path in out.iterdir()) == ["one-1", "one-2"]
+    for folder, gain in (("one-1", 20.0), ("one-2", 10.0)):
+        assert {path.name for path in (out / folder).iterdir()} == {"result.json", "report.html"}
+        result = checked(json.loads((out / folder / "result.json").read_text(encoding="utf-8")))
+        assert result["parameters"]["gain"]["value"] == pytest.approx(gain, rel=1e-3)
+    assert len(ended.out.splitlines()) == 2
+    again = servobench("identify", *fleet, *COLUMNS, "--each", "--out", out)
+    assert again.status == 2
+    assert "isn't an empty folder" in again.err
+
+
+def test_several_files_are_said_to_be_fitted_jointly(servobench: Command, fleet: list[Path]) -> None:
+    both = servobench("identify", fleet[0], fleet[2], *COLUMNS)
+    alone = servobench("identify", fleet[0], *COLUMNS)
+
+    assert "2 recordings from 2 files, fitted jointly; --each fits each file by itself" in both.out
+    assert "jointly" not in alone.out
+
+
+@pytest.mark.parametrize(
+    ("words", "because"),
+    [
+        (("--out", "results"), "is for the results of --each"),
+        (("--each", "--report", "report.html"), "--report and --each don't go together"),
+        (("--each", "--validate-with", "other.csv"), "--validate-with and --each don't go together"),
+    ],
+)
+def test_what_does_not_go_together_is_told(
+    servobench: Command, fleet: list[Path], words: tuple[str, ...], because: str
+) -> None:
+    ended = servobench("identify", fleet[0], *words)
+
+    assert ended.status == 2
+    assert because in ended.err
