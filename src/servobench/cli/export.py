@@ -80,7 +80,7 @@ def export(
     from servobench.cli.output_file import check_free
     from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.cli.written import written_document
+    from servobench.cli.written import document_of_files
     from servobench.export.base import TARGETS, Wishes
 
     suffix = TARGETS[target].suffix
@@ -103,7 +103,7 @@ def export(
     if answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
     if as_json:
-        print_json(written_document(files))
+        print_json(document_of_files(files))
 
 
 def _export(answer: ResultSummary, target: str, file: Path, wishes: Wishes) -> tuple[Path, ...]:
