@@ -24,6 +24,9 @@ def triple(x):
 print(double(3.0), triple(3.0), len(double.stats.cache_hits), code_is_kept())
 """
 
+ONCE = "compiling the numeric kernels; this is done once and kept\n"
+"""What the first call in a fresh install says, and no other."""
+
 
 @pytest.fixture
 def use(tmp_path: Path) -> Callable[..., tuple[str, str]]:
@@ -65,7 +68,7 @@ def zeroed(file: Path) -> None:
 def test_a_damaged_cache_is_told_once_and_renewed(
     tmp_path: Path, use: Callable[..., tuple[str, str]], damaged: Callable[[Path], None], which: str
 ) -> None:
-    assert use() == ("6.0 9.0 0 True", "")
+    assert use() == ("6.0 9.0 0 True", ONCE)
     assert use() == ("6.0 9.0 1 True", "")
     files = list((tmp_path / "__pycache__").glob(f"*.{which}"))
     assert len(files) == 2
@@ -107,5 +110,19 @@ def test_code_that_finds_no_room_is_told_once(tmp_path: Path, use: Callable[...,
     printed, warned = use()
 
     assert printed == "6.0 9.0 0 False"
+    assert warned.startswith(ONCE)  # before it is known that it can't be kept
+    warned = warned.removeprefix(ONCE)
     assert warned.startswith(f"compiled code can't be kept in {tmp_path / '__pycache__'} (File too large)")
     assert warned.count("\n") == 1
+
+
+def test_whoever_announces_compiling_in_his_own_way_is_not_told_twice(
+    tmp_path: Path, use: Callable[..., tuple[str, str]]
+) -> None:
+    quiet = KERNELS.replace(
+        "import code_is_kept, compiled", "import code_is_kept, compiled, keep_announcement_quiet"
+    )
+    lines = quiet.replace("print(", "with keep_announcement_quiet():\n    print(")
+    (tmp_path / "kernels.py").write_text(lines)
+
+    assert use() == ("6.0 9.0 0 True", "")

@@ -32,7 +32,7 @@ def convert(
     from servobench.cli.recordings import evidence_of, load_all
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.cli.written import written_document
+    from servobench.cli.written import document_of_files
     from servobench.core.rounding import count_text
     from servobench.recordings.formats.base import save
     from servobench.recordings.reading import select
@@ -50,7 +50,7 @@ def convert(
     findings = [finding for each in recordings for finding in each.findings]
     show_findings(console, findings)
     if as_json:
-        print_json(written_document([target], recordings, findings))
+        print_json(document_of_files([target], recordings, findings))
 
 
 def _as_said(found: Evidence) -> Recording:

@@ -106,7 +106,7 @@ def export(
     from servobench.cli.output_file import check_free
     from servobench.cli.recordings import motor_in
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.cli.written import written_document
+    from servobench.cli.written import document_of_files
     from servobench.core.errors import UsageError
     from servobench.export.base import TARGETS, Wishes
     from servobench.export.base import export as exported
@@ -145,7 +145,7 @@ def export(
     if answer is not None and answer.verdict == "doubtful":
         say(console, "The result is doubtful; the file gives the reasons where it has room for them.")
     if as_json:
-        print_json(written_document(files))
+        print_json(document_of_files(files))
 
 
 def default_name(target: str) -> str:

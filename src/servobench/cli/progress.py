@@ -158,7 +158,7 @@ def announce_compiling(progress: Progress) -> Iterator[None]:
     """Note that kernels are being compiled, once, when and only when Numba really compiles one."""
     from numba.core import event
 
-    from servobench.core.compiled import code_is_kept
+    from servobench.core.compiled import code_is_kept, keep_announcement_quiet
 
     class CompileListener(event.Listener):
         """Hears of each compilation; code that comes from the cache on disk isn't compiled, and makes no sound."""
@@ -175,5 +175,5 @@ def announce_compiling(progress: Progress) -> Iterator[None]:
         def on_end(self, event: Any) -> None:
             """Say nothing."""
 
-    with event.install_listener("numba:compile", CompileListener()):
+    with keep_announcement_quiet(), event.install_listener("numba:compile", CompileListener()):
         yield

@@ -29,7 +29,7 @@ def recover(
     """
     from servobench.cli.result_text import show_findings
     from servobench.cli.terminal import messages, output, print_json, say
-    from servobench.cli.written import written_document
+    from servobench.cli.written import document_of_files
     from servobench.core.rounding import count_text
 
     target, recordings = _recover_file(file, to, overwrite)
@@ -42,7 +42,7 @@ def recover(
     findings = [finding for each in recordings for finding in each.findings]
     show_findings(console, findings)
     if as_json:
-        print_json(written_document([target], recordings, findings))
+        print_json(document_of_files([target], recordings, findings))
 
 
 def _recover_file(file: Path, to: Path | None, overwrite: bool) -> tuple[Path, tuple[Recording, ...]]:

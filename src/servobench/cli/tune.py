@@ -104,7 +104,7 @@ def tune(
     from servobench.cli.terminal import output as standard_output
     from servobench.systems.tuning.base import Wish
 
-    followed = _followed(loop)
+    followed = _loop_output(loop)
     answer = motor_in(motor, reading, starts_at_rest)
     made = _tune(
         answer,
@@ -153,7 +153,7 @@ def _own_sample_time(answer: ResultSummary) -> float:
     return answer.sample_time
 
 
-def _followed(text: str) -> Output:
+def _loop_output(text: str) -> Output:
     from servobench.core.errors import UnknownName
 
     known: dict[str, Output] = {"position": "position", "speed": "speed"}

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 SCHEMA = "servobench.written/1"
 
 
-def written_document(
+def document_of_files(
     files: Sequence[Path], recordings: Sequence[Recording] = (), findings: Iterable[Finding] = ()
 ) -> dict[str, Any]:
     """Return the files that were written, the recordings in them, and what there is to know of these."""

@@ -39,7 +39,10 @@ class _Cache(FunctionCache):
             # code that is there needs only what it calls: memory for arrays.
             rtsys.initialize(target_context)
             with self._guard_against_spurious_io_errors():
-                return self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+                kept = self._load_overload(sig, target_context)  # type: ignore[no-untyped-call]
+            if kept is None:
+                _announce()
+            return kept
         except Exception as error:  # pickle: what stands in a damaged file may raise anything
             _warn(f"compiled code in {self.cache_path} can't be read ({_reason(error)})")
             with suppress(OSError):
@@ -73,6 +76,30 @@ def _warn(what: str) -> None:
         )
 
 
+class _Announcement:
+    """The one announcement of a process; `elsewhere` counts those who announce it themselves."""
+
+    given = False
+    elsewhere = 0
+
+
+def _announce() -> None:
+    """Tell whoever called from Python that this call takes long, and that the next ones won't."""
+    if code_is_kept() and not _Announcement.given and not _Announcement.elsewhere:
+        _Announcement.given = True
+        logging.getLogger("servobench").warning("compiling the numeric kernels; this is done once and kept")
+
+
+@contextmanager
+def keep_announcement_quiet() -> Iterator[None]:
+    """Don't tell meanwhile that kernels are compiled, for a caller that tells it in its own way."""
+    _Announcement.elsewhere += 1
+    try:
+        yield
+    finally:
+        _Announcement.elsewhere -= 1
+
+
 def code_is_kept() -> bool:
     """Return whether nothing has kept compiled code from being kept so far."""
     return not _Warning.given
@@ -87,7 +114,8 @@ def announce_compilations(begun: Callable[[int], None], over: Callable[[], None]
     watching = _CompilationListener(begun, over)
     register("numba:compile", watching)  # type: ignore[no-untyped-call]
     try:
-        yield
+        with keep_announcement_quiet():
+            yield
     finally:
         unregister("numba:compile", watching)  # type: ignore[no-untyped-call]
 
