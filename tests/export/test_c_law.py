@@ -12,7 +12,7 @@ import pytest
 
 from servobench.core.errors import FormatError, UsageError
 from servobench.export.base import Wishes
-from servobench.export.c_law import TunedLaw, export_law, read_tuning, text_of_law, law_of_tuning
+from servobench.export.c_law import TunedLaw, export_law, law_of_tuning, read_tuning, text_of_law
 from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.control.state_feedback import StateFeedback
