@@ -112,7 +112,10 @@ def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
     servobench: Command,
     real_data: RealData,
 ) -> None:
-    """Fitted by least squares with friction, gk_pid_step has 1.49 (deg/s)/% and 0.087 s; the folder's README has it."""
+    """Fitted by least squares with friction, gk_pid_step has 1.49 (deg/s)/% and 0.087 s; the folder's README has it.
+
+    The same fit predicts 72 to 78 % of the other two, which says nothing of their gain: they are held against each other.
+    """
     columns = ("--input", "4:%", "--output", "2:deg", "--sample-time", "0.002")
 
     result = servobench("identify", real_data(f"gkeiel_pot_servo/{name}.csv"), *columns, "--json").result
@@ -123,11 +126,17 @@ def test_a_coarse_potentiometer_tells_the_gain_and_the_whole_lag(
         # Four steps of the potentiometer in a time constant: its rounding is no noise any more, so that no interval is right.
         assert found["time_constant"]["state"] != "known"
         assert result["verdict"] == "doubtful"
-    else:
+    if name == "gk_repetitive":
+        other = servobench("identify", real_data("gkeiel_pot_servo/gk_pid.csv"), *columns, "--json").result[
+            "parameters"
+        ]
+        assert holds(found["gain"], other["gain"]["value"])
+        assert holds(other["gain"], found["gain"]["value"])
+        assert result["verdict"] == "doubtful"
+    if name == "gk_pid_step":
         # That fit leaves a tenth of the output, and its gain and friction hang together: it is right to some 3 %.
         low, high = found["gain"]["interval"]
         assert 0.97 * low < math.radians(1.49) < 1.03 * high
-    if name == "gk_pid_step":
         assert holds(found["time_constant"], 0.087)
         assert found["gain"]["state"] == "unknown"
 
