@@ -244,6 +244,11 @@ def test_the_examples_in_docstrings_run(name: str) -> None:
     assert result.attempted > 0
 
 
+@pytest.mark.parametrize("name", [name for name in servobench.__all__ if callable(getattr(servobench, name))])
+def test_each_public_name_has_an_example(name: str) -> None:
+    assert ">>> " in (getattr(servobench, name).__doc__ or "")
+
+
 def test_there_are_examples_in_docstrings() -> None:
     assert {
         "servobench.core.units",

@@ -196,6 +196,18 @@ def load_result(path: str | os.PathLike[str]) -> ResultSummary:
 
     Raises `UsageError` where there is no such file, `FormatError` where it holds no result, `NotIdentifiable` where the result is
     refused.
+
+    >>> import json
+    >>> import servobench as sb
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with sb.connect("twin") as motor:
+    ...     result = sb.identify(sb.run(sb.Experiment(duration="2 s"), motor))
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "result.json"
+    ...     _ = file.write_text(json.dumps(result.to_dict()))
+    ...     load_result(file)["gain"].value == result["gain"].value
+    True
     """
     check_type("path", path, (str, os.PathLike), "the path of a result.json")
     return ResultSummary.read(path)

@@ -117,6 +117,13 @@ class Result:
 
     `motor_parameters` are the motor's own (resistance, torque constant, inertia ...), as far as a measured current or a stated
     value determines them; empty where nothing does.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> result = sb.identify(recording)
+    >>> str(result.verdict), result["gain"].unit
+    ('trusted', 'rad/(s·V)')
     """
 
     data: tuple[Dataset, ...]

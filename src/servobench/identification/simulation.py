@@ -55,6 +55,14 @@ def simulate(
     It starts at rest at position zero. `start` gives other values to what a record has of its own, by their names in the model
     structure (`start_position`, `start_speed`, …). To have them fitted to measured data, use `predict`.
     Raises `UsageError` for arguments that don't go together, `NotIdentifiable` for a result without a model.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> t = [0.0, 0.1, 0.2, 5.0]
+    >>> speed = simulate(sb.identify(recording), [3.0, 3.0, 3.0, 3.0], t)  # 23.7 rad/s for each volt, less 0.16 V of friction
+    >>> round(float(speed[-1]))
+    67
     """
     known = _model(model)
     if isinstance(drive, Dataset):
@@ -78,6 +86,13 @@ def predict(fit: Fit | HasFit, data: Dataset) -> Array:
     simulation. The start state is that of the fit for a record that it was made from, and is fitted for another one, the
     parameters held. NaN where the chain still looks back before the record.
     Raises `NotIdentifiable` for a result without a model, `UsageError` for data behind a chain where the fit has a disturbance.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> result = sb.identify(recording)
+    >>> len(predict(result, result.data[0]))
+    1500
     """
     known = _fit(fit)
     check_type("data", data, Dataset, "a Dataset, which measure() makes of a recording")
@@ -94,6 +109,13 @@ def residuals(fit: Fit | HasFit) -> tuple[Array, ...]:
 
     These are the errors of `predict`; those of the simulation are `residual` of each of the fit's `records`.
     NaN where the chain still looks back before the record. Raises `NotIdentifiable` for a result without a model.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> (rest,) = residuals(sb.identify(recording))
+    >>> bool(abs(rest).max() < 2 * 3.1416 / 2048)  # rounding alone: a count at the most
+    True
     """
     known = _fit(fit)
     return tuple(record.data.y - _prediction(known, record) for record in known.records)

@@ -31,6 +31,13 @@ def why(
     "gain=23.8", or a mapping of such values; without any, the data sheet `nominal` is what is explained. `method` is how the
     claim was found, where that is known: see `explain`, which also says what comes out.
     Raises `UsageError` where there is nothing to explain, and what `identify` and `explain` raise.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> found = sb.why(recording, "tau=0.13")
+    >>> found.causes[0].label
+    'measurement lag'
     """
     check_type("starts_at_rest", starts_at_rest, bool, "True or False")
     if isinstance(data, Result):

@@ -79,7 +79,14 @@ class RecordReport:
 
 
 def bibo(data: Dataset) -> RecordReport:
-    """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it."""
+    """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> bibo(sb.measure(recording)).input_bound
+    3.0
+    """
     check_type("data", data, Dataset, "a Dataset, which measure() makes of a recording")
     bound = float(np.abs(np.append(data.u, data.input_before)).max())
     low, high = float(data.y.min()), float(data.y.max())

@@ -102,6 +102,12 @@ class Recording:
     has them `tachometer` and `current`, and where a controller follows it `reference`. `experiment` is the experiment's TOML
     text, empty where there was none. `events` are in the order in which they happened.
     Raises `UsageError` for a name that stands twice, and for a role that no channel has.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> recording.input, recording.output
+    ('applied', 'counts')
     """
 
     name: str

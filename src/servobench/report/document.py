@@ -21,6 +21,12 @@ class Report:
 
     `recording` is one recording, several, or None where there are only datasets. `command` is what was typed to get the result;
     without it the report puts one together from what the recordings say.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> "<html" in Report(recording, sb.identify(recording)).html()
+    True
     """
 
     recording: Recording | Sequence[Recording] | None

@@ -30,6 +30,11 @@ def to_control(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> con
     """Return a system as a `control.TransferFunction`, its delay as a Padé approximation of that order.
 
     `to_control_and_delay` is exact. Raises `UsageError` for a negative delay, and where python-control isn't installed.
+
+    >>> from servobench import TransferFunction
+    >>> motor = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0))
+    >>> to_control(motor).poles().real
+    array([-10.])
     """
     check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     rational = without_delay(system, pade_order)
@@ -49,6 +54,10 @@ def from_control(system: Any, *, output: str, unit: str, delay: float = 0.0) -> 
     Any of its linear kinds will do (transfer function, state space). It knows no units, so `output` (`speed`, `position`) and the
     `unit` of its gain (`rad/(s·V)`) have to be said; `delay` [s] is what stands beside it.
     Raises `UsageError` for a system in discrete time, with several inputs or outputs, or that is no linear system.
+
+    >>> import control
+    >>> print(from_control(control.tf([20.0], [0.1, 1.0]), output="speed", unit="rad/(s·V)"))
+    (20) / (0.1 s + 1)
     """
     package = _control()
     if not isinstance(system, package.TransferFunction | package.StateSpace):
@@ -88,6 +97,11 @@ def to_scipy(system: TransferFunction, *, pade_order: int = PADE_ORDER) -> scipy
     """Return a system as a `scipy.signal.lti`, its delay as a Padé approximation of that order.
 
     `to_scipy_and_delay` is exact. Raises `UsageError` for a negative delay.
+
+    >>> from servobench import TransferFunction
+    >>> motor = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0))
+    >>> to_scipy(motor).poles
+    array([-10.])
     """
     check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     from scipy.signal import lti
@@ -105,6 +119,10 @@ def from_scipy(system: Any, *, output: str, unit: str, delay: float = 0.0) -> Tr
     """Return a `scipy.signal.lti` of any kind (transfer function, zeros and poles, state space); arguments as `from_control`.
 
     `delay` [s] is what stands beside it. Raises `UsageError` for a system in discrete time, or with several inputs or outputs.
+
+    >>> import scipy.signal
+    >>> print(from_scipy(scipy.signal.lti([20.0], [0.1, 1.0]), output="speed", unit="rad/(s·V)"))
+    (200) / (s + 10)
     """
     from scipy.signal import BadCoefficients, lti
 

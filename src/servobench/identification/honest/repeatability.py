@@ -112,6 +112,12 @@ def honest(
     Tests of one procedure that stand in one file, such as a ramp and a step each way, are no runs of one experiment.
     Raises `NotIdentifiable` where less than two runs support a model, `UsageError` for a single run, for values beside that
     don't match the runs, and for tests of one procedure.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     runs = [sb.run(sb.Experiment(duration="2 s"), motor) for _ in range(3)]
+    >>> honest(runs).covers
+    True
     """
     check_type("starts_at_rest", starts_at_rest, bool, "True or False")
     check_type("structure", structure, str, "a name, or 'auto'")

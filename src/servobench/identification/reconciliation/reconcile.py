@@ -86,6 +86,13 @@ def reconcile(fit: Fit, parameters: MotorParameters) -> list[Finding]:
 
     Nothing where the data leave the figures open, as then there is no difference to explain. Raises `UsageError` for data in
     other units than V and rad.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> from servobench.rig.motor.parameters import data_sheet
+    >>> [found.code for found in reconcile(sb.identify(recording).fit, data_sheet("qube_servo_2").motor)]
+    ['nominal-agrees']
     """
     check_type("fit", fit, Fit, "the fit of a Result, result.fit")
     if not all(name in fit.model.names and is_known(fit[name]) for name in ("gain", "time_constant")):

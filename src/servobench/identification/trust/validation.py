@@ -22,7 +22,14 @@ _SLOW = 200.0
 
 
 def validate(fit: Fit) -> tuple[Finding, ...]:
-    """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input."""
+    """Return what the residuals say about a fit: their size beside the encoder's rounding, colour, and tie to the input.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> [finding.code for finding in validate(sb.identify(recording).fit)]
+    ['residual-is-rounding']
+    """
     check_type("fit", fit, Fit, "the fit of a Result, result.fit")
     rounding = is_rounding(fit)
     found = [_size(fit, rounding)] if rounding is not None else []

@@ -115,6 +115,14 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
 
     A file of that name is replaced once the new one is whole. Raises `UsageError` where no format has that ending or the format
     can't hold the recordings, `StorageError` where they can't be written.
+
+    >>> import servobench as sb
+    >>> from tempfile import TemporaryDirectory
+    >>> with sb.connect("twin") as motor, TemporaryDirectory() as folder:
+    ...     sb.save(sb.run(sb.Experiment(duration="1 s"), motor), f"{folder}/run.mcap")
+    ...     (again,) = sb.load(f"{folder}/run.mcap")
+    >>> len(again["counts"].values)
+    500
     """
     check_type("path", path, (str, os.PathLike), "the path of a file")
     check_type("recordings", recordings, (Recording, Iterable), "a Recording, or a list of them")

@@ -20,6 +20,15 @@ def load(path: str | os.PathLike[str]) -> tuple[Recording, ...]:
     A file that isn't plain text is read by its library in a child process with limits on memory and time, which is kept for
     the next file; in a browser, which has no processes, in this one.
     Raises `UsageError` where there is no such file, `FormatError` where it can't be read.
+
+    >>> from pathlib import Path
+    >>> from tempfile import TemporaryDirectory
+    >>> with TemporaryDirectory() as folder:
+    ...     file = Path(folder) / "log.csv"
+    ...     _ = file.write_text("t,u,angle\\n0,0,0\\n0.1,2,1\\n0.2,2,4\\n")
+    ...     (recording,) = load(file)
+    >>> recording["angle"].values
+    array([0., 1., 4.])
     """
     return load_with(path, read=_read)
 

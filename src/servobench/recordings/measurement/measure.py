@@ -59,6 +59,12 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
 
     Raises `MissingInformation` where roles, units or times aren't known; `UsageError` where times don't increase, the output is
     neither a position nor a speed, or a stage can't act on it; `NotIdentifiable` for fewer than two samples of the output.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> sb.measure(recording).output_unit
+    'rad'
     """
     check_type("recording", recording, Recording, "a Recording, such as load() and run() give")
     starts_at_rest = starts_at_rest or recording.starts_at_rest

@@ -147,6 +147,10 @@ def connect(name: str, **settings: object) -> Device:
 
     `settings` are the device's own, numbers in SI units or texts with a unit: `connect("twin", coulomb_torque="0.8 mN·m")`.
     Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
+
+    >>> with connect("twin", disc_inertia="40 g*cm^2") as motor:
+    ...     print(motor.info.name)
+    twin
     """
     check_type("name", name, str, 'the name of a device, such as "twin"')
     device = DEVICES[name]

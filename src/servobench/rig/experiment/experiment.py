@@ -81,6 +81,10 @@ class Experiment(Settings):
 
     Tick k is at k · sample_time, k from 0 to `samples` - 1. Without any argument it is a square wave of 1 to 3 V and 0.4 Hz for
     10 s at 500 Hz, in open loop, on the simulated QUBE-Servo.
+
+    >>> from servobench import Step
+    >>> Experiment(signal=Step(final="2 V"), duration="500 ms", sample_time="5 ms").samples
+    100
     """
 
     name: Text = ""

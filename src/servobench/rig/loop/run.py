@@ -90,6 +90,12 @@ def run(
     (`RunEnded`) and a voltage that isn't finite are results: `stopped` says which. Raises `DeviceLost`, which carries the
     recording so far, where the device fails on the way; `StorageError` where nothing more can be written, what was written being
     kept; `UsageError` before anything moves. Any other error passes through, after the file is closed.
+
+    >>> import servobench as sb
+    >>> with sb.connect("twin") as motor:
+    ...     recording = sb.run(sb.Experiment(duration="3 s"), motor)
+    >>> len(recording["counts"].values)
+    1500
     """
     check_type("experiment", experiment, _Runnable, "an Experiment, such as load_experiment(FILE) gives")
     _check(experiment, device)

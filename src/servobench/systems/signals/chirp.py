@@ -19,6 +19,10 @@ class Chirp(Settings):
     """offset + amplitude · sin(2π (f₀ τ + (f₁ - f₀) τ² / 2T) + phase), τ the time since the sweep began, T its length.
 
     The sweep begins anew after T; before `start` the value is `offset`.
+
+    >>> import numpy as np
+    >>> Chirp(amplitude=2, initial_frequency="1 Hz")(np.array([0.0, 0.25])).round(1)
+    array([0., 2.])
     """
 
     amplitude: Amplitude = 2.0

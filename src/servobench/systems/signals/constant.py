@@ -11,7 +11,12 @@ from servobench.systems.signals.base import SIGNALS, Level
 
 @SIGNALS.member("constant")
 class Constant(Settings):
-    """x(t) = value, at all times."""
+    """x(t) = value, at all times.
+
+    >>> import numpy as np
+    >>> Constant(value=2)(np.array([0.0, 1.0]))
+    array([2., 2.])
+    """
 
     value: Level = 1.0
     """The value [V]."""

@@ -25,6 +25,9 @@ class Multisine(Settings):
     `a` is such that the peak is `amplitude`: never more, at most 0.13 % less. Schroeder's phases φᵢ = -π i (i - 1) / N for the
     i-th of N harmonics keep the peak small (Schroeder, IEEE Trans. Inf. Theory 16, 1970); random phases are uniform
     in [0, 2π) and come from the signal's own seed. Odd harmonics alone leave the even ones for what isn't linear to show up.
+
+    >>> Multisine(amplitude=3, frequency="0.5 Hz", lowest="0.5 Hz", highest="10 Hz").period
+    2.0
     """
 
     amplitude: Amplitude = 3.0

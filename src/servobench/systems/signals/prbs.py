@@ -29,6 +29,9 @@ class PRBS(Settings):
     The feedback polynomial is primitive, so the register passes through all 2ⁿ - 1 states other than zero before it repeats:
     a period holds one bit 1 more than bits 0, and the autocorrelation of the bits, as ±1, is 1 at whole periods and
     -1/(2ⁿ - 1) at all other lags (Golomb, Shift Register Sequences, 1967). `low` before `start`.
+
+    >>> PRBS(low=-3, high=3, order=7, bit_time="10 ms").period
+    1.27
     """
 
     low: Level = -3.0

@@ -14,7 +14,12 @@ from servobench.systems.signals.edges import is_past
 
 @SIGNALS.member("sine")
 class Sine(Settings):
-    """offset + amplitude · sin(2π f (t - start) + phase); `offset` before `start`."""
+    """offset + amplitude · sin(2π f (t - start) + phase); `offset` before `start`.
+
+    >>> import numpy as np
+    >>> Sine(amplitude=2, frequency="1 Hz")(np.array([0.0, 0.25])).round(6)
+    array([0., 2.])
+    """
 
     amplitude: Amplitude = 1.0
     """Largest departure from the offset [V]."""

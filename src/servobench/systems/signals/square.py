@@ -18,6 +18,10 @@ class Square(Settings):
     """`high` while frac(f (t - start) + phase / 2π) < duty, otherwise `low`; `low` before `start`.
 
     With phase 0 it is high from `start` on. Edges that fall on a sample are exact: see `edges`.
+
+    >>> import numpy as np
+    >>> Square(low=1, high=3, frequency="1 Hz")(np.array([0.0, 0.5]))
+    array([3., 1.])
     """
 
     low: Level = 1.0

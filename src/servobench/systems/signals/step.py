@@ -12,7 +12,12 @@ from servobench.systems.signals.edges import is_past
 
 @SIGNALS.member("step")
 class Step(Settings):
-    """`initial` before `start`, `final` from then on."""
+    """`initial` before `start`, `final` from then on.
+
+    >>> import numpy as np
+    >>> Step(final="3 V", start=0.1)(np.array([0.0, 0.1]))
+    array([0., 3.])
+    """
 
     initial: Level = 0.0
     """Value before the step [V]."""

@@ -40,6 +40,11 @@ def stability(system: TransferFunction) -> StabilityReport:
     BIBO stable if no pole outside the left half-plane is left that the numerator doesn't cancel, and the numerator's order isn't
     above the denominator's. A delay doesn't change any of this. (Franklin, Powell and Emami-Naeini
     2015, chapter 3.)
+
+    >>> from servobench import TransferFunction
+    >>> motor = TransferFunction(numerator=(20.0,), denominator=(0.1, 1.0))
+    >>> print(stability(motor).verdict)
+    stable
     """
     check_type("system", system, TransferFunction, "a TransferFunction, such as result.transfer_function")
     found = poles_of(system.denominator)
