@@ -32,6 +32,7 @@ from dataclasses import dataclass, field, replace
 from functools import cache
 from pathlib import Path
 
+EXAMPLE = re.compile(r"^(?:>>>|\.\.\. ).*$", re.MULTILINE)
 ROOT = Path(__file__).resolve().parent.parent
 SOURCE = ROOT / "src" / "servobench"
 COMMANDS = "cli"  # the folder
@@ -139,14 +140,14 @@ def _public_docstrings(tree: ast.Module) -> list[str]:
     """What a module, its public classes and what is public in them say, each in one line and without its examples."""
 
     def inside(node: ast.Module | ast.ClassDef) -> Iterator[str]:
-        yield re.sub(r"^>>>.*$", "", ast.get_docstring(node) or "", flags=re.MULTILINE)
+        yield ast.get_docstring(node) or ""
         for inner in node.body:
             if isinstance(inner, ast.ClassDef) and not inner.name.startswith("_"):
                 yield from inside(inner)
             elif isinstance(inner, ast.FunctionDef | ast.AsyncFunctionDef) and _speaks(inner):
                 yield ast.get_docstring(inner) or ""
 
-    return [" ".join(text.split()) for text in inside(tree)]
+    return [" ".join(re.sub(EXAMPLE, "", text).split()) for text in inside(tree)]
 
 
 def _is_public(file: Path, source: Path) -> bool:
