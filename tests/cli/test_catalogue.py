@@ -129,3 +129,11 @@ def test_one_can_be_asked_for(servobench: Command) -> None:
     assert ended.out.startswith("square  A square wave.\n")
     assert re.search(r"frequency +0\.4 Hz +Periods in a second\.", ended.out)
     assert "chirp" not in ended.out
+
+
+def test_the_exercises_are_a_list_too(servobench: Command) -> None:
+    told = json.loads(servobench("lab", "list", "--json").out)
+
+    assert told["kind"] == "exercise"
+    words = servobench("lab", "list").out
+    assert all(member["name"] in words and member["sentence"] for member in told["members"])

@@ -5,16 +5,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from servobench.cli.lab.options import Folder
+from servobench.cli.options import AsJson
 
 if TYPE_CHECKING:
     from servobench.lab.exercise import Exercise
 
 
-def list_exercises(folder: Folder = None) -> None:
+def list_exercises(folder: Folder = None, as_json: AsJson = False) -> None:
     """List the exercises in their order.
 
     An exercise is a Markdown file: docs/how-to/exercise.md says how to write one.
     """
+    from servobench.cli.catalogue import Member, list_members
     from servobench.cli.lab.exercises import exercise_folder
     from servobench.cli.layout import show_table
     from servobench.cli.terminal import output
@@ -32,7 +34,11 @@ def list_exercises(folder: Folder = None) -> None:
     if not found and not mistakes:
         raise UsageError(f"there are no exercises in {where}; expected files NAME.md")
     found.sort(key=lambda each: (each.order, each.name))
-    show_table(output(), ("name", "what it is about"), [(each.name, _subject(each)) for each in found])
+    if as_json:
+        members = [Member(name=each.name, sentence=_subject(each)) for each in found]
+        list_members("exercise", members, None, as_json)
+    else:
+        show_table(output(), ("name", "what it is about"), [(each.name, _subject(each)) for each in found])
     if mistakes:
         raise UsageError("\n".join(mistakes))
 
