@@ -70,11 +70,11 @@ def test_what_tune_prints_becomes_c_that_runs(
     compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler is not None, "no C compiler (cc) on the path"
     file, source = tmp_path / "tuning.json", tmp_path / "loop.c"
-    for words in (("--damping", "0.8", "--bandwidth", "20"), ("--output", "speed", "--lambda", "0.1")):
+    for words in (("--damping", "0.8", "--bandwidth", "20"), ("--loop", "speed", "--lambda", "0.1")):
         file.write_text(servobench("tune", finished_run, *words, "--json").out, encoding="utf-8")
 
         ended = servobench(
-            "export", file, "--as", "c", "--counts-per-rev", 2048, "--out", source, "--overwrite"
+            "export", file, "--as", "c", "--controller-counts-per-rev", 2048, "--out", source, "--overwrite"
         )
 
         assert ended.status == 0, ended.err
@@ -92,11 +92,11 @@ def test_a_tuned_controller_takes_its_counts_and_nothing_else(
 
     without = servobench("export", file, "--as", "c", "--out", tmp_path / "a.c")
     java = servobench("export", file, "--as", "java", "--out", tmp_path / "A.java")
-    more = ("--counts-per-rev", 2048, "--sample-time", "1ms", "--out", tmp_path / "b.c")
+    more = ("--controller-counts-per-rev", 2048, "--controller-sample-time", "1ms", "--out", tmp_path / "b.c")
     again = servobench("export", file, "--as", "c", *more)
 
     assert (without.status, java.status, again.status) == (2, 2, 2)
-    assert "--counts-per-rev" in without.err
+    assert "--controller-counts-per-rev" in without.err
     assert "which is exported as c" in java.err
     assert "`servobench tune`" in again.err
 

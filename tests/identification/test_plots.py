@@ -139,5 +139,5 @@ def test_a_result_lists_its_parameters_and_refuses_an_output_that_isnt_one(resul
             call()
     with pytest.raises(UnknownName, match="no parameter called 0"):
         result[0]
-    with pytest.raises(UnknownName, match="no estimator called 3"):
+    with pytest.raises(UsageError, match=r"estimator is 3 \(int\)"):
         sb.identify(**AS_ARRAYS, estimator=3)

@@ -183,7 +183,7 @@ def device_asked_for(asked: Experiment, file: Path | None) -> Device:
         part = ("device", "settings")
         if missing := missing_settings(asked.device.name, asked.device.settings):
             raise UsageError("; ".join(missing))
-        device = kind(kind.Settings(**asked.device.settings))
+        device = kind(kind.Settings.model_validate(asked.device.settings))
         faults = []
         for place, table in enumerate(asked.device.faults):
             part = ("device", "faults", place)

@@ -19,6 +19,7 @@ import numpy as np
 
 from servobench.core.channels import LONGEST_STEP, SHORTEST_STEP, Channel, DeviceInfo, Sample
 from servobench.core.errors import FormatError, UsageError
+from servobench.core.parameter_names import plain_words
 from servobench.export.base import Wishes, write_files
 from servobench.systems.control.base import CONTROLLERS
 from servobench.systems.control.lead import Lead
@@ -269,8 +270,8 @@ def text_of_law(tuned: TunedLaw, counts_per_rev: float, name: str) -> str:
         name=name,
         upper=upper,
         followed=controller.output,
-        kind=CONTROLLERS.name_of(controller).replace("_", " "),
-        method=tuned.method.replace("_", " ").replace("*/", ""),
+        kind=plain_words(CONTROLLERS.name_of(controller)),
+        method=plain_words(tuned.method).replace("*/", ""),
         unit=controller.reference_unit,
         sample_time=repr(tuned.sample_time),
         counts_per_rev=f"{counts_per_rev:g}",

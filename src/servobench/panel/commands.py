@@ -30,7 +30,7 @@ _EXPECTED = {
 def command_from(given: Mapping[str, Any]) -> Command:
     """Return the command that a page's message describes; raises `UsageError` for what can't be."""
     try:
-        command = Command(**{key: value for key, value in given.items() if value is not None})
+        command = Command.model_validate({key: value for key, value in given.items() if value is not None})
     except ValidationError as error:
         raise UsageError(settings_error_text(error)) from None
     if command.chain is not None:
@@ -51,7 +51,7 @@ def experiment_from(now: Experiment, device: object, sample_time: object) -> Exp
             changed["device"] = device
         if sample_time is not None:
             changed["sample_time"] = sample_time
-        asked = for_panel(Experiment(**changed))
+        asked = for_panel(Experiment.model_validate(changed))
     except ValidationError as error:
         raise UsageError(settings_error_text(error)) from None
     if now.device.name == ASSIGNED and asked.device != for_panel(now).device:

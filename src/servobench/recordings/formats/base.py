@@ -149,7 +149,8 @@ def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[st
 
 def _file_of(path: Path) -> Path:
     """The file that is read: of a folder that is a bag of ROS 2 its metadata."""
-    return (metadata_in(path) or path) if path.is_dir() else path
+    # Of a name that no file can have, `Path.is_dir` raises an error.
+    return (metadata_in(path) or path) if os.path.isdir(path) else path
 
 
 def _checksum(file: Path, head: bytes) -> str:

@@ -67,11 +67,11 @@ def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
     for data, u in zip(records, inputs, strict=True):
         y = data.y[:_SAMPLES]
         lags = np.geomspace(1.0, len(y), _LAGS)
-        shares.append([_left_over(y, u, lag, data.kind) for lag in lags])
+        shares.append([_misfit_behind_lag(y, u, lag, data.kind) for lag in lags])
     return float(np.min(np.sum(shares, axis=0)))
 
 
-def _left_over(y: Array, u: Array, lag: float, kind: str) -> float:
+def _misfit_behind_lag(y: Array, u: Array, lag: float, kind: str) -> float:
     """What a motor with a time constant of `lag` samples leaves of the output's variation."""
     from scipy.signal import lfilter
 
