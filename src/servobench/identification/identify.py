@@ -51,7 +51,6 @@ from servobench.identification.trust.missing_terms import (
     missing_terms,
     superfluous_terms,
     with_fast_pole,
-    with_friction_near_rest,
     with_missing_terms,
 )
 from servobench.identification.trust.other_output import with_other_output
@@ -314,7 +313,7 @@ def _with_allowances(
     fit = with_what_records_tell(with_fast_pole(fit), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
-    fit = with_missing_terms(with_friction_near_rest(fit), choice.shown)
+    fit = with_missing_terms(fit, choice.shown)
     fit = with_rounded_times(fit)
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
     fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))

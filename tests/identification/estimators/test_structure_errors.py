@@ -2,15 +2,10 @@
 
 from __future__ import annotations
 
-from typing import cast
-
 import numpy as np
 import pytest
 
-from servobench.identification.estimators.structure_errors import WeightedRecord, of_known_errors
 from servobench.identification.identify import identify
-from servobench.identification.models.base import Structure
-from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import dataset
 from tests.rig.motor.reference import Truth
 
@@ -55,29 +50,3 @@ def test_a_winding_behind_reversals_is_still_covered() -> None:
     fit = identify(dataset(seed=1, u=INPUTS["sine"], samples=SAMPLES, sample_time=STEP, truth=winding)).fit
     assert fit is not None
     assert abs(fit["gain"].value - GAIN) < 3 * fit["gain"].sd
-
-
-class Drifting:
-    """A structure whose prediction may be off by a constant of unit variance."""
-
-    def unmodelled(self, theta: np.ndarray, data: Dataset) -> np.ndarray:
-        """Ones."""
-        return np.ones((len(data.y), 1))
-
-
-def test_an_error_of_the_motor_is_the_same_in_all_records_and_does_not_average_out() -> None:
-    """Records of one parameter, a constant: it is off by as much as the error, in however many records."""
-    data = dataset(seed=1, samples=20, y=np.zeros(20))
-    record = WeightedRecord(
-        data=data,
-        theta=np.zeros(1),
-        place=np.array([0]),
-        jacobian=np.ones((20, 1)),
-        weight=np.ones(20),
-        score=np.zeros(20),
-        used=np.ones(20, dtype=bool),
-    )
-
-    added = of_known_errors(cast(Structure, Drifting()), [record, record], np.array([[1 / 40]]))
-
-    np.testing.assert_allclose(added, [[1.0]])

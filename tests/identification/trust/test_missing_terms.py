@@ -11,12 +11,10 @@ import pytest
 from numpy.typing import NDArray
 
 from servobench.core.finding import Verdict
-from servobench.identification.estimators.base import ESTIMATORS
 from servobench.identification.identify import identify
-from servobench.identification.models.base import STRUCTURES
 from servobench.identification.result import Result
 from servobench.identification.trust.explanations.base import explain
-from servobench.identification.trust.missing_terms import TERMS, missing_terms, with_fast_pole
+from servobench.identification.trust.missing_terms import TERMS, missing_terms
 from servobench.identification.uncertainty.score_test import TermScore
 from servobench.recordings.measurement.dataset import Dataset
 from tests.datasets import QUANTUM, dataset
@@ -117,23 +115,6 @@ def test_a_second_pole_of_a_tenth_of_the_time_constant_is_within_the_intervals()
     assert result.fit is not None
     low, high = result.fit["time_constant"].interval
     assert low < answers(Truth(inductance=84e-3))["time_constant"] < high
-
-
-def test_a_winding_that_the_model_takes_for_a_delay_is_charged_with_as_much_as_the_residuals_show() -> None:
-    """L/R of 4 % of the time constant, two samples, behind reversals: the delay is all lag, and moves the time constant.
-
-    An interval of 1.96 deviations misses by three times its width in each of the records without the line, and holds with it.
-    """
-    from tests.rig.motor.reference import Truth
-
-    truth = Truth(inductance=0.04 * 0.099 * 8.4)
-    for seed in range(3):
-        data = dataset(seed=seed, kind="prbs", truth=truth, hold=25)
-        bare = ESTIMATORS["output_error"].fit(STRUCTURES["first_order_coulomb"], [data])
-        fit = with_fast_pole(bare)
-        off = abs(fit.model["time_constant"] - answers(truth)["time_constant"])
-        assert off > 3 * 1.96 * bare.sd("time_constant")
-        assert off < 1.96 * fit.sd("time_constant")
 
 
 def test_a_size_beyond_the_input_is_not_told() -> None:

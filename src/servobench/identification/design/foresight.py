@@ -6,8 +6,8 @@ start state) unknown. It is the mean over motors drawn from what is known of the
 - the noise: σ² (J'J)⁻¹, or what the encoder's real rounding of the drawn motor's positions makes of the parameters where that
   is more: rounding that repeats with the input doesn't average out, and that depends on the motor by chance.
   Where a random torque acts, (J'J)⁻¹ of the innovations of a Kalman filter;
-- what a first-order model can't know about reversals within its delay (`models.reversals`), about friction near rest
-  (`models.near_rest`), and of a delay that is the lag of a winding, as far as the residuals will leave it open.
+- what a first-order model can't know about reversals within its delay (`models.reversals`), and of a delay that is the lag of
+  a winding, as far as the residuals will leave it open.
 """
 
 from __future__ import annotations
@@ -21,12 +21,8 @@ from servobench.core.channels import Array
 from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.identification.estimators.covariance import inverse
 from servobench.identification.estimators.disturbance import whiten
-from servobench.identification.models import near_rest
 from servobench.identification.models.base import STRUCTURES, Structure
-from servobench.identification.models.first_order import FirstOrder
-from servobench.identification.models.near_rest import most_near_rest
-from servobench.identification.models.reversals import lag_for_delay
-from servobench.identification.uncertainty.shares import expected_share
+from servobench.recordings.measurement.dataset import Dataset
 
 _BOTH_WAYS = 0.02  # of the samples, as for `structure="auto"`
 _SEED = 20_260
@@ -96,10 +92,9 @@ def _parts(
     barely = _MOVING * motor.gain * motor.coulomb_voltage * float(np.sign(u[np.argmax(u != 0)]))
     data, theta, shared = motor.dataset(t, u), motor.theta(structure, barely), len(structure.parameters)
     prediction = structure.predict(theta, data)
-    errors = [most_near_rest(structure, theta, data)[:, None], structure.unmodelled(theta, data)]
-    if motor.winding and motor.delay > 0 and isinstance(structure, FirstOrder):
-        lag = lag_for_delay(structure.vector(theta, data), data, motor.delay, structure.friction)
-        errors.append(lag[:, None])
+    errors = [structure.unmodelled(theta, data)]
+    if motor.winding and motor.delay > 0:
+        errors.append(_lag(motor, structure, theta, data)[:, None])
     rounding = count_position(motor, prediction.y, random) - prediction.y
     columns = np.column_stack([prediction.jacobian, rounding, *errors])
     if motor.disturbance is None:
@@ -110,10 +105,16 @@ def _parts(
     bread = inverse(j.T @ j)
     shift = (bread @ (j.T @ e))[:shared]
     scatter = np.outer(shift[:, 0], shift[:, 0]) if motor.disturbance is None else np.zeros((shared, shared))
+    # As much of the errors as the residuals will leave (`estimators.known_errors`).
     left = e[:, 1:] - j @ (bread @ (j.T @ e[:, 1:]))
-    power = float(left[:, 0] @ left[:, 0])
-    share = expected_share(1 / np.sqrt(power), near_rest.CHANCE) if power > 0 else 0.0
-    # As much of the other errors as the residuals will leave (`estimators.structure_errors`).
-    told = np.eye(left.shape[1] - 1) + left[:, 1:].T @ left[:, 1:]
-    extra = shift[:, 2:] @ np.linalg.solve(told, shift[:, 2:].T)
-    return bread[:shared, :shared], scatter, extra + share * np.outer(shift[:, 1], shift[:, 1])
+    told = np.eye(left.shape[1]) + left.T @ left
+    return bread[:shared, :shared], scatter, shift[:, 1:] @ np.linalg.solve(told, shift[:, 1:].T)
+
+
+def _lag(motor: AssumedMotor, structure: Structure, theta: Array, data: Dataset) -> Array:
+    """What the output has more where the delay d is the lag of a fast pole: d²/2 times its second derivative by d."""
+    step = np.zeros(len(theta))
+    at = [parameter.name for parameter in structure.parameters].index("delay")
+    step[at] = 0.1 * data.sample_time
+    later, now, earlier = (structure.predict(theta + change, data).y for change in (step, 0 * step, -step))
+    return np.asarray(0.5 * motor.delay**2 * (later - 2 * now + earlier) / step[at] ** 2)

@@ -41,21 +41,28 @@ class WeightedRecord:
 
 
 def of_known_errors(structure: Structure, records: Sequence[WeightedRecord], bread: Array) -> Array:
-    """Return the covariance (P, P) to be added for what the structure can't resolve; `bread` (P, P) is the inverse of Σ J'wJ.
-
-    An error is one of the motor: what is not known of it is the same in all records.
-    """
+    """Return the covariance (P, P) to be added for what the structure can't resolve; `bread` (P, P) is the inverse of Σ J'wJ."""
     columns = [_of_samples(structure.unmodelled(each.theta, each.data), each.used) for each in records]
-    count = max(errors.shape[1] for errors in columns)
-    shift, told, said = np.zeros((len(bread), count)), np.eye(count), np.zeros(count)
-    for each, errors in zip(records, columns, strict=True):
-        shift[each.place, : errors.shape[1]] += (each.jacobian * each.weight[:, None]).T @ errors
+    count = sum(errors.shape[1] for errors in columns)
+    if not count:
+        return np.zeros_like(bread)
+    ends = np.cumsum([errors.shape[1] for errors in columns])
+    each_own = [slice(end - errors.shape[1], end) for end, errors in zip(ends, columns, strict=True)]
+    shift = np.zeros((len(bread), count))
+    for each, errors, own in zip(records, columns, each_own, strict=True):
+        shift[each.place, own] = (each.jacobian * each.weight[:, None]).T @ errors
     moved = bread @ shift
-    for each, errors in zip(records, columns, strict=True):
-        left = -each.jacobian @ moved[each.place]
-        left[:, : errors.shape[1]] += errors
-        told += (left * each.weight[:, None]).T @ left
-        said += left.T @ each.score
+    # E⊥'wE⊥ is multiplied out: E⊥ itself has a column in each record for the errors of all the others.
+    told, said = np.eye(count), np.zeros(count)
+    for each, errors, own in zip(records, columns, each_own, strict=True):
+        part, weighed = moved[each.place], each.weight[:, None]
+        told += part.T @ ((each.jacobian * weighed).T @ each.jacobian) @ part
+        crossed = shift[each.place, own].T @ part
+        told[own] -= crossed
+        told[:, own] -= crossed.T
+        told[own, own] += (errors * weighed).T @ errors
+        said -= part.T @ (each.jacobian.T @ each.score)
+        said[own] += errors.T @ each.score
     mean = moved @ np.linalg.solve(told, said)
     return np.asarray(moved @ np.linalg.solve(told, moved.T) + np.outer(mean, mean), dtype=np.float64)
 

@@ -36,7 +36,7 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
-from servobench.identification.models.reversals import late_friction
+from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -236,10 +236,19 @@ class FirstOrder:
         return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the error of reversals and starts that fall within the delay, as a column (M, 1); see `models.reversals`."""
+        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
         if not self.friction:
             return np.empty((len(data.y), 0))
-        return late_friction(self.vector(theta, data), data)
+        return switching_errors(self._switching(theta, data), data)
+
+    def _switching(self, theta: Array, data: Dataset) -> Switching:
+        """What reversals need to know."""
+        gain, tau, offset, coulomb, delay = (float(value) for value in self.vector(theta, data)[:5])
+
+        def states(times: Array) -> tuple[Array, Array]:
+            return self._motion(theta, data, "speed", times, data.u), np.full(len(times), offset)
+
+        return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s for the position."""

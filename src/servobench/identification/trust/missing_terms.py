@@ -16,16 +16,10 @@ from servobench.core.rounding import TWO_SIDED, plain
 from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.budget import Contribution, beyond
 from servobench.identification.estimators.covariance import andrews_lag, long_run
-from servobench.identification.models import near_rest
-from servobench.identification.models.first_order import FirstOrder
-from servobench.identification.models.near_rest import most_near_rest
 from servobench.identification.models.rational import Rational
-from servobench.identification.models.reversals import lag_for_delay
-from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore, in_innovations
-from servobench.identification.uncertainty.shares import squared_share
+from servobench.identification.uncertainty.score_test import ScoreTest, Term, TermScore
 
 _RIPPLES = range(1, 17)  # times a revolution
-_CHANCE_OF_LAG = 0.5  # that a delay has a lag in it that matters, before anything was seen
 
 
 def _of_input(shown: TermScore, what: str, times: float = 1.0) -> str:
@@ -312,10 +306,10 @@ def with_fast_pole(fit: Fit) -> Fit:
 def fast_pole_doubt(fit: Fit) -> Array:
     """Return the covariance (P, P) that not knowing what the delay is made of adds to that of the parameters.
 
-    A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, and the parameters
-    are off by φ b, b = (J'J)⁻¹ J'c. For a first-order motor c is simulated with all of the delay as a lag; else it is d²/2 times
-    the second derivative by d. What the innovations say of φ is a normal distribution cut at 0 and 1; the doubt is b b' E[φ²]. It
-    vanishes where the data show a pure delay (docs/decisions/0006-intervals.md).
+    A part φ of the delay d, between none and all, may be the lag of a fast pole. The output then has φ c more, c = d²/2 times
+    its second derivative by d, and the parameters are off by φ b, b = (J'J)⁻¹ J'c. What the innovations say of φ is a normal
+    distribution cut at 0 and 1; the doubt is b b' E[φ²]. It vanishes where the data show a pure delay
+    (docs/decisions/0006-intervals.md).
     """
     shared = len(fit.model.theta)
     none = np.zeros((shared, shared))
@@ -323,56 +317,20 @@ def fast_pole_doubt(fit: Fit) -> Array:
     if delay <= 0 or not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
         return none
     test = ScoreTest(fit, 1.0)
-    structure = fit.model.structure
-    if isinstance(structure, FirstOrder):
-        columns = []
-        for record in fit.records:
-            p = structure.vector(np.concatenate([fit.model.theta, record.nuisance]), record.data)
-            more = lag_for_delay(p, record.data, delay, structure.friction)
-            columns.append(in_innovations(fit, record, more[:, None]))
-        return _doubt(test, np.concatenate(columns)[:, 0], _CHANCE_OF_LAG)
-    return _doubt(test, 0.5 * delay**2 * np.concatenate([run.columns(_FAST_POLE) for run in test.runs])[:, 0])
-
-
-def with_friction_near_rest(fit: Fit) -> Fit:
-    """Return the fit with a line of its budget for friction that may be larger near rest; see `friction_doubt`."""
-    added = friction_doubt(fit)
-    if not added.any():
-        return fit
-    reason = "near rest friction may be larger than at speed, which shows at reversals and starts only"
-    return fit.widen(Contribution(source="friction near rest", covariance=added, reason=reason))
-
-
-def friction_doubt(fit: Fit) -> Array:
-    """Return the covariance (P, P) that not knowing friction near rest adds to that of the parameters.
-
-    How much larger it may be is told in `models.near_rest`. It is the same at all reversals and starts of the records, and what
-    the innovations say of it counts, as in `fast_pole_doubt`.
-    """
-    none = np.zeros((len(fit.model.theta),) * 2)
-    if not np.isfinite(fit.residual_sd) or fit.residual_sd == 0:
-        return none
-    columns = []
-    for record in fit.records:
-        theta = np.concatenate([fit.model.theta, record.nuisance])
-        more = most_near_rest(fit.model.structure, theta, record.data)
-        columns.append(in_innovations(fit, record, more[:, None])[:, 0])
-    column = np.concatenate(columns)
-    return _doubt(ScoreTest(fit, 1.0), column, near_rest.CHANCE) if column.any() else none
-
-
-def _doubt(test: ScoreTest, column: Array, chance: float = 1.0) -> Array:
-    """The covariance (P, P) for a part φ, between none and all, of what the innovations have more: b b' E[φ²].
-
-    `chance` is how probable it is, before anything was seen, that there is any.
-    """
-    shared = len(test.fit.model.theta)
+    column = 0.5 * delay**2 * np.concatenate([run.columns(_FAST_POLE) for run in test.runs])[:, 0]
     rest = column - test.basis @ (test.basis.T @ column)
     power = float(rest @ rest)
     if not power > 1e-20 * float(column @ column):
-        return np.zeros((shared, shared))
+        return none
     score = (rest * test.innovations)[:, None]
     spread = max(power, float(long_run(score, andrews_lag(score))[0, 0]))
-    share = squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power, chance)
+    share = _squared_share(float(score.sum()) / power, float(np.sqrt(spread)) / power)
     off = test.joint_shift(column)
     return np.asarray(share * np.outer(off[:shared], off[:shared]), dtype=np.float64)
+
+
+def _squared_share(mean: float, sd: float) -> float:
+    """E[φ²] of a normal φ that is known to lie between 0 and 1."""
+    nodes = np.linspace(0.0, 1.0, 201)
+    weights = np.exp(-0.5 * ((nodes - mean) / sd) ** 2 + 0.5 * ((np.clip(mean, 0.0, 1.0) - mean) / sd) ** 2)
+    return float(np.sum(weights * nodes**2) / np.sum(weights))

@@ -31,7 +31,7 @@ from servobench.identification.models.common_parameters import COULOMB, DELAY, G
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.records import is_plain, start_parameters, through_chain
-from servobench.identification.models.reversals import late_friction
+from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -250,36 +250,31 @@ class NonlinearMotor:
         return np.asarray(speed != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the error of reversals and starts that fall within the delay, as a column (M, 1); see `models.reversals`.
-
-        Friction is at its largest near rest, and gravity is a part of the input that moves.
-        """
-        from servobench.identification.models import kernels as plain
-        from servobench.identification.models.nonlinear import kernels
-
+        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
         if not self.friction:
             return np.empty((len(data.y), 0))
-        p = self.vector(theta, data)
-        near_rest = np.zeros(plain.COLUMNS)
-        near_rest[plain.GAIN], near_rest[plain.TAU], near_rest[plain.OFFSET] = p[:3]
-        near_rest[plain.COULOMB] = p[kernels.COULOMB] + p[kernels.STRIBECK]
-        near_rest[plain.DELAY], near_rest[plain.SPEED] = p[kernels.DELAY], p[kernels.SPEED]
-        return late_friction(near_rest, self._without_gravity(theta, data) if self.gravity else data)
+        return switching_errors(self._switching(theta, data), data)
 
-    def _without_gravity(self, theta: Array, data: Dataset) -> Dataset:
-        """The record with what the model's gravity takes of the input taken off it, at all times of input and output."""
+    def _switching(self, theta: Array, data: Dataset) -> Switching:
+        """What reversals need to know: friction is at its largest near rest, and gravity is an offset that moves."""
         from servobench.identification.models.nonlinear import kernels
 
         p = self.vector(theta, data)
-        times = np.union1d(data.t_input, data.t_output)
-        inside = np.clip(times + p[kernels.DELAY], data.t_output[0], data.t_output[-1])
-        angle, _ = self.response(theta, data, "position", inside, derivatives=False)
-        angle = np.where(np.isfinite(angle), angle, 0.0)  # of a motor that ran away there is no angle
-        held = np.searchsorted(data.t_input, times, side="right") - 1
-        u = np.where(held >= 0, data.u[np.maximum(held, 0)], data.input_before)
-        gravity = p[kernels.SINE] * np.sin(angle) + p[kernels.COSINE] * np.cos(angle)
-        before = data.input_before - float(gravity[0])
-        return replace(data, t_input=times, u=u - gravity, input_before=before, reference=None)
+
+        def states(times: Array) -> tuple[Array, Array]:
+            speed, _ = self.response(theta, data, "speed", times, derivatives=False)
+            angle, _ = self.response(theta, data, "position", times, derivatives=False)
+            angle = np.where(np.isfinite(angle), angle, 0.0)  # of a motor that ran away there is no angle
+            gravity = p[kernels.SINE] * np.sin(angle) + p[kernels.COSINE] * np.cos(angle)
+            return speed, p[kernels.OFFSET] + gravity
+
+        return Switching(
+            gain=float(p[kernels.GAIN]),
+            tau=float(p[kernels.TAU]),
+            coulomb=float(p[kernels.COULOMB] + p[kernels.STRIBECK]),
+            delay=float(p[kernels.DELAY]),
+            states=states,
+        )
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s: of the motor alone, without gravity and friction."""
