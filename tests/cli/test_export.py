@@ -119,3 +119,27 @@ def test_robot_code_shows_its_constants_with_their_intervals(
     wrong = servobench("export", finished_run, "--as", "java", "--unit", "m", "--out", tmp_path / "No.java")
     assert wrong.status == 2
     assert "--wheel-diameter" in wrong.err
+
+
+def test_a_second_file_of_a_target_replaces_nothing_in_silence(
+    servobench: Command, finished_run: Path, tmp_path: Path
+) -> None:
+    """MATLAB's target writes a .mat file beside the .m file that is named."""
+    there = tmp_path / "motor.mat"
+    there.write_text("somebody's recording")
+    words = ("export", finished_run, "--as", "matlab", "--out", tmp_path / "motor.m")
+
+    refused = servobench(*words)
+
+    assert refused.status == 2
+    assert "motor.mat: exists already" in refused.err
+    assert there.read_text() == "somebody's recording"
+    assert not (tmp_path / "motor.m").exists()
+    assert servobench(*words, "--overwrite").status == 0
+
+
+def test_a_wheel_without_a_unit_is_asked_for_it(servobench: Command, finished_run: Path) -> None:
+    ended = servobench("export", finished_run, "--as", "java", "--wheel-diameter", "6")
+
+    assert ended.status == 2
+    assert "such as 6in" in ended.err

@@ -103,6 +103,9 @@ def test_nothing_is_overwritten_unasked(servobench: Command, log: Path, tmp_path
     assert target.read_text() == "mine"
     assert servobench("inspect", log, "--write-mapping", log, "--overwrite").status == 2
     assert servobench("inspect", log, "--write-mapping", target, "--overwrite").status == 0
+    both = servobench("inspect", log, "--write-mapping", target, "--report", target, "--overwrite")
+    assert both.status == 2
+    assert "both name" in both.err
     assert target.read_text() != "mine"
 
 

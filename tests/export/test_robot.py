@@ -5,13 +5,14 @@ import math
 import re
 import shutil
 import subprocess
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from servobench.core.errors import UsageError
+from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.export.base import TARGETS, Wishes, export
 from servobench.export.robot import TARGETS_OF_ROBOTS, next_tests_of, robot_constants
 from servobench.export.summary import ResultSummary
@@ -234,3 +235,31 @@ def test_the_json_says_the_same(answer: ResultSummary, tmp_path: Path) -> None:
     for name, each in told["feedforward"].items():
         assert code[name] == pytest.approx(each["value"], abs=0.1 * each["sd"])
     assert code["kVelocityP"] == pytest.approx(told["feedback"]["velocity"]["kP"]["value"], rel=1e-5)
+
+
+def test_a_vague_delay_makes_the_default_loop_slower_until_it_is_safe(answer: ResultSummary) -> None:
+    """A wished loop is as it was wished, and the file says that it may be unsafe."""
+    names = list(answer.estimates)
+    at = names.index("delay")
+    covariance = answer.covariance.copy()
+    covariance[at, at] = 0.04**2
+    vague = replace(answer, covariance=covariance)
+
+    usual, slower = (robot_constants(each, "java", Wishes()) for each in (answer, vague))
+    wished = robot_constants(vague, "java", Wishes(closed_loop=usual.gains.closed_loop))
+
+    assert usual.gains.phase_margin[1] >= math.radians(30)
+    assert slower.gains.phase_margin[1] >= math.radians(30)
+    assert slower.gains.closed_loop > usual.gains.closed_loop
+    assert wished.gains.closed_loop == usual.gains.closed_loop
+    assert wished.gains.phase_margin[1] < math.radians(30)
+    assert any("may be unsafe" in note for note in wished.notes)
+    assert not any("may be unsafe" in note for note in (*usual.notes, *slower.notes))
+
+
+def test_a_gain_that_is_not_known_gives_no_code(answer: ResultSummary, tmp_path: Path) -> None:
+    document = json.loads(json.dumps(answer.document))
+    document["parameters"]["gain"]["state"] = "unknown"
+
+    with pytest.raises(NotIdentifiable, match="don't tell the gain"):
+        written(replace(answer, document=document), "java", tmp_path)

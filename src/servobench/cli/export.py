@@ -123,7 +123,7 @@ def export(
         closed_loop=_quantity("--closed-loop", closed_loop, "s"),
         counts_per_rev=controller_counts_per_rev,
         voltage_limit=_quantity("--voltage-limit", voltage_limit, "V"),
-        wheel_diameter=_quantity("--wheel-diameter", wheel_diameter, "m"),
+        wheel_diameter=_quantity("--wheel-diameter", _with_its_unit(wheel_diameter), "m"),
         measurement_delay=_quantity("--measurement-delay", measurement_delay, "s"),
     )
     console = messages() if as_json else output()
@@ -135,7 +135,14 @@ def export(
         if tuned is not None:
             files = export_law(tuned, file, wishes)
         elif answer is not None:
-            files = exported(answer, target, file, wishes)
+            # A target may write more files than the one that is named.
+            files = exported(
+                answer,
+                target,
+                file,
+                wishes,
+                check=lambda each: check_free(each, "--out", [motor, reading.mapping], overwrite),
+            )
             _show_constants(console, answer, target, wishes)
     except UsageError as error:  # which calls by Python's keyword what is an option of this command
         error.args = (with_options(str(error), CONTROLLER),)
@@ -188,6 +195,17 @@ def _show_constants(console: Console, answer: ResultSummary, target: str, wishes
         for number, sentence in enumerate(further, 1):
             say(console, f"  {number}. {sentence}")
     console.print()
+
+
+def _with_its_unit(diameter: str | None) -> str | None:
+    """A wheel's diameter as it was typed; raises `UsageError` for a bare number, which some mean in inches."""
+    from servobench.core.errors import UsageError
+
+    if diameter is not None and diameter.strip().replace(".", "", 1).isdigit():
+        raise UsageError(
+            f"--wheel-diameter {diameter}: say the unit, too, such as {diameter}in or {diameter}cm"
+        )
+    return diameter
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:

@@ -46,11 +46,14 @@ def inspect(
     from servobench.cli.progress import Progress
     from servobench.cli.recordings import load_all
     from servobench.cli.terminal import messages, output, print_json, say
+    from servobench.core.errors import UsageError
     from servobench.core.rounding import count_text
     from servobench.recordings.reading import recordings_meant
 
     for option, target in {"--write-mapping": write_mapping, "--report": report}.items():
         check_free(target, option, [file, reading.mapping], overwrite)
+    if report is not None and write_mapping is not None and report.resolve() == write_mapping.resolve():
+        raise UsageError(f"--report and --write-mapping both name {report}; give two names")
     with Progress() as progress:
         loaded = load_all([file], progress)
     meant = recordings_meant(loaded, **reading.options)

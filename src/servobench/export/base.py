@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -57,13 +57,18 @@ TARGETS: Registry[type[Target]] = Registry("export target", "servobench.export")
 
 
 def export(
-    answer: ResultSummary, target: str, path: str | os.PathLike[str], wishes: Wishes | None = None
+    answer: ResultSummary,
+    target: str,
+    path: str | os.PathLike[str],
+    wishes: Wishes | None = None,
+    *,
+    check: Callable[[Path], None] | None = None,
 ) -> tuple[Path, ...]:
     """Write an identified motor in the form that a target's program takes, and return the files that were written.
 
     `path` is the name of the (first) file; where it has no ending, the target's own is added. Files of these names are replaced
-    once the new ones are whole. Raises `UsageError` for a wish that the target can't follow or a motor that it can't hold,
-    `StorageError` where the files can't be written.
+    once the new ones are whole; `check` gets each name before, and raises an error for one that mustn't be. Raises `UsageError`
+    for a wish that the target can't follow or a motor that it can't hold, `StorageError` where the files can't be written.
     """
     wishes = wishes or Wishes()
     made = TARGETS[target]()
@@ -73,7 +78,11 @@ def export(
         raise UsageError(
             f"{file}: {target} makes a file that ends in {made.suffix}; name it so, or without an ending"
         )
-    return write_files(made.render(answer, wishes, file.stem if file.suffix else file.name), file)
+    content = made.render(answer, wishes, file.stem if file.suffix else file.name)
+    if check is not None:
+        for name in content:
+            check(file.parent / name)
+    return write_files(content, file)
 
 
 def write_files(content: Mapping[str, bytes], file: Path) -> tuple[Path, ...]:

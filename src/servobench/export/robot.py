@@ -12,13 +12,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from servobench.core.errors import UsageError
+from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.estimate import Estimate
 from servobench.core.rounding import TWO_SIDED
 from servobench.export.base import Wishes
 from servobench.export.first_order import comment_for, first_order_motor
 from servobench.export.summary import ResultSummary
-from servobench.export.tuning import Tuning, tune_loops
+from servobench.export.tuning import SAFE, Tuning, tune_loops
 from servobench.identification.design.assumed_motor import AssumedMotor
 from servobench.identification.design.next_tests import best_next_tests
 from servobench.systems.first_order import FirstOrderMotor, inverse, ratio
@@ -62,8 +62,13 @@ def robot_constants(answer: ResultSummary, target: str, wishes: Wishes) -> Robot
     """Return the constants for robot code; `target` is what messages call the form that asks for them.
 
     Raises `UsageError` for a motor that isn't of first order, not driven by a voltage, or turned the other way by it, and for a
-    unit that doesn't fit.
+    unit that doesn't fit; `NotIdentifiable` where its gain isn't known.
     """
+    if answer.document["parameters"]["gain"].get("state") == "unknown":
+        raise NotIdentifiable(
+            f"{target}: these data don't tell the gain, and so no kV; identify tests at two voltages at least together, such as "
+            "all four of SysId"
+        )
     own = None if answer.user_unit is None or wishes.wheel_diameter else answer.user_unit[0]
     motor = first_order_motor(answer, target, wishes.unit or own, wishes.wheel_diameter)
     if motor.gain.value < 0:
@@ -76,15 +81,16 @@ def robot_constants(answer: ResultSummary, target: str, wishes: Wishes) -> Robot
     constants = feedforward(motor) | arm
     if arm:  # whose load has its own constant: what is left of an offset is none
         constants.pop("kG", None)
+    gains = tune_loops(motor, period, wishes.closed_loop, measurement_delay=late)
     return RobotConstants(
         unit=motor.unit,
         feedforward=constants,
-        gains=tune_loops(motor, period, wishes.closed_loop, measurement_delay=late),
+        gains=gains,
         period=period,
         measurement_delay=late,
         level_angle=level_angle,
         comment=comment_for(motor, answer),
-        notes=tuple(_notes(motor, level_angle, constants)),
+        notes=(*_notes(motor, level_angle, constants), *_margin_note(gains)),
     )
 
 
@@ -172,6 +178,17 @@ def _notes(motor: FirstOrderMotor, level_angle: float | None, found: Mapping[str
             "kG is the offset voltage, a constant load (an elevator's weight) if nothing else shifts the input."
         )
     return notes
+
+
+def _margin_note(gains: Tuning) -> list[str]:
+    """What to know of a loop whose margin the intervals don't warrant."""
+    if gains.phase_margin[1] >= SAFE:
+        return []
+    return [
+        f"The feedback gains may be unsafe: over the intervals the speed loop's phase margin lies between "
+        f"{math.degrees(gains.phase_margin[1]):.0f} and {math.degrees(gains.phase_margin[2]):.0f} deg, and below 0 it is "
+        "unstable. Ask for a slower closed loop (`closed_loop=...`), or record tests that tell the delay."
+    ]
 
 
 def next_tests_of(answer: ResultSummary, period: float) -> tuple[str, ...]:

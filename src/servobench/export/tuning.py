@@ -25,6 +25,10 @@ _DRAWS = 400
 _SHARE = 0.25  # of the motor's time constant: faster loops make much noise of little encoder
 _DEAD_TIMES = 2.0  # λ/θ: leaves 71° of phase
 _FILTER = 0.2  # of λ
+SAFE = math.pi / 6
+"""The phase margin that 97.5 % of the motors within the intervals have to be left with, at least [rad]."""
+_SLOWER = 1.5  # times λ, until it is so
+_MOST = 12  # such steps: a hundred times as slow
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -56,23 +60,48 @@ def tune_loops(
     integral_lag: int = 0,
     measurement_delay: float = 0.0,
 ) -> Tuning:
-    """Return gains for a controller that runs every `sample_time` [s]; `closed_loop` [s] is λ, 2 θ or τ/4 where it isn't said.
+    """Return gains for a controller that runs every `sample_time` [s]; `closed_loop` [s] is λ.
 
-    A speed that is `filtered` goes through a low-pass filter of λ/5. `integral_lag` is the number of ticks after which an error
-    is in the integral: 0 where it is added before the voltage is computed, 1 where after. `measurement_delay` [s] is how late the
-    controller gets the speed, beyond the delay in the data. Raises `UsageError` for a closed loop
-    that is wished faster than the dead time allows.
+    Where it isn't said, λ is 2 θ or τ/4, or longer where the intervals ask for it: until nearly all motors within them have a
+    phase margin of 30°. A speed that is `filtered` goes through a low-pass filter of λ/5. `integral_lag` is the number of ticks
+    after which an error is in the integral: 0 where it is added before the voltage is computed, 1 where after.
+    `measurement_delay` [s] is how late the controller gets the speed, beyond the delay in the data. Raises `UsageError` for a
+    closed loop that is wished faster than the dead time allows.
     """
-    gain, tau = motor.gain.value, motor.time_constant.value
     dead_time = motor.delay + sample_time + measurement_delay
-    wished = closed_loop if closed_loop is not None else max(_DEAD_TIMES * dead_time, _SHARE * tau)
-    lag = _FILTER * wished if filtered else 0.0
-    if wished < dead_time:
+
+    def tune(wished: float) -> Tuning:
+        lag = _FILTER * wished if filtered else 0.0
+        return _tune(motor, sample_time, wished, dead_time, lag, integral_lag, measurement_delay)
+
+    if closed_loop is None:
+        wished = max(_DEAD_TIMES * dead_time, _SHARE * motor.time_constant.value)
+        found = tune(wished)
+        for power in range(1, _MOST + 1):
+            if found.phase_margin[1] >= SAFE:
+                break
+            found = tune(_SLOWER**power * wished)
+        return found
+    if closed_loop < dead_time:
         raise UsageError(
-            f"`closed_loop={wished:g}`: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
+            f"`closed_loop={closed_loop:g}`: a loop can't be faster than the {dead_time:.3g} s of dead time (the motor's "
             f"delay {motor.delay:.3g} s, a sample time of {sample_time:g} s and a measurement {measurement_delay:g} s late); "
             f"choose {dead_time:.3g} s or more"
         )
+    return tune(closed_loop)
+
+
+def _tune(
+    motor: FirstOrderMotor,
+    sample_time: float,
+    wished: float,
+    dead_time: float,
+    lag: float,
+    integral_lag: int,
+    measurement_delay: float,
+) -> Tuning:
+    """The gains for a closed loop as wished, behind a filter of that lag, and the margins of motors within the intervals."""
+    gain, tau = motor.gain.value, motor.time_constant.value
     dead_time += lag
     position_gain, speed_gain, integral = simc(gain, tau, wished, dead_time)
     law = _speed_law(speed_gain, integral, sample_time, smoothing(sample_time, lag), integral_lag)
