@@ -97,3 +97,26 @@ def test_what_does_not_go_together_is_told(
 
     assert ended.status == 2
     assert because in ended.err
+
+
+def test_what_was_done_before_an_interrupt_is_kept_and_said(
+    servobench: Command, fleet: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from servobench.report.document import Report
+
+    write, reports = Report.write, []
+
+    def interrupted(report: Report, path: Path) -> None:
+        reports.append(path)
+        if len(reports) == 2:
+            raise KeyboardInterrupt
+        write(report, path)
+
+    monkeypatch.setattr(Report, "write", interrupted)
+    ended = servobench("identify", *fleet, *COLUMNS, "--each", "--out", tmp_path / "out")
+
+    assert ended.status == 130
+    assert "interrupted: " in ended.err
+    (whole,) = (tmp_path / "out").iterdir()
+    assert (whole / "result.json").exists()
+    assert (whole / "report.html").exists()

@@ -8,6 +8,7 @@ from contextlib import nullcontext
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any
 
 from servobench.cli.failures import DONE, REFUSED, USER_MISTAKE
@@ -40,8 +41,10 @@ def identify_each(
     With `out` each has a folder of its file's name, with result and report; with `as_json` a line on standard output. The status
     is that of the worst: 2 where a file couldn't be used, 3 where one was refused, 0 otherwise.
     """
+    from servobench.cli.failures import PartialStop
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
+    from servobench.core.rounding import count_text
 
     statuses = []
     names = _names_of_their_own(files)
@@ -51,10 +54,16 @@ def identify_each(
         announce_compiling(progress),
     ):
         for number, (file, name) in enumerate(zip(files, names, strict=True)):
-            progress.begin(f"identifying {len(files)} files")
+            progress.begin(f"identifying {count_text(len(files), 'file')}")
             progress.advance(number / len(files))
             place = folder / name if folder is not None else None
-            statuses.append(_identify_one(file, reading, asked, place, as_json, command))
+            try:
+                statuses.append(_identify_one(file, reading, asked, place, as_json, command))
+            except KeyboardInterrupt:
+                raise PartialStop(
+                    f"interrupted: {number} of {count_text(len(files), 'file')} done, {file} was next; what was printed and "
+                    "written is whole"
+                ) from None
     return next((status for status in (USER_MISTAKE, REFUSED) if status in statuses), DONE)
 
 
@@ -112,9 +121,12 @@ def _write(folder: Path, evidence: Sequence[Evidence], result: Result, command: 
     from servobench.cli.run_folder import RunFolder
     from servobench.report.document import Report
 
-    make(folder)
-    RunFolder(folder).write_result(result.to_dict())
-    Report([part.recording for part in evidence], result, command=command).write(RunFolder(folder).report)
+    with TemporaryDirectory(prefix=".", dir=folder.parent) as beside:
+        whole = RunFolder(Path(beside) / folder.name)
+        make(whole.path)
+        whole.write_result(result.to_dict())
+        Report([part.recording for part in evidence], result, command=command).write(whole.report)
+        whole.path.replace(folder)
 
 
 def _in_a_line(result: Result) -> str:

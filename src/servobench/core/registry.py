@@ -78,6 +78,16 @@ class Registry(Generic[T]):
         explained = "".join(f"; {form}: {self._meanings[form]}" for form in meant)
         raise UnknownName(self.kind, name, [*self._members, *self._families], explained)
 
+    def __contains__(self, name: object) -> bool:
+        """Return whether there is a member of that name, fixed or of a family."""
+        try:
+            return isinstance(name, str) and self[name] is not None
+        except UnknownName:
+            return False
+
+    def __len__(self) -> int:
+        return len(self.names())
+
     def __iter__(self) -> Iterator[T]:
         return (self._members[name] for name in self.names())
 

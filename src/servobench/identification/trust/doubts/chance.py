@@ -10,7 +10,10 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
 
-_WELL = 90.0  # percent: nothing explains so much by chance
+_WELL = 90.0  # percent: nothing explains so much by chance, but for a shaft that turns at one speed
+_ALL = (
+    0.5  # of what a constant speed leaves: an input that takes no more than half of it away explains little
+)
 _LEVELS = 8  # held one after another: with fewer there are too few orders to put them in
 _ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 by chance in 5 % of the cases
 _AS_GOOD = 2  # of these orders
@@ -25,10 +28,14 @@ def _about_fit(fit: Fit) -> list[Finding]:
     does it better than others do. It doesn't where the input changed unseen between samples, or drives another motor.
     """
     records = [record.data for record in fit.records]
-    if fit.fit_percent >= _WELL or any(_changes(data) < _LEVELS for data in records):
+    if any(_changes(data) < _LEVELS for data in records):
         return []
     generator = np.random.default_rng(0)
     recorded = _misfit(records, [_input(data) for data in records])
+    if fit.fit_percent >= _WELL and recorded < _ALL * _misfit(
+        records, [0.0 * _input(data) for data in records]
+    ):
+        return []
     others = [
         _misfit(records, [_reorder(_input(data), generator) for data in records]) for _ in range(_ORDERS)
     ]
