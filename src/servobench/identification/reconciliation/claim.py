@@ -21,7 +21,8 @@ _SPELLINGS: dict[str, Claimed] = {
 }
 # Parameters of structures, too, but the causes tell of gain and time constant only.
 _NOT_EXPLAINED = ("coulomb_voltage", "offset_voltage", "stribeck_voltage", "delay")
-_EXPECTED: dict[Claimed, str] = {"gain": "any number but 0", "time_constant": "more than 0"}
+_SMALLEST, _LARGEST = 1e-12, 1e12  # in SI units: no motor is beyond these, nor is any mistake in a unit
+_EXPECTED: dict[Claimed, str] = {"gain": "1e-12 to 1e12, either way", "time_constant": "1e-12 to 1e12 s"}
 _NUMBER = re.compile(r"\s*[+-]?(?P<digits>\d+\.?\d*|\.\d+)(?:[eE](?P<exponent>[+-]?\d{1,3}))?")
 _PLUS_MINUS = re.compile(r"±|\+/?-")
 _FEWEST_DIGITS = 2  # of a data sheet's value: 4e-06 was written 4.0e-6
@@ -64,7 +65,7 @@ class Claim:
             half = quantity(bounds[0], unit) if len(bounds) == 1 else _half_digit(written, value)
         except UnitError as error:
             raise UsageError(f"claim {text!r}: {error}") from None
-        if not (value > 0 or (known == "gain" and value != 0)):
+        if not (value > 0 or known == "gain") or not _SMALLEST <= abs(value) <= _LARGEST:
             raise UsageError(
                 f"claim {text!r}: a {parameter_in_words(known)} of {value:g} isn't possible; expected "
                 f"{_EXPECTED[known]}"

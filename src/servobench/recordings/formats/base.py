@@ -174,6 +174,7 @@ def _check_is_there(file: Path) -> None:
     if file.is_dir():
         raise UsageError(
             f"{file} is a folder, and no bag of ROS 2 (it lacks metadata.yaml); name a file in it"
+            + (f", such as {file / 'recording.mcap'}" if (file / "recording.mcap").exists() else "")
         )
     if not file.exists():
         folder = file.parent

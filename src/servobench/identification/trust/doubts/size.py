@@ -79,7 +79,8 @@ def _about_fit(fit: Fit) -> list[Finding]:
         return []
     sentence = (
         f"The time constant comes out as {tau.value:.3g} s, too long for a servo motor: "
-        "milliseconds may have been read as seconds. Check the unit of the times: `time=COL:ms`."
+        "milliseconds may have been read as seconds. Check the unit of the times: "
+        "`time=COL:ms` for a column, or seconds in place of milliseconds for arrays."
     )
     return [warning("size-absurd", sentence, parameters=("time_constant", "gain"))]
 
