@@ -145,6 +145,9 @@ def test_a_rate_in_the_first_row_gives_the_times(
     other = assign(table(tmp_path, heading, first, rest), input="u:V", output="y:deg", sample_time=0.1)
     assert other["y"].t == pytest.approx(0.1 * np.arange(40))
     assert "sample-time-in-file" not in codes(other.findings)
+    assert finding(other.findings, "sample-time-contradicts").severity is Severity.WARNING
+    same = assign(table(tmp_path, heading, first, rest), input="u:V", output="y:deg", sample_time=step)
+    assert "sample-time-contradicts" not in codes(same.findings)
 
 
 @pytest.mark.parametrize(

@@ -65,7 +65,7 @@ def assign_times(
             role: replace(each, t=step * np.arange(len(each.values), dtype=np.float64))
             for role, each in series.items()
         }
-        return evenly, [*_contradictions(series, step), info("sample-time-given", told)]
+        return evenly, [*_contradictions(recording, series, step), info("sample-time-given", told)]
     if time is not None:
         return _with_time_column(recording, series, time)
     has_times = [each.t is not None for each in series.values()]
@@ -97,8 +97,15 @@ _RATE = frozenset(
 _AGREE = 0.02  # of a sample time: clocks of boards are off by less
 
 
-def _contradictions(series: Mapping[Role, Series], step: float) -> list[Finding]:
-    """Whether the times that a file has contradict the sample time that was given [s]."""
+def _contradictions(recording: Recording, series: Mapping[Role, Series], step: float) -> list[Finding]:
+    """Whether the times that a file has, or the rate that it states, contradict the sample time that was given [s]."""
+    stated = _sample_time_in_file(recording)
+    if stated is not None and abs(stated[0] - step) > _AGREE * step:
+        sentence = (
+            f"The file states a sample time of {stated[0]:.4g} s, and the one that was given is {step:.4g} s: one of them is wrong. "
+            "Leave `sample_time=...` out to use the file's."
+        )
+        return [warning("sample-time-contradicts", sentence)]
     for role in ("output", "input"):
         t = series[role].t if role in series else None
         steps = np.diff(t[np.isfinite(t)]) if t is not None else np.empty(0)
