@@ -102,8 +102,8 @@ def _contradictions(recording: Recording, series: Mapping[Role, Series], step: f
     stated = _sample_time_in_file(recording)
     if stated is not None and abs(stated[0] - step) > _AGREE * step:
         sentence = (
-            f"The file states a sample time of {stated[0]:.4g} s, and the one that was given is {step:.4g} s: one of them is wrong. "
-            "Leave `sample_time=...` out to use the file's."
+            f"The file states a sample time of {stated[0]:.4g} s, and the one that was given is {step:.4g} s: one of them is "
+            "wrong. Leave `sample_time=...` out to use the file's."
         )
         return [warning("sample-time-contradicts", sentence)]
     for role in ("output", "input"):
