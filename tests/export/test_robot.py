@@ -263,3 +263,9 @@ def test_a_gain_that_is_not_known_gives_no_code(answer: ResultSummary, tmp_path:
 
     with pytest.raises(NotIdentifiable, match="don't tell the gain"):
         written(replace(answer, document=document), "java", tmp_path)
+
+
+def test_the_code_says_for_which_voltages_it_holds(answer: ResultSummary, tmp_path: Path) -> None:
+    local = replace(answer, input_range=(0.35, 0.44))
+
+    assert "between 0.35 and 0.44 V" in written(local, "cpp", tmp_path).read_text()

@@ -90,7 +90,7 @@ def robot_constants(answer: ResultSummary, target: str, wishes: Wishes) -> Robot
         measurement_delay=late,
         level_angle=level_angle,
         comment=comment_for(motor, answer),
-        notes=(*_notes(motor, level_angle, constants), *_margin_note(gains)),
+        notes=(*_notes(motor, level_angle, constants), *_range_note(answer), *_margin_note(gains)),
     )
 
 
@@ -178,6 +178,16 @@ def _notes(motor: FirstOrderMotor, level_angle: float | None, found: Mapping[str
             "kG is the offset voltage, a constant load (an elevator's weight) if nothing else shifts the input."
         )
     return notes
+
+
+def _range_note(answer: ResultSummary) -> list[str]:
+    """Between which voltages the constants were found."""
+    low, high = answer.input_range
+    if not math.isfinite(low + high):
+        return []
+    return [
+        f"In the data the voltage was between {low:.3g} and {high:.3g} V; elsewhere the constants weren't tried."
+    ]
 
 
 def _margin_note(gains: Tuning) -> list[str]:
