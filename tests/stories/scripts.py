@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
+from collections.abc import Sequence
 from pathlib import Path
 
 
-def run_script(text: str, folder: Path) -> str:
+def run_script(text: str, folder: Path, python: Path) -> str:
     """What a script prints; fails with what it wrote to the standard error where it doesn't end well."""
+    return run([python, "-c", text], folder)
+
+
+def run_command(folder: Path, python: Path, *words: str) -> str:
+    """What a command prints that a user types in a folder; fails where it doesn't end well."""
+    return run([python, "-m", "servobench", *words], folder)
+
+
+def run(words: Sequence[str | Path], folder: Path) -> str:
+    """What a program prints in a folder; fails with what it wrote to the standard error where it doesn't end well."""
     home = folder / "home"
     home.mkdir(exist_ok=True)
     environment = {**os.environ, "HOME": str(home), "XDG_CACHE_HOME": str(home), "MPLBACKEND": "agg"}
     done = subprocess.run(
-        [sys.executable, "-c", text], cwd=folder, env=environment, capture_output=True, text=True, timeout=300
+        [*map(str, words)], cwd=folder, env=environment, capture_output=True, text=True, timeout=300
     )
     assert done.returncode == 0, done.stderr
     return done.stdout

@@ -56,7 +56,7 @@ for name in ("gain", "time_constant"):
 """
 
 
-def test_arrays_become_a_model_in_two_lines(tmp_path: Path) -> None:
+def test_arrays_become_a_model_in_two_lines(tmp_path: Path, python: Path) -> None:
     table = angle_table(seed=1)
     np.savez(tmp_path / "log.npz", t=table["time"], u=table["voltage"], y=table["angle"])
 
@@ -65,13 +65,14 @@ def test_arrays_become_a_model_in_two_lines(tmp_path: Path) -> None:
         "import servobench as sb\n"
         "result = sb.identify(t=t, u=u, y=y, input_unit='V', output_unit='deg')\n" + INTERVALS,
         tmp_path,
+        python,
     )
 
     assert_holds_the_truth(printed)
 
 
 @pytest.mark.parametrize("library", ["pandas", "polars"])
-def test_a_frame_becomes_a_model_a_picture_and_a_frame(library: str, tmp_path: Path) -> None:
+def test_a_frame_becomes_a_model_a_picture_and_a_frame(library: str, tmp_path: Path, python: Path) -> None:
     angle_table(seed=2).to_csv(tmp_path / "log.csv", index=False)
 
     printed = run_script(
@@ -81,13 +82,14 @@ def test_a_frame_becomes_a_model_a_picture_and_a_frame(library: str, tmp_path: P
         "result.plot()[0].figure.savefig('fit.png')\n"
         "assert list(result.to_frame().index)[:2] == ['gain', 'time_constant']\n" + INTERVALS,
         tmp_path,
+        python,
     )
 
     assert_holds_the_truth(printed)
     assert (tmp_path / "fit.png").read_bytes().startswith(b"\x89PNG")
 
 
-def test_a_folder_becomes_a_table_in_which_a_bad_file_is_a_row(tmp_path: Path) -> None:
+def test_a_folder_becomes_a_table_in_which_a_bad_file_is_a_row(tmp_path: Path, python: Path) -> None:
     """What a file costs is measured by bench/folder.py, for 500 of them."""
     for serial in range(6):
         angle_table(seed=serial, samples=1500).to_csv(tmp_path / f"motor_{serial}.csv", index=False)
@@ -103,6 +105,7 @@ def test_a_folder_becomes_a_table_in_which_a_bad_file_is_a_row(tmp_path: Path) -
         "    except ValueError as error:\n"
         "        print(path.name, 'error', str(error).splitlines()[0])\n",
         tmp_path,
+        python,
     )
 
     rows = [line.split() for line in printed.splitlines()]

@@ -7,26 +7,19 @@ import math
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 from tests.recordings.formats.robots import constants_of, sysid_json
 from tests.rig.motor.reference import Truth
+from tests.stories.scripts import run_command
 
 
-def typed(folder: Path, *words: str) -> str:
-    """What a command prints that a user types in a folder; fails where it doesn't end well."""
-    done = subprocess.run(
-        [sys.executable, "-m", "servobench", *words], cwd=folder, capture_output=True, text=True, timeout=300
-    )
-    assert done.returncode == 0, done.stderr
-    return done.stdout
-
-
-def test_a_file_of_sysid_becomes_constants_in_java(tmp_path: Path) -> None:
+def test_a_file_of_sysid_becomes_constants_in_java(tmp_path: Path, python: Path) -> None:
     (tmp_path / "drive.json").write_text(sysid_json())
 
-    printed = typed(tmp_path, "export", "drive.json", "--as", "java", "--out", "DriveConstants.java")
+    printed = run_command(
+        tmp_path, python, "export", "drive.json", "--as", "java", "--out", "DriveConstants.java"
+    )
 
     true, text = constants_of(Truth()), (tmp_path / "DriveConstants.java").read_text()
     for name, value in (("kS", true.ks), ("kV", true.kv), ("kA", true.ka)):
@@ -37,17 +30,30 @@ def test_a_file_of_sysid_becomes_constants_in_java(tmp_path: Path) -> None:
         assert name in printed
 
 
-def test_a_tuned_loop_becomes_c_that_a_compiler_takes_and_that_passes_its_test(tmp_path: Path) -> None:
+def test_a_tuned_loop_becomes_c_that_a_compiler_takes_and_that_passes_its_test(
+    tmp_path: Path, python: Path
+) -> None:
     compiler = shutil.which("cc") or shutil.which("gcc")
     assert compiler is not None, "no C compiler (cc) on the path"
-    typed(tmp_path, "run", "--out", "motor")
-    tuning = typed(
-        tmp_path, "tune", "motor", "--damping", "0.8", "--bandwidth", "8", "--voltage-limit", "10", "--json"
+    run_command(tmp_path, python, "run", "--out", "motor")
+    tuning = run_command(
+        tmp_path,
+        python,
+        "tune",
+        "motor",
+        "--damping",
+        "0.8",
+        "--bandwidth",
+        "8",
+        "--voltage-limit",
+        "10",
+        "--json",
     )
     (tmp_path / "tuning.json").write_text(tuning)
 
-    typed(
+    run_command(
         tmp_path,
+        python,
         "export",
         "tuning.json",
         "--as",

@@ -1,0 +1,40 @@
+"""The Python that a story's person has: the one of the tests, and in the long tests one with nothing but the built package."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+import sysconfig
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+@pytest.fixture(scope="session", params=["here", pytest.param("fresh", marks=pytest.mark.long)])
+def python(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A Python that can import servobench, freshly installed or not."""
+    if request.param == "here":
+        return Path(sys.executable)
+    return install_fresh(tmp_path_factory.mktemp("fresh") / "env")
+
+
+def install_fresh(place: Path) -> Path:
+    """An environment into which the package was built and installed a moment ago; what it depends on comes from this one."""
+
+    def run(*words: str | Path) -> None:
+        done = subprocess.run([*map(str, words)], capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stderr
+
+    run(sys.executable, "-m", "venv", "--without-pip", place)
+    found, pip = place / "bin" / "python", (sys.executable, "-m", "pip", "--disable-pip-version-check")
+    run(
+        *pip, "wheel", "--no-index", "--no-deps", "--no-build-isolation", "--wheel-dir", place / "built", ROOT
+    )
+    (wheel,) = (place / "built").glob("*.whl")
+    run(*pip, "--python", found, "install", "--no-index", "--no-deps", wheel)
+    library = sysconfig.get_path("purelib", vars={"base": str(place), "platbase": str(place)})
+    # A line of such a file is a folder to look in; files of that kind in that folder, as of an editable install, don't count.
+    (Path(library) / "dependencies.pth").write_text(sysconfig.get_path("purelib") + "\n")
+    return found
