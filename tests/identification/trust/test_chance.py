@@ -52,3 +52,17 @@ def test_a_combination_that_rounding_errors_make_is_not_stated() -> None:
     for seed in range(RUNS):
         for each in decimated(seed, hold=7).combinations:
             assert each.estimate.sd > 1e-9 * abs(each.estimate.value)
+
+
+def test_a_step_whose_voltage_was_measured_with_noise_has_no_levels_to_reorder() -> None:
+    random = np.random.default_rng(2)
+    u = np.where(np.arange(600) < 60, 0.0, 3.0)
+    speed = march(Truth(), u, STEP)[:, 1]
+    noisy = speed + 0.3 * np.std(speed) * random.standard_normal(len(speed))
+    measured = u + 0.01 * random.standard_normal(len(u))
+    result = sb.identify(
+        t=np.arange(600) * STEP, u=measured, y=noisy, input_unit="V", output_unit="rad/s", chain="none"
+    )
+
+    assert "fit-by-chance" not in [finding.code for finding in result.findings]
+    assert _about_fit(fitted(result.data[0])) == []

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 from servobench.core.finding import Finding, warning
@@ -14,6 +15,7 @@ _WELL = 90.0  # percent: nothing explains so much by chance, but for a shaft tha
 _ALL = (
     0.5  # of what a constant speed leaves: an input that takes no more than half of it away explains little
 )
+_CHANGE = 0.05  # of the input's range: less, such as a sagging supply or a ramp, is the same level still
 _LEVELS = 8  # held one after another: with fewer there are too few orders to put them in
 _ORDERS = 19  # other orders of the levels: the recorded one is the best of 20 by chance in 5 % of the cases
 _AS_GOOD = 2  # of these orders
@@ -51,7 +53,12 @@ def _about_fit(fit: Fit) -> list[Finding]:
 
 
 def _changes(data: Dataset) -> int:
-    return int(np.count_nonzero(np.diff(_input(data))))
+    return len(_switches(_input(data)))
+
+
+def _switches(u: Array) -> NDArray[np.intp]:
+    """The samples (K,) at which another level begins."""
+    return np.flatnonzero(np.abs(np.diff(u)) > _CHANGE * np.ptp(u)) + 1
 
 
 def _input(data: Dataset) -> Array:
@@ -61,7 +68,7 @@ def _input(data: Dataset) -> Array:
 
 def _reorder(u: Array, generator: np.random.Generator) -> Array:
     """The same levels, each held for as long as it was, in another order."""
-    held = np.split(u, np.flatnonzero(np.diff(u)) + 1)
+    held = np.split(u, _switches(u))
     return np.concatenate([held[at] for at in generator.permutation(len(held))])
 
 
