@@ -40,7 +40,7 @@ def convert(
     check_free(target, "OUT", [source, reading.mapping], overwrite)
     with Progress() as progress:
         recordings = load_all([source], progress)
-    if set(reading.given) - {"--recording"}:
+    if set(reading.flags) - {"--recording"}:
         recordings = [_as_said(each) for each in evidence_of(recordings, reading)]
     elif reading.recording:
         recordings = select(recordings, reading.recording)

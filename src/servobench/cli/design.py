@@ -108,7 +108,7 @@ def _motor(
     if nominal is not None and known_from is not None:
         raise UsageError("--nominal and --from both describe the motor; give one of them")
     if known_from is None:
-        given = [*reading.given, *(["--starts-at-rest"] if starts_at_rest else [])]
+        given = [*reading.flags, *(["--starts-at-rest"] if starts_at_rest else [])]
         if given:
             raise UsageError(
                 f"{' and '.join(given)}: a data sheet says all of this; leave that out, or give a recording with --from FILE"

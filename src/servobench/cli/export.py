@@ -135,6 +135,7 @@ def export(
         if tuned is not None:
             files = export_law(tuned, file, wishes)
         elif answer is not None:
+            _show_constants(console, answer, target, wishes)
             # A target may write more files than the one that is named.
             files = exported(
                 answer,
@@ -143,7 +144,6 @@ def export(
                 wishes,
                 check=lambda each: check_free(each, "--out", [motor, reading.mapping], overwrite),
             )
-            _show_constants(console, answer, target, wishes)
     except UsageError as error:  # which calls by Python's keyword what is an option of this command
         error.args = (with_options(str(error), CONTROLLER),)
         raise
@@ -201,11 +201,11 @@ def _with_its_unit(diameter: str | None) -> str | None:
     """A wheel's diameter as it was typed; raises `UsageError` for a bare number, which some mean in inches."""
     from servobench.core.errors import UsageError
 
-    if diameter is not None and diameter.strip().replace(".", "", 1).isdigit():
-        raise UsageError(
-            f"--wheel-diameter {diameter}: say the unit, too, such as {diameter}in or {diameter}cm"
-        )
-    return diameter
+    try:
+        float(diameter or "")
+    except ValueError:
+        return diameter
+    raise UsageError(f"--wheel-diameter {diameter}: say the unit, too, such as {diameter}in or {diameter}cm")
 
 
 def _quantity(option: str, text: str | None, si: str) -> float | None:

@@ -96,9 +96,9 @@ def _refuse_reading(reading: Reading) -> None:
     """Raise `UsageError` for options that say how to read a file where runs are made, which say all of that themselves."""
     from servobench.core.errors import UsageError
 
-    if reading.given:
+    if reading.flags:
         raise UsageError(
-            f"{' and '.join(reading.given)}: an experiment's runs need no columns, and the chain is in the experiment's file; "
+            f"{' and '.join(reading.flags)}: an experiment's runs need no columns, and the chain is in the experiment's file; "
             "leave that out, or give recordings"
         )
 

@@ -169,8 +169,8 @@ class Reading:
     recording: RecordingNames = None
 
     @property
-    def given(self) -> tuple[str, ...]:
-        """The options that were given, as they are typed."""
+    def flags(self) -> tuple[str, ...]:
+        """The options that aren't left out, as they are typed."""
         return tuple(
             f"--{each.name.replace('_', '-')}"
             for each in fields(self)

@@ -10,7 +10,7 @@ import json
 import math
 import os
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -262,10 +262,17 @@ def text_of_law(tuned: TunedLaw, counts_per_rev: float, name: str) -> str:
         numbers["KI"] = (law.integral, "V for each second of an error of 1")
     share = f"{min(tuned.sample_time / law.tracking, 1.0)!r}" if law.integral else ""
     rows = _vectors(tuned, counts_per_rev, law)
-    insert: Callable[[str], str] = lambda text: text.format(  # noqa: E731
-        name=name, upper=upper, y="state->speed" if controller.output == "speed" else "position", share=share,
-        of_speed=_PID_OF_SPEED.format(name=name, upper=upper) if controller.output == "speed" else "",
-    )  # fmt: skip
+    follows_speed = controller.output == "speed"
+
+    def insert(text: str) -> str:
+        return text.format(
+            name=name,
+            upper=upper,
+            y="state->speed" if follows_speed else "position",
+            share=share,
+            of_speed=_PID_OF_SPEED.format(name=name, upper=upper) if follows_speed else "",
+        )
+
     return _TEXT.format(
         name=name,
         upper=upper,

@@ -116,7 +116,7 @@ def identify(
     check_type("structure", structure, str, "a name, or 'auto'")
     check_type("estimator", estimator, str, "a name, or 'auto'")
     check_type("starts_at_rest", starts_at_rest, bool, "True or False")
-    nominal_motor(nominal)
+    sheet = nominal_motor(nominal)
     if known is not None:
         check_mapping("known", known, '{"resistance": 8.4}')
     parts = evidence_in(data, **options)
@@ -124,7 +124,7 @@ def identify(
     if not (isinstance(validate_on, Sequence) and not len(validate_on)):
         others = further_evidence_in(validate_on, argument="validate_on", **options)
     return identify_evidence(
-        parts, structure, estimator, nominal, validate_on=others, known=known, starts_at_rest=starts_at_rest
+        parts, structure, estimator, sheet, validate_on=others, known=known, starts_at_rest=starts_at_rest
     )
 
 
@@ -169,13 +169,6 @@ def _validation_data(
                 "another recording of the motor, or none: then parts of the data are left out in turn"
             )
     return others
-
-
-def _validate_on(fit: Fit, others: Sequence[Dataset]) -> Validation:
-    try:
-        return validate_with(fit, others)
-    except NotIdentifiable as error:
-        raise UsageError(f"the data to validate on can't be used: {error}") from error
 
 
 def _without_data(recordings: Sequence[Recording], error: NotIdentifiable) -> Result:
@@ -270,7 +263,7 @@ def _judge(
     fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
     told = parameter_statuses(fit), combinations(fit)
     fit = with_what_one_level_tells(fit)
-    validation = _validate_on(fit, validate_on) if validate_on else cross_validate(method, records, fit)
+    validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,
         *fit.findings,

@@ -47,13 +47,6 @@ def test_a_noisy_motor_that_follows_its_input_is_no_chance() -> None:
     assert _about_fit(fit) == []
 
 
-def test_a_combination_that_rounding_errors_make_is_not_stated() -> None:
-    """Gain and time constant of a motor that nothing is known of run to infinity together, and their quotient has no sd of 0."""
-    for seed in range(RUNS):
-        for each in decimated(seed, hold=7).combinations:
-            assert each.estimate.sd > 1e-9 * abs(each.estimate.value)
-
-
 def test_a_step_whose_voltage_was_measured_with_noise_has_no_levels_to_reorder() -> None:
     random = np.random.default_rng(2)
     u = np.where(np.arange(600) < 60, 0.0, 3.0)

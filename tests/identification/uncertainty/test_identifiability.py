@@ -52,6 +52,16 @@ def test_time_constant_and_delay_that_stand_for_each_other_are_known_as_their_su
     assert "only together" in sentences[0]
 
 
+def test_a_combination_of_which_rounding_is_all_that_is_left_is_not_stated() -> None:
+    """Gain and time constant that run to infinity together leave a quotient with no standard deviation, and not with one of 0."""
+    near, lost = (with_spread(fitted(), gain=size, time_constant=size) for size in (30.0, 1e12))
+    (acceleration,) = combinations(near)
+
+    assert acceleration.name == "acceleration"
+    assert acceleration.estimate.sd > 0
+    assert combinations(lost) == ()
+
+
 def test_what_nothing_tells_has_a_remedy() -> None:
     fit = with_spread(fitted(), time_constant=30.0)
     told = parameter_statuses(fit)

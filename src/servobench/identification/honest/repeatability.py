@@ -119,7 +119,6 @@ def honest(
     >>> honest(runs).covers
     True
     """
-    check_type("starts_at_rest", starts_at_rest, bool, "True or False")
     check_type("structure", structure, str, "a name, or 'auto'")
     check_type("estimator", estimator, str, "a name, or 'auto'")
     if beside is not None:

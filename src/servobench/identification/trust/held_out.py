@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from servobench.core.channels import Array
-from servobench.core.errors import NotIdentifiable
+from servobench.core.errors import NotIdentifiable, UsageError
 from servobench.core.finding import Finding, info, warning
 from servobench.core.rounding import count_text, share_explained
 from servobench.identification.estimators.base import Estimator, Fit, FittedRecord, fit_percent
@@ -81,8 +81,14 @@ def cuts_for_validation(data: Sequence[Dataset]) -> tuple[Callable[[int], str], 
 
 
 def validate_with(fit: Fit, data: Sequence[Dataset]) -> Validation:
-    """Return how well the model simulates other records; only their start states are fitted."""
-    held = [simulate_record(fit.model.structure, fit.model.theta, record) for record in data]
+    """Return how well the model simulates other records; only their start states are fitted.
+
+    Raises `UsageError` for a record that says too little even for that.
+    """
+    try:
+        held = [simulate_record(fit.model.structure, fit.model.theta, record) for record in data]
+    except NotIdentifiable as error:
+        raise UsageError(f"the data to validate on can't be used: {error}") from error
     return Validation(
         how=f"simulated {count_text(len(held), 'other record')} that it wasn't fitted to",
         fit_percent=fit_percent(held),

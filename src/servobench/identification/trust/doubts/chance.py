@@ -10,6 +10,7 @@ from servobench.core.finding import Finding, warning
 from servobench.identification.estimators.base import Fit
 from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 from servobench.recordings.measurement.dataset import Dataset
+from servobench.recordings.measurement.kernels import first_order_recursion
 
 _WELL = 90.0  # percent: nothing explains so much by chance, but for a shaft that turns at one speed
 _ALL = (
@@ -87,11 +88,10 @@ def _misfit(records: list[Dataset], inputs: list[Array]) -> float:
 
 def _misfit_behind_lag(y: Array, u: Array, lag: float, kind: str) -> float:
     """What a motor with a time constant of `lag` samples leaves of the output's variation."""
-    from scipy.signal import lfilter
-
     decay = np.exp(-1.0 / lag)
     steps = np.arange(len(y))
-    speed = np.append(0.0, lfilter([1.0 - decay], [1.0, -decay], u)[:-1])
+    follows = first_order_recursion(np.full(len(u), decay), ((1.0 - decay) * u)[:, None])[:, 0]
+    speed = np.append(0.0, follows[:-1])
     columns = [speed, np.ones_like(speed), decay**steps]
     if kind == "position":
         columns = [np.cumsum(speed), *columns[1:], steps]
