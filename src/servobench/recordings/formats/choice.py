@@ -28,7 +28,13 @@ from servobench.recordings.formats.roles import (
 from servobench.recordings.recording import Recording, Series
 
 _MEANING = {"input": "what drives the motor", "output": "what was measured of the motor"}
-_EXAMPLE = {"input": "V", "output": "deg/s", "reference": "deg", "supply": "V", "current": "A"}
+_EXAMPLES = {
+    "input": ("V",),
+    "output": ("deg", "deg/s"),
+    "reference": ("deg",),
+    "supply": ("V",),
+    "current": ("A",),
+}
 
 
 def spec_of(given: str | ColumnSpec | None, recording: Recording) -> ColumnSpec | None:
@@ -76,9 +82,9 @@ def choose(recording: Recording, role: Role, spec: ColumnSpec | None, taken: Seq
         sentence = f"`{name}` is read in V by convention; otherwise say `input={shell_text(f'{name}:UNIT')}`."
         findings.append(info("unit-by-convention", sentence))
     if symbol is None:
-        example = shell_text(f"{name}:{_EXAMPLE[role]}")
+        examples = " or ".join(shell_text(f"{name}:{unit}") for unit in _EXAMPLES[role])
         return (
-            f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {example}"
+            f"the unit of the {role} `{name}`: say `{role}={shell_text(f'{name}:UNIT')}`, such as {examples}"
         )
     if (scale := full_scale(symbol)) is not None:
         return _duty_of_counts(recording, role, series, scale, findings)

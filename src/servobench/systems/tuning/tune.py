@@ -19,7 +19,7 @@ from servobench.systems.control.lead import Lead
 from servobench.systems.control.pid import Pid
 from servobench.systems.first_order import FirstOrderMotor
 from servobench.systems.tuning.base import METHODS, Method, Tunable, Unreachable, Wish
-from servobench.systems.tuning.loop import LoopValue, loop_margins, nominal_margins
+from servobench.systems.tuning.loop import LoopValue, least_margins, loop_margins, nominal_margins
 from servobench.systems.tuning.placement import Pole, match_poles
 from servobench.systems.tuning.response import check_sample_time, step_response, ticks_of, unit_step
 
@@ -240,8 +240,11 @@ def _can_be_had(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
         return False
     if wish.step is not None and _too_high(found, wish, _peak(found, motor, wish, nominal)):
         return False
-    # The intervals cost hundreds of times more: only of what can be had without them.
-    return not _too_fast(found, motor, wish, loop_margins(found, motor, wish.sample_time))
+    # The intervals cost hundreds of times more: only where neither the estimate nor some of the draws are too fast.
+    return not any(
+        _too_fast(found, motor, wish, margins(found, motor, wish.sample_time))
+        for margins in (least_margins, loop_margins)
+    )
 
 
 def _peak(controller: Tunable, motor: FirstOrderMotor, wish: Wish, margins: Mapping[str, float]) -> float:
