@@ -136,6 +136,16 @@ def _one_way_that_reverses() -> Fit:
     return fitted(sound(samples=2000), "first_order_one_way")
 
 
+@cache
+def _speed_up_to(limit: float) -> Fit:
+    """The speed [rad/s] at many levels, measured with noise behind a sensor that ends at a limit."""
+    random = np.random.default_rng(5)
+    u = np.repeat(random.uniform(-3.0, 3.0, 60), 100)
+    data = dataset(seed=1, samples=len(u), u=u, chain="derivative")
+    y = np.clip(data.y, -limit, limit) + random.normal(0.0, 0.5, len(data.y))
+    return fitted(replace(data, y=y, applied=type(data.applied)(), quantum=None))
+
+
 EXAMPLES = (
     _example("delay-within-a-call", lambda: _of_data(hidden_delay=0.01)),
     _example("fit-by-chance", _of_another_motor),
@@ -166,6 +176,7 @@ EXAMPLES = (
     ),
     _example("offset-found", lambda: _one_way(0.0)),
     _example("offset-negative", lambda: _one_way(1.0), lambda: _one_way(0.0)),
+    _example("output-limited", lambda: _speed_up_to(35.0), lambda: _speed_up_to(100.0)),
     Example(
         code="parameter-at-bound",
         raised=lambda: _as_speed().findings,
