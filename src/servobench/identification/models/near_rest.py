@@ -7,7 +7,8 @@ by s at s = 0. Within a piece the speed is known, ω = ω_end + c₀ e^(-h/τ), 
     τ dS/dt = -S - |K| sgn(ω) (1 - ω/±w)   while |ω| < w
 
 in closed form: it is a piece as in `models.kernels`, with S_end = -|K| (±1 - ω_end/w) and c = |K| τ (ω - ω_end)/w. A piece ends
-where the speed passes w, too; there f is continuous and nothing jumps. At a stop S jumps as any sensitivity does.
+where the speed passes w, too; there f is continuous and nothing jumps. At a stop S jumps as all sensitivities do
+(Rozenvasser 1967).
 """
 
 from __future__ import annotations
@@ -90,7 +91,10 @@ def by_excess_friction(
 def passage(
     w: float, end: float, sense: float, width: float, tau: float, now: float, until: float
 ) -> tuple[float, bool, bool]:
-    """Return when a piece ends, `until` or as the speed passes ±width; whether it does; and whether it is slower until then."""
+    """Return when a piece ends [s], `until` or as the speed passes ±width; whether it does; and whether it is slower until then.
+
+    The speed is w at `now` [s] and tends to `end` with the time constant tau [s]; all speeds are in position units a second.
+    """
     speed, final = sense * w, sense * end
     slow = speed < width if speed != width else final < width
     if sense != 0.0 and (speed - width) * (final - width) < 0.0:

@@ -3,7 +3,8 @@
 What a first-order model calls a delay may be a pure delay, or a share λ of it the lag of a fast pole, such as the winding's.
 Then the output has λ p + λ² q more (`models.lag`), and the parameters are off by B (λ p + λ² q), B = (J'J)⁻¹ J'. λ is the
 same in all records and at each reversal. Before the data all values from 0 to 1 are alike probable, after them in proportion
-to the likelihood; the covariance added is the mean square of that error. It vanishes where the data show a pure delay.
+to the likelihood; the covariance added is the mean square of that error (model averaging: Hoeting, Madigan, Raftery and
+Volinsky 1999). It vanishes where the data show a pure delay.
 """
 
 from __future__ import annotations
