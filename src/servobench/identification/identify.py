@@ -50,12 +50,12 @@ from servobench.identification.trust.held_out import about_validation, cross_val
 from servobench.identification.trust.missing_terms import (
     missing_terms,
     superfluous_terms,
-    with_fast_pole,
     with_missing_terms,
 )
 from servobench.identification.trust.other_output import with_other_output
 from servobench.identification.trust.validation import validate
 from servobench.identification.trust.winding import about_winding
+from servobench.identification.uncertainty.friction_near_rest import with_friction_near_rest
 from servobench.identification.uncertainty.identifiability import (
     Combination,
     ParameterStatus,
@@ -63,6 +63,7 @@ from servobench.identification.uncertainty.identifiability import (
     parameter_statuses,
 )
 from servobench.identification.uncertainty.model_error import with_model_error
+from servobench.identification.uncertainty.one_lag import with_one_lag
 from servobench.identification.uncertainty.rounded_times import with_rounded_times
 from servobench.identification.uncertainty.status_findings import about_answers
 from servobench.identification.uncertainty.unresolved_time_constant import with_unresolved_time_constant
@@ -303,7 +304,7 @@ def _with_allowances(
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
-    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
+    fit = with_what_records_tell(with_friction_near_rest(with_one_lag(fit)), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)

@@ -18,7 +18,7 @@ from servobench.identification.estimators.base import Fit
 from servobench.identification.estimators.output_error import OutputError
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES, Model
-from servobench.identification.trust.missing_terms import fast_pole_doubt
+from servobench.identification.uncertainty.one_lag import lag_covariance
 from servobench.identification.uncertainty.propagation import (
     continuous_loop_margins,
     derive,
@@ -325,7 +325,7 @@ def test_95_percent_intervals_cover_in_89_to_100_of_100_runs() -> None:
         data = dataset(seed=seed, truth=truth, samples=2500)
         fit = OutputError().fit(STRUCTURES["first_order_one_way"], [data])
         # As `identify` does it: what the delay is made of is part of what isn't known.
-        found = derive(replace(fit, covariance=fit.covariance + fast_pole_doubt(fit)), feedback)
+        found = derive(replace(fit, covariance=fit.covariance + lag_covariance(fit)), feedback)
         for name, answer in answers.items():
             low, high = found[name].interval
             covered[name] += low <= answer <= high

@@ -6,7 +6,7 @@ a normal a, Bishop 2006, equations 3.53 and 3.54; each sample has a weight w and
 
     V = (I + E⊥' w E⊥)⁻¹,   m = V E⊥' s,   covariance added: B (V + m m') B'
 
-Where the data speak of a pure delay, m and V are small, and so is what is added; where they speak of a lag, m is not.
+Where the data speak against such errors, m and V are small, and so is what is added; where they speak for them, m is not.
 """
 
 from __future__ import annotations

@@ -36,7 +36,6 @@ from servobench.identification.models.records import (
     start_parameters,
     through_chain,
 )
-from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -236,19 +235,25 @@ class FirstOrder:
         return np.asarray(self._motion(theta, data, "speed", data.t_output, data.u) != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
-        if not self.friction:
-            return np.empty((len(data.y), 0))
-        return switching_errors(self._switching(theta, data), data)
+        """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
+        return np.empty((len(data.y), 0))
 
-    def _switching(self, theta: Array, data: Dataset) -> Switching:
-        """What reversals need to know."""
-        gain, tau, offset, coulomb, delay = (float(value) for value in self.vector(theta, data)[:5])
+    def by_excess_friction(self, theta: Array, data: Dataset, width: float) -> Array:
+        """Return the derivative of the prediction (M,) by Coulomb friction that has a volt more at rest, for theta (P + Q,).
 
-        def states(times: Array) -> tuple[Array, Array]:
-            return self._motion(theta, data, "speed", times, data.u), np.full(len(times), offset)
+        The excess falls to nothing at the speed `width`, in position units a second; see `models.near_rest`.
+        """
+        from servobench.identification.models.near_rest import by_excess_friction
 
-        return Switching(gain=gain, tau=tau, coulomb=coulomb, delay=delay, states=states)
+        p, found = self.vector(theta, data), np.empty(len(data.t_output))
+        kind = data.kind if is_plain(data) else data.shaft_kind
+        t, u, before = data.t_input, data.u, data.input_before
+        by_excess_friction(t, u, before, data.t_output, p, width, float(kind == "speed"), found)
+        return found if is_plain(data) else data.chain.linear(found[:, None], data.t_output)[:, 0]
+
+    def speed(self, theta: Array, data: Dataset) -> Array:
+        """Return the shaft's speed (M,) at the samples, before any chain, for theta (P + Q,)."""
+        return self._motion(theta, data, "speed", data.t_output, data.u)
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s for the position."""

@@ -31,7 +31,6 @@ from servobench.identification.models.common_parameters import COULOMB, DELAY, G
 from servobench.identification.models.first_order import FirstOrder
 from servobench.identification.models.motion import smooth_speed
 from servobench.identification.models.records import is_plain, start_parameters, through_chain
-from servobench.identification.models.reversals import Switching, switching_errors
 from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
@@ -250,31 +249,8 @@ class NonlinearMotor:
         return np.asarray(speed != 0, dtype=np.float64)
 
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
-        """Return the errors of reversals and starts that fall within the delay, as columns (M, E); see `models.reversals`."""
-        if not self.friction:
-            return np.empty((len(data.y), 0))
-        return switching_errors(self._switching(theta, data), data)
-
-    def _switching(self, theta: Array, data: Dataset) -> Switching:
-        """What reversals need to know: friction is at its largest near rest, and gravity is an offset that moves."""
-        from servobench.identification.models.nonlinear import kernels
-
-        p = self.vector(theta, data)
-
-        def states(times: Array) -> tuple[Array, Array]:
-            speed, _ = self.response(theta, data, "speed", times, derivatives=False)
-            angle, _ = self.response(theta, data, "position", times, derivatives=False)
-            angle = np.where(np.isfinite(angle), angle, 0.0)  # of a motor that ran away there is no angle
-            gravity = p[kernels.SINE] * np.sin(angle) + p[kernels.COSINE] * np.cos(angle)
-            return speed, p[kernels.OFFSET] + gravity
-
-        return Switching(
-            gain=float(p[kernels.GAIN]),
-            tau=float(p[kernels.TAU]),
-            coulomb=float(p[kernels.COULOMB] + p[kernels.STRIBECK]),
-            delay=float(p[kernels.DELAY]),
-            states=states,
-        )
+        """Return nothing, (M, 0): what a lag in place of the delay does is a line of the budget (`uncertainty.one_lag`)."""
+        return np.empty((len(data.y), 0))
 
     def transfer_function(self, theta: Array, output: Output, data: Dataset) -> TransferFunction:
         """Return K e^(-ds) / (τ s + 1), or that over s: of the motor alone, without gravity and friction."""
