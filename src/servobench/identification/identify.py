@@ -88,20 +88,21 @@ def identify(
     """Return the model that fits the data best, how well it is known, and the reasons to trust it or not.
 
     `data` is a `Dataset`, a `Recording`, the path of a file, a DataFrame (pandas, polars, Arrow, xarray), a time response of
-    python-control, or a list of such; arrays are given as `t`, `u` and `y` with their units. `options` say how to read what is no
-    `Dataset` yet, as on the command line: see `ReadingOptions`. `starts_at_rest` says that the shaft rests when each record
-    begins. What was recognised and not said is a finding.
+    python-control, or a list of these; arrays are given as `t`, `u` and `y` with their units. `options` say
+    how to read data that aren't a `Dataset` yet, as on the command line: see `ReadingOptions`.
+    `starts_at_rest` says that the shaft is at rest when each record begins. Everything that was recognised
+    rather than stated is a finding.
 
-    Several records are fitted jointly: they share the parameters, and each has its own start state. `structure` and
-    `estimator` are names, or "auto": then the structure is chosen by whether the motor turned both ways and which friction and
-    gravity the data ask for (see `choice.structure_choice`), and the estimator by a likelihood-ratio test for a random
-    torque. `nominal` is the name of a data sheet, or parameters, to hold the result against. `validate_on` are further data, read
-    in the same way, to try the model on; without any, records, input levels or stretches are left out in turn (`held_out`). Where
-    a current was measured, or `known` states a value, the motor's own parameters come along, as far as they are determined: see
-    `motor_parameters`.
-    Data that can't support a model give a refused result, not an error. Raises `UsageError` for what can't be read, names that
-    aren't known, a structure and an estimator that can't go together, or data that don't; `MissingInformation` where more has
-    to be said of the data.
+    Several records are fitted jointly: they share the parameters, and each has its own start state.
+    `structure` and `estimator` are names, or "auto". Then the structure depends on whether the motor turned
+    both ways, and on the friction and gravity that the data need (see `choice.structure_choice`); the
+    estimator depends on a likelihood-ratio test for a random torque. `nominal` is the name of a data sheet,
+    or parameters, to compare the result with. `validate_on` are further data, read in the same way, to test
+    the model on; without any, records, input levels or stretches are left out in turn (`held_out`). If a
+    current was measured, or `known` gives a value, the result includes the motor's own parameters, as far as
+    they are determined: see `motor_parameters`. Data that can't support a model give a refused result, not an
+    error. Raises `UsageError` for unreadable data, unknown names, a structure and an estimator that don't fit
+    together, or data that don't; `MissingInformation` if the data need more information.
 
     >>> import numpy as np
     >>> t = np.arange(0, 2, 0.002)

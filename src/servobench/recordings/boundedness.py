@@ -79,7 +79,8 @@ class RecordReport:
 
 
 def bibo(data: Dataset) -> RecordReport:
-    """Return what a record of bounded input says of its output's bounds, in sentences that don't go beyond it.
+    """Return what a record with a bounded input shows about the bounds of its output, and no more than that,
+    in sentences.
 
     >>> import servobench as sb
     >>> with sb.connect("twin") as motor:

@@ -1,4 +1,4 @@
-"""Which noise model the residuals of a fit ask for: the encoder's rounding, a random torque, or a colour of neither."""
+"""Which noise model fits the residuals: the encoder's rounding, a random torque, or neither of them."""
 
 from __future__ import annotations
 

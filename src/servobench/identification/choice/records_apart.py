@@ -1,9 +1,9 @@
-"""Do the records of a joint fit agree on its parameters? Each record is left out in turn, and what the others say is compared.
+"""Do the records of a joint fit agree on its parameters? Each record is left out in turn, and the results are compared.
 
-A joint fit takes one value for all records. Where the structure lacks something that shows in one record more than in another,
-its residuals object, but the value looks well known all the same: it is a mean that depends on which records happened to be
-there. Leaving each out in turn shows that (the jackknife, Tukey 1958): two selections share most of their records, so that 95 %
-intervals which don't meet lie further apart than chance puts them.
+A joint fit has one value for all records. If the structure lacks something that shows more in one record than in another, the
+residuals have a pattern, but the value still looks well known: it is a mean that depends on the choice of records. Leaving each
+record out in turn shows this (the jackknife, Tukey 1958). Two selections share most of their records, so if their 95 %
+intervals don't overlap, they differ by more than chance.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A speed that was differenced from counts is taken back to them, where a motor explains the counts."""
+"""A speed that is a difference of counts is converted back to counts, if a motor explains them."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
-"""The choice of a structure: a base that the motion calls for, then a rung of the ladder for each term that the data ask for.
+"""The choice of a structure: a base that suits the motion, then a rung of the ladder for each term that the data need.
 
-The score tests propose: they cost no fit, so that data which ask for nothing cost nothing. A proposed rung is fitted, and kept if
+Score tests propose rungs. They need no fit, so simple data cost nothing. A proposed rung is fitted, and kept if
 
 - the simulation explains more by Schwarz's criterion (1978), with as many samples as the colour of the residuals leaves,
-- the new term is known to half of itself, or else leaving it out would move gain or time constant by more than their own
-  standard deviation, which would claim to know more than the data tell,
+- the new term is known to half of its value, or leaving it out would move gain or time constant by more than their own standard
+deviation, so that their intervals would be too narrow,
 - gain and time constant are still known to half of themselves, and the search has settled.
 
-Then the tests look at what is left, until they ask for nothing, or for nothing that can be told.
+Then the tests examine the new residual, until they propose nothing, or nothing that the data determine.
 """
 
 from __future__ import annotations

@@ -1,12 +1,12 @@
-"""A random torque on the shaft beside the noise of the measurement: its likelihood, and what it does to a structure.
+"""A random torque on the shaft in addition to measurement noise: its likelihood, and its effect on a structure.
 
 The output is what the model simulates, plus what a white torque adds (a speed that decays with τ, and its integral), plus white
 measurement noise of variance r. With q the intensity of the acceleration [1/s³ of the output's unit squared], only the
 ratio q/r shapes the filter; r follows from the size of the innovations.
 
-An encoder's rounding isn't white: at a constant speed it has next to no power at the low frequencies that carry the
-parameters, or now and then a line there. So neighbouring samples are averaged over a time that is short beside τ and beside the
-memory of the filter, and r is what is left of the noise in those means, not Q²/12.
+An encoder's rounding isn't white: at a constant speed it has almost no power at the low frequencies that carry the parameters,
+or sometimes a line there. So neighbouring samples are averaged over a time that is short compared with τ and with the memory of
+the filter, and r is the noise of these means, not Q²/12.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Non-linear least squares over several records: Levenberg-Marquardt with exact Jacobians, bounds and held parameters."""
+"""Nonlinear least squares over several records: Levenberg-Marquardt with exact Jacobians, bounds and fixed parameters."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Output error: the model is simulated from the input alone, and what is left of the output is least squares."""
+"""Output error: the model is simulated from the input alone, and the sum of the squared residuals is minimised."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the first motion of a record says: the longest that a delay can be, and that the shaft rests until then."""
+"""What the first motion of a record shows: the longest possible delay, and that the shaft rests until then."""
 
 from __future__ import annotations
 

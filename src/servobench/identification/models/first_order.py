@@ -1,11 +1,11 @@
-"""The first-order motor with an integrator: gain, time constant and delay, and the voltage that is lost on the way.
+"""The first-order motor with an integrator: gain, time constant, delay and the lost voltage.
 
     τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
 
 They follow from J dω/dt = k i - b ω - T_c sgn(ω) and R i = u(t - d) - u₀ - k ω: K = k/(R b + k²),
-τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in which of the two lost voltages they have:
-the offset u₀, which doesn't care which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way
-only, nobody can tell the two apart: one voltage stands for their sum, and holds the shaft where it rests in between.
+τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in the lost voltages that they have: the
+offset u₀, which doesn't depend on the direction, and the Coulomb voltage u_c, which always brakes. If the motor only turns one
+way, the two can't be separated: one voltage stands for their sum, and holds the shaft during rests.
 """
 
 from __future__ import annotations

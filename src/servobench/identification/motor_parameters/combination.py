@@ -1,4 +1,4 @@
-"""All that is known of a motor, put together: the parameters that it determines, their intervals, and what it leaves open."""
+"""All observations of a motor combined: the parameters that they determine, their intervals, and what stays open."""
 
 from __future__ import annotations
 

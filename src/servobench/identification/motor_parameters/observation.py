@@ -1,4 +1,4 @@
-"""What the data tell of a motor: numbers, each with the law that it obeys, and their joint covariance."""
+"""Observations of a motor: numbers from the data, each with its law, and their joint covariance."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""What a stalled shaft tells: V = R i + V_b sgn(i), with ω = 0, so that the resistance is the slope of voltage over current.
+"""The observation from a stalled shaft: V = R i + V_b sgn(i), with ω = 0, so the resistance is the slope of voltage over
+current.
 
-It follows from V = R i + k ω + V_b sgn(i) at rest. The slope alone is free of what the brushes and the current sensor add,
-which needs two voltages; from a single one R is V/i, and holds them.
+It follows from V = R i + k ω + V_b sgn(i) at rest. The slope excludes the brushes and the offset of the current sensor, but
+needs two voltages; from a single one R is V/i, which includes them.
 """
 
 from __future__ import annotations

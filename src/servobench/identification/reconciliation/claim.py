@@ -1,4 +1,4 @@
-"""A claimed figure: a parameter, its value as somebody wrote it, and how exactly it was written."""
+"""A claimed figure: a parameter, its value as written, and the precision of that value."""
 
 from __future__ import annotations
 

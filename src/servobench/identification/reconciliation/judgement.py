@@ -1,4 +1,4 @@
-"""One cause held against the difference: the size it would take, how much it explains, and whether the data speak against it."""
+"""One cause and the difference: the size needed, how much it explains, and whether the data contradict it."""
 
 from __future__ import annotations
 

@@ -1,13 +1,13 @@
 """Weighing causes against each other: how probable each is, alone or with another one, by Bayes' rule.
 
-A cause i takes part with its probability π_i before anybody looks, and then shifts the figures by e_i(s) for a size s of its own
-prior p_i(s). At most two take part. For the difference d with covariance S the evidence of a set H of causes is
+A cause i takes part with the prior probability π_i, and then shifts the values by e_i(s) for a size s with the prior p_i(s). At
+most two take part. For the difference d with covariance S the evidence of a set H of causes is
 
     p(d | H) = ∫ N(d; Σ e_i(s_i), S) Π p_i(s_i) ds_i,     P(H | d) ∝ p(d | H) Π_H π_i Π_not H (1 - π_i)
 
 The integral is a sum over sizes, each with a small normal spread along its curve, so that the sum is smooth however small S
-is. Two more sets stand beside them: nothing but chance, e = 0, and something else, e normal with 50 % in each figure.
-What is judged in it, and why, is told in docs/decisions/0014-why.md.
+is. There are two more sets: chance alone, e = 0, and something else, e normal with 50 % in each value.
+docs/decisions/0014-why.md gives the assumptions and their reasons.
 """
 
 from __future__ import annotations

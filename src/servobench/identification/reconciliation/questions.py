@@ -1,4 +1,4 @@
-"""From a fit and claims, or a fit and a data sheet, to the question that causes are held against."""
+"""From a fit and claims, or a fit and a data sheet, to the question that causes are judged by."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What there is to say of a difference, in plain sentences."""
+"""The sentences about a difference."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Another output that a recording has, where the one that was taken doesn't tell the time constant."""
+"""Another output of a recording, if the one used doesn't determine the time constant."""
 
 from __future__ import annotations
 

@@ -111,10 +111,10 @@ def load(
 
 
 def save(recordings: Recording | Iterable[Recording], path: str | os.PathLike[str]) -> None:
-    """Write one recording, or several where the format can hold them, in the format that the ending of the name says.
+    """Write one recording, or several if the format allows it, in the format given by the ending of the name.
 
-    A file of that name is replaced once the new one is whole. Raises `UsageError` where no format has that ending or the format
-    can't hold the recordings, `StorageError` where they can't be written.
+    An existing file is replaced once the new one is complete. Raises `UsageError` if no format has that
+    ending or the format can't hold the recordings, `StorageError` if they can't be written.
 
     >>> import servobench as sb
     >>> from tempfile import TemporaryDirectory

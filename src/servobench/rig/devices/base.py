@@ -143,10 +143,10 @@ DEVICES: Registry[type[Device]] = Registry("device", "servobench.rig.devices", "
 
 
 def connect(name: str, **settings: object) -> Device:
-    """Return the device of that name, to be used in a `with` statement.
+    """Return the device of that name, for use in a `with` statement.
 
     `settings` are the device's own, numbers in SI units or texts with a unit: `connect("twin", coulomb_torque="0.8 mN·m")`.
-    Raises `UnknownName`, which lists the devices, and `UsageError` for settings that the device hasn't or can't have.
+    Raises `UnknownName`, which lists the devices, and `UsageError` for unknown or invalid settings.
 
     >>> with connect("twin", disc_inertia="40 g*cm^2") as motor:
     ...     print(motor.info.name)

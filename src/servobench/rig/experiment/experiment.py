@@ -77,7 +77,7 @@ class WhenLate(Settings):
 
 
 class Experiment(Settings):
-    """What is asked for: a signal, a controller, a device, how long and how often.
+    """An experiment to run: a signal, a controller, a device, the duration and the sample time.
 
     Tick k is at k · sample_time, k from 0 to `samples` - 1. Without any argument it is a square wave of 1 to 3 V and 0.4 Hz for
     10 s at 500 Hz, in open loop, on the simulated QUBE-Servo.

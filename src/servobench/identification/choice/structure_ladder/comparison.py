@@ -1,4 +1,5 @@
-"""Which of two fits is worth its parameters: by Schwarz's criterion, by what it moves, by the likelihood of its innovations."""
+"""Which of two fits is worth its parameters: by Schwarz's criterion, by the change of the parameters, by the innovations'
+likelihood."""
 
 from __future__ import annotations
 

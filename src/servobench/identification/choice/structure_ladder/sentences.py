@@ -1,4 +1,4 @@
-"""What is said of a rung of the ladder: that it was climbed, and what for, or why there is no further one."""
+"""The sentences about a rung of the ladder: that it was added and why, or why there is no further one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A rung of the ladder, tried: the fit with a term more, and what speaks against keeping it."""
+"""A trial of a rung: the fit with one more term, and the reasons against it."""
 
 from __future__ import annotations
 

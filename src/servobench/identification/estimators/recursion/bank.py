@@ -1,10 +1,10 @@
-"""Kalman filters side by side, one for each noise level, and what they make of the parameters together.
+"""A bank of Kalman filters, one for each noise level, and the parameters from all of them.
 
 Each filter has seen the means of blocks of [J r], the Jacobian and the residual at a reference, and keeps the sum of the products
-of their innovations: that is all that the best change of the parameters, its covariance and the likelihood of the noise
-level need, however many samples there were. The levels are those of `estimators.disturbance`: q/r, from a torque that never
-shows to one that drowns the noise within a sample. Why all levels at once is told in docs/decisions/0022-recursive.md. Blocks
-come in a few lengths, as there: short beside τ, and beside the memory of the filter that turns out to be the likeliest.
+of their innovations: the best change of the parameters, its covariance and the likelihood of the noise level need no more,
+however many samples there are. The levels are those of `estimators.disturbance`: q/r, from a torque that never shows to one
+that exceeds the noise within a sample. docs/decisions/0022-recursive.md says why all levels are used at once. Blocks have a few
+lengths, as there: short compared with τ, and with the memory of the most likely filter.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Where the recursive estimator begins: a reference from the samples so far, good enough for one step to lead to the minimum."""
+"""The start of the recursive estimator: a reference from the samples so far, one step away from the minimum."""
 
 from __future__ import annotations
 

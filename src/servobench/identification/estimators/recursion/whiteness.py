@@ -1,4 +1,4 @@
-"""Whether the motor still is what the model says: do its innovations look like noise, or like something that is left out?"""
+"""Whether the motor still agrees with the model: are the innovations noise, or does the model lack something?"""
 
 from __future__ import annotations
 

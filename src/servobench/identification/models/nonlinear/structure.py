@@ -3,17 +3,17 @@
     τ dω/dt = -ω + K (u(t - d) - u₀ - g(θ) - u_a |ω|) - |K| sgn(ω) (u_c + u_s e^(-|ω|/ω_s) + μ |g(θ)|),   dθ/dt = ω
     g(θ) = u_gs sin θ + u_gc cos θ
 
-Everything that is lost is told in units of the input, so that a fit needs no motor constant. Viscous friction is in K and τ
-already, and a constant load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin
-(1947); a Gaussian in its place is flat at rest, and would say nothing of how a shaft creeps there. Gravity by sine and
-cosine, not by amplitude and angle, is linear in its parameters and has no singularity where there is none.
+All losses are in units of the input, so a fit needs no motor constant. K and τ already include viscous friction, and a constant
+load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin (1947); a Gaussian is flat at
+rest and wouldn't describe a shaft that creeps. Gravity by sine and cosine, not by amplitude and angle, is linear in its
+parameters and has no singularity where there is none.
 
 Friction that differs by direction: with the Coulomb voltages u₊ and u₋, and forward the way that a positive input drives,
 
     sgn(ω) u_c + u₀  =  u₊ forward, -u₋ backward   where   u_c = (u₊ + u₋)/2, u₀ = (u₊ - u₋)/2
 
-so that unequal Coulomb voltages and an offset are one and the same thing, at rest too, and nobody can have both. What an offset
-can't stand for is viscous friction that differs: u_a |ω|.
+so unequal Coulomb voltages and an offset are the same thing, at rest too, and a model can't have both. An offset can't replace
+viscous friction that depends on the direction: u_a |ω|.
 """
 
 from __future__ import annotations

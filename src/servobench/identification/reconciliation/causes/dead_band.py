@@ -1,4 +1,4 @@
-"""The amplifier's dead band, where somebody reckons with the commanded voltage."""
+"""The amplifier's dead band, if the claim's calculation uses the commanded voltage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Inertia: more or less of it than was reckoned with, or a part that was left out of the sum."""
+"""Inertia: more or less than assumed, or a part that was left out of the sum."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A position that was said to be a speed, or the other way round."""
+"""A position declared as a speed, or the other way round."""
 
 from __future__ import annotations
 

@@ -1,8 +1,8 @@
-"""A lag of which the data don't tell how much is the time constant and how much is a delay.
+"""A lag that the data can't split into time constant and delay.
 
-A motor of time constant τ behind a delay d lags by τ + d behind any input that is slow beside both: to first order nothing else
-of the two can be seen. Which it is shows in the first moments after a step, and a coarse sensor hides just those. Then the sum
-may be well known where neither of the two is. Where the sensor isn't the reason, the input or the model is, and nothing is known.
+A motor with time constant τ and delay d lags by τ + d behind an input that is slow compared with both; to first order only this
+sum shows. The first moments after a step separate the two, but a coarse sensor hides them. Then the sum may be well known
+although neither of the two is. If the sensor isn't the reason, the input or the model is, and not even the sum is known.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""A motor that only ever moved under one level of the input: gain and friction can't be told apart."""
+"""A motor that only moved at one level of the input: gain and friction can't be separated."""
 
 from __future__ import annotations
 

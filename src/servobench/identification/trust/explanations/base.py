@@ -1,9 +1,8 @@
-"""The kind `explanations`: causes that a bad fit may have, which are tried against each other on the data.
+"""The kind `explanations`: possible causes of a bad fit, compared on the data.
 
-Where the residuals of a fit object, or no fit was possible, each explanation says by how much it makes the motor's equation
-(`equation`) hold better. The best one is told if a fit with it bears it out (`trial`): then the user knows what to mend, and not
-only that something is wrong. A cause is an accusation: without evidence of its own none is made
-(docs/decisions/0040-causes.md).
+If the residuals of a fit have a pattern, or no fit was possible, each explanation says by how much it improves the motor's
+equation (`equation`). The best one is reported if a fit confirms it (`trial`), so that the user knows what to correct. No cause
+is reported without evidence of its own (docs/decisions/0040-causes.md).
 """
 
 from __future__ import annotations
