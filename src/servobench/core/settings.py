@@ -1,4 +1,4 @@
-"""Settings: values that come from a file or from Python, checked at the door, units included.
+"""Settings: values from a file or from Python, checked on input, including units.
 
 A field of a quantity type takes a number in SI units or a text with a unit: `frequency = 0.4` and `"0.4 Hz"` are the same.
 A field that holds a member of a kind takes the member, or a table with its name and its settings.

@@ -1,4 +1,4 @@
-"""The motor in a result, without its data: the contents of a file `result.json`, and all that an export needs."""
+"""The motor in a result, without its data: the contents of a file `result.json`, and everything that an export needs."""
 
 from __future__ import annotations
 

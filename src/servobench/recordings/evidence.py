@@ -1,4 +1,4 @@
-"""A recording with all that was said of it: its columns, units, times, and its measurement chain where that belongs."""
+"""A recording with everything stated about it: its columns, units, times, and the place of its measurement chain."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What somebody has at hand, made data for identification: the one way in, for Python and for the command line."""
+"""Data of any kind, converted for identification: the one entry for Python and for the command line."""
 
 from __future__ import annotations
 

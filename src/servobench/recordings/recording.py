@@ -1,4 +1,4 @@
-"""A recording: what happened, with nothing thrown away."""
+"""A recording: all raw data of a run."""
 
 from __future__ import annotations
 

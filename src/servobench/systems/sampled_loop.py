@@ -1,4 +1,4 @@
-"""A loop that is closed at ticks around a motor that goes on in between: exact at the ticks, whatever the sample time and delay.
+"""A sampled loop around a continuous motor: exact at the ticks, for any sample time and delay.
 
 The motor G(s) = C (sI - A)⁻¹ B stands behind a voltage that holds for a sample time h and acts d = m h + p later, 0 ≤ p < h:
 u[k-m-1] for p, then u[k-m] for h - p (the modified z-transform; Franklin, Powell and Workman 1998, section 4.3):

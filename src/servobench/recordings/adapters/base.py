@@ -1,4 +1,4 @@
-"""The kind `adapters`: what somebody has at hand in Python, made a recording."""
+"""The kind `adapters`: each turns a kind of Python object into a recording."""
 
 from __future__ import annotations
 

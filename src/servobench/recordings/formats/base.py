@@ -1,7 +1,7 @@
 """The kind `formats`: files that hold recordings; and the two verbs `load` and `save`.
 
-A member is a class that `FORMATS.member(name)` decorates, made without arguments. `metadata` turns all that a recording knows
-beside its samples into JSON and back, `columns.recording_of` makes a recording of a foreign table.
+A member is a class that `FORMATS.member(name)` decorates, made without arguments. `metadata` converts everything in a recording
+except its samples to JSON and back, `columns.recording_of` turns a foreign table into a recording.
 """
 
 from __future__ import annotations

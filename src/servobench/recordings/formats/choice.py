@@ -1,4 +1,4 @@
-"""Which series has a role, in which unit: what is said comes first, then what the recording knows, then what its names say."""
+"""Which series has a role, in which unit: by the user's options first, then by the recording, then by the names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The columns of a foreign table: what their names say of unit and time, and the recording that they become."""
+"""The columns of a foreign table: unit and time by their names, and their conversion to a recording."""
 
 from __future__ import annotations
 

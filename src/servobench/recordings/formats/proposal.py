@@ -1,4 +1,4 @@
-"""A mapping as a file that a person edits: what was recognised is set, what is unknown is a question."""
+"""A mapping as a file to edit: recognised entries are filled in, unknown ones are questions."""
 
 from __future__ import annotations
 

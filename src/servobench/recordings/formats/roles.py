@@ -1,4 +1,4 @@
-"""Which channel of a recording somebody means by a name, and which is recognised by its own."""
+"""Which channel of a recording a given name refers to, and which channels are recognised by their own names."""
 
 from __future__ import annotations
 

@@ -1,9 +1,9 @@
-"""MCAP files that others wrote: ROS 2 bags and Foxglove's JSON. One recording, each topic with its own times.
+"""MCAP files of other programs: ROS 2 bags and Foxglove's JSON. One recording, each topic with its own times.
 
-A number in a message is the channel `topic.field`; of one like a sensor_msgs/JointState, with names and lists
-beside them, it is `joint.position`, `.velocity`, `.effort`.
-Where all messages of a topic have a header with a stamp, that is their time; otherwise it is the one at which they were logged.
-Source: ROS 2, common_interfaces, sensor_msgs/msg/JointState.msg and std_msgs/msg/Header.msg.
+A number in a message is the channel `topic.field`; in a message like sensor_msgs/JointState, with a list of names and lists of
+values, it is `joint.position`, `.velocity`, `.effort`. If all messages of a topic have a header with a stamp, that is their
+time; otherwise it is the log time. Source: ROS 2, common_interfaces, sensor_msgs/msg/JointState.msg and
+std_msgs/msg/Header.msg.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
 """A table in a text file: its separator and decimal mark, its header and units, its numbers, and what is wrong with it.
 
-Nothing is guessed where two readings make sense: a rule decides, or a `FormatError` says what to add to the file.
+If two readings make sense, nothing is guessed: a rule decides, or a `FormatError` says what to add to the file.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""The times of samples: what their steps are like, what is wrong with them, and which samples can be used."""
+"""The times of samples: their steps, their problems, and which samples can be used."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns of a text table of which many cells are no numbers: what that means once such a column has a role."""
+"""Columns of a text table with many cells that aren't numbers, and what that means if such a column has a role."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verb `measure`: from what happened to what identification works on."""
+"""The verb `measure`: from a recording to a dataset."""
 
 from __future__ import annotations
 

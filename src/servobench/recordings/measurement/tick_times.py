@@ -1,4 +1,4 @@
-"""When a sample was latched and a voltage written, out of what was recorded of each."""
+"""When a sample was latched and a voltage written, from the recorded times."""
 
 from __future__ import annotations
 

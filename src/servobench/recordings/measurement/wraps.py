@@ -1,4 +1,4 @@
-"""Wraps in a column: taking them out, and telling where they may have been missed."""
+"""Wraps in a column: their removal, and the places where some may have been missed."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A lock that says "somebody is writing this file now"; the system lets go of it where its process ends, however that ends."""
+"""A lock that marks a file as being written; the system releases it when the process ends, however it ends."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""An MCAP file that grows: whole up to the last chunk at any moment, and with a summary once it is closed."""
+"""A growing MCAP file: complete up to the last chunk at any moment, with a summary once it is closed."""
 
 from __future__ import annotations
 

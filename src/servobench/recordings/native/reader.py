@@ -1,4 +1,4 @@
-"""Reads the native file: a whole one, and as much of a torn one as is right."""
+"""Reads the native file: a complete one, or the intact part of a torn one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The simulated motor that is assigned to somebody: a twin whose parameters only who has the secret can tell."""
+"""A simulated motor assigned to a student: a twin whose parameters only the owner of the secret can compute."""
 
 from __future__ import annotations
 

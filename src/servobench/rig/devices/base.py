@@ -1,4 +1,4 @@
-"""The kind `devices`: what turns a voltage into motion, and counts it.
+"""The kind `devices`: each turns a voltage into motion, and counts it.
 
 A member is a class that `DEVICES.member(name)` decorates; `info.name` is that name.
 """

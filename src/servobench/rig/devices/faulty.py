@@ -1,4 +1,4 @@
-"""A device with faults that somebody asked for: what an experiment, a guard or a lesson is tried against."""
+"""A device with injected faults, to test an experiment, a guard or a lesson."""
 
 from __future__ import annotations
 

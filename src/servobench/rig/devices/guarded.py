@@ -1,4 +1,4 @@
-"""A device that is guarded: limits, monitors and a watchdog between whoever drives and the motor."""
+"""A guarded device: limits, monitors and a watchdog between the loop and the motor."""
 
 from __future__ import annotations
 

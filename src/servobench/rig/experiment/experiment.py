@@ -1,4 +1,4 @@
-"""An experiment: what is asked for, before anything has happened."""
+"""An experiment: the plan of a run."""
 
 from __future__ import annotations
 

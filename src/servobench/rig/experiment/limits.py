@@ -1,4 +1,4 @@
-"""The limits of an experiment: what the device must not be asked for, and what ends a run that goes wrong."""
+"""The limits of an experiment: those of the output, and those that end a run if something goes wrong."""
 
 from __future__ import annotations
 

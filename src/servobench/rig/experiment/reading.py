@@ -1,4 +1,4 @@
-"""Reading an experiment from a TOML file; all mistakes are told at once, each with its line."""
+"""Reading an experiment from a TOML file; all mistakes are reported at once, each with its line."""
 
 from __future__ import annotations
 

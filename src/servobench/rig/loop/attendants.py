@@ -1,4 +1,4 @@
-"""Who looks at each tick in the loop's own process: for commands, for the recorder, for the operator."""
+"""The checks at each tick in the loop's own process: for commands, for the recorder, for the operator."""
 
 from __future__ import annotations
 

@@ -1,6 +1,6 @@
 """The loop's own process: `python -m servobench.rig.loop.child`, a `LoopSpec` in one line on its standard input.
 
-It opens the device, lets the ticks pass, and stops the motor however that ends. The end of its standard input means that the
+It opens the device, runs the ticks, and always stops the motor at the end. The end of its standard input means that the
 program that started it is gone. Its exit status is 0 where the run began, and that of the error where it didn't.
 """
 

@@ -1,4 +1,4 @@
-"""Takes a run's rows and events out of their rings, and writes them to a native file; what it missed stands in the file."""
+"""Takes a run's rows and events out of their rings, and writes them to a native file, with the number of missed ones."""
 
 from __future__ import annotations
 

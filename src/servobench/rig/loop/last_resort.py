@@ -1,4 +1,4 @@
-"""The end of a loop's process that hangs, by the system itself: nobody else may be left, and no code of Python's may run."""
+"""The system itself ends a loop's process that hangs: no other process may be left, and Python code may be blocked."""
 
 from __future__ import annotations
 

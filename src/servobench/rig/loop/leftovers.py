@@ -1,4 +1,4 @@
-"""Shared memory that killed runs left behind: what nobody holds any more is removed. Quick to import, for every command."""
+"""Removal of shared memory left behind by killed runs. Quick to import, for every command."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What the loop's process and the program that started it say to each other: one JSON text each."""
+"""The messages between the loop's process and the program that started it: one JSON text each."""
 
 from __future__ import annotations
 

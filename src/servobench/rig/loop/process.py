@@ -1,4 +1,4 @@
-"""The loop in its own process, as the program sees it: starts it, talks to it, waits for it, and always ends it."""
+"""The loop's process from the program's side: starts it, communicates with it, waits for it, and always ends it."""
 
 from __future__ import annotations
 

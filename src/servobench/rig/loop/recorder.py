@@ -1,4 +1,4 @@
-"""Where the rows of a run go: into memory, or to a file without holding the loop up."""
+"""Recorders of a run's rows: in memory, or to a file without delaying the loop."""
 
 from __future__ import annotations
 

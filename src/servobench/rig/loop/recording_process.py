@@ -1,9 +1,9 @@
 """The recorder, a process of its own: it reads the loop's rings and writes the native file; `python -m` this module.
 
-It gets one line of JSON on standard input (`RecorderSpec`), and says how it went in one line of JSON on standard output. What it
-needs is loaded before that line is read, so that one that was started beforehand begins at once. The end of its input means that
-nobody is left to tell it anything. It publishes its state, a heartbeat and how far the rows are safe as
-words of the ring of rows, at which the loop looks: where nothing can be written the loop hears of it first of all.
+It gets one line of JSON on standard input (`RecorderSpec`), and reports the outcome in one line of JSON on standard output. It
+loads everything before it reads that line, so a process started in advance begins at once. The end of its input means that the
+program is gone. It publishes its state, a heartbeat and the number of rows on disk in the ring of rows, so the loop learns
+first if nothing can be written.
 """
 
 from __future__ import annotations

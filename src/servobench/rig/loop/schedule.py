@@ -1,4 +1,4 @@
-"""Real-time scheduling of the process that runs the loop: what it may have, and what it may not and why."""
+"""Real-time scheduling of the loop's process: what was granted, and what was denied and why."""
 
 from __future__ import annotations
 

@@ -1,7 +1,8 @@
-"""A loop that is silent: the device, or whatever else its thread waits for, doesn't answer; and what is known of the motor then.
+"""A silent loop: the device, or something else that its thread waits for, doesn't answer; and what is known of the motor.
 
-The loop writes into the ring what its thread does, before and after each call of the device. Whoever started it reads that:
-nothing in the loop's process has to run for it, so that it also shows where an extension keeps the interpreter's lock.
+The loop writes the state of its thread into the ring, before and after each call of the device. The program that started it
+reads this state. Nothing in the loop's process has to run for it, so it works even if an extension keeps the interpreter's
+lock.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""What the loop's process is told at its start, as one line of JSON on its standard input."""
+"""The specification for the loop's process at its start, as one line of JSON on its standard input."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A secret: a file with random bytes that only its owner reads. Who hasn't got it can't work out what is drawn from it."""
+"""A secret: a file with random bytes that only its owner can read. Without it nobody can compute the values drawn from it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a first-order low-pass filter leaves of a sine: amplitude, power, decibels and phase."""
+"""A sine after a first-order low-pass filter: amplitude, power, decibels and phase."""
 
 from __future__ import annotations
 

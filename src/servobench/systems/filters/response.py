@@ -1,4 +1,4 @@
-"""What a stage or a speed estimate does, from how it answers a single sample: response, lag and gain over frequency."""
+"""The properties of a stage or a speed estimate from its impulse response: response, lag and gain over frequency."""
 
 from __future__ import annotations
 

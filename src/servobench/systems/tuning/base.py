@@ -1,4 +1,4 @@
-"""The kind `tuning`: a method that finds a controller for a motor and a wish."""
+"""The kind `tuning`: a method that finds a controller for a motor and a specification."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pole placement: gains that put the poles of the closed loop, as it runs tick by tick, where they are wished.
+"""Pole placement: gains for specified poles of the sampled closed loop.
 
 A position with k_p and k_d has two poles, with an integral part three, a speed with k_p and k_i two (Åström and Murray, Feedback
 Systems, 2nd ed. 2021, section 11.2). `placement` finds the gains, with hold, filter and delay. The

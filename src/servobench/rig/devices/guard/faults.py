@@ -1,4 +1,4 @@
-"""Faults: why a motor was stopped, kept until somebody has seen to it; and those that are no monitor's."""
+"""Faults: why a motor was stopped, kept until they are acknowledged; and those without a monitor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The watchdog's watcher: a thread that looks from time to time whether somebody still drives."""
+"""The watchdog's thread: it checks from time to time whether the loop still drives."""
 
 from __future__ import annotations
 

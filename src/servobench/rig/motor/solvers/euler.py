@@ -1,4 +1,4 @@
-"""Forward Euler (RK1), the solver that section II.A of the paper takes."""
+"""Forward Euler (RK1), the solver of the paper's section II.A."""
 
 from __future__ import annotations
 
