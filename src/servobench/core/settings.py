@@ -225,8 +225,8 @@ class Settings(_Model):
 
     @model_validator(mode="wrap")
     @classmethod
-    def _tell_what_is_known(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
-        """Name the nearest and all known keys where one is not known: a misspelling is the likeliest mistake of all."""
+    def _name_known_keys(cls, data: Any, handler: ModelWrapValidatorHandler[Self]) -> Self:
+        """For an unknown key, name the nearest and all known keys: a misspelling is the most likely mistake."""
         try:
             return handler(data)
         except ValidationError as error:

@@ -22,7 +22,7 @@ from servobench.identification.choice.noise_choice import (
     as_it_is,
     with_counts_as_bins,
 )
-from servobench.identification.choice.records_apart import with_what_records_tell
+from servobench.identification.choice.records_apart import widen_for_disagreement
 from servobench.identification.choice.restored_counts import with_counts_restored
 from servobench.identification.choice.structure_choice import Choice, choose_structure
 from servobench.identification.estimators.base import ESTIMATORS, Estimator, Fit
@@ -39,11 +39,11 @@ from servobench.identification.reconciliation.reconcile import reconcile
 from servobench.identification.result import Comparison, OperatingRange, Provenance, Result, Validation
 from servobench.identification.trust.doubts.base import about_data, about_fit
 from servobench.identification.trust.doubts.chain_unknown import with_unknown_chain
-from servobench.identification.trust.doubts.host_delay import with_what_the_computer_hides
-from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.doubts.host_delay import widen_for_host_delay
+from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
 from servobench.identification.trust.doubts.single_level import (
-    with_gain_and_friction_apart,
-    with_what_one_level_tells,
+    widen_for_gain_friction_split,
+    widen_for_single_level,
 )
 from servobench.identification.trust.explanations.base import Causes, is_unexplained
 from servobench.identification.trust.held_out import about_validation, cross_validate, validate_with
@@ -263,7 +263,7 @@ def _judge(
     choice = choose_structure(method, records, structure, estimator, allow)
     fit = choice.fit if choice.computed else _with_allowances(choice, method, records, estimator, allow)
     told = parameter_statuses(fit), combinations(fit)
-    fit = with_what_one_level_tells(fit)
+    fit = widen_for_single_level(fit)
     validation = validate_with(fit, validate_on) if validate_on else cross_validate(method, records, fit)
     findings = [
         *choice.findings,
@@ -304,14 +304,14 @@ def _with_allowances(
     fit = with_counts_as_bins(choice.fit) if estimator == "auto" else choice.fit
     one_level = single_level(records) is not None
     fit = with_weak_priors(fit) if one_level else fit
-    fit = with_what_records_tell(with_fast_pole(fit), method, allow)
+    fit = widen_for_disagreement(with_fast_pole(fit), method, allow)
     if estimator == "auto":
         fit = with_unseen_torque(fit)
     fit = with_missing_terms(fit, choice.shown)
     fit = with_rounded_times(fit)
     fit = with_unresolved_time_constant(with_model_error(fit, one_level))
-    fit = with_what_the_lag_tells(with_unknown_chain(with_what_the_computer_hides(fit)))
-    return with_gain_and_friction_apart(fit)
+    fit = widen_for_lag_split(with_unknown_chain(widen_for_host_delay(fit)))
+    return widen_for_gain_friction_split(fit)
 
 
 def _in_model(cause: Finding, fit: Fit | None) -> bool:

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from servobench.core.arguments import check_type
 from servobench.core.errors import UnknownName, UsageError
-from servobench.recordings.adapters.base import recordings_in, with_names_of_their_own
+from servobench.recordings.adapters.base import recordings_in, unique_names
 from servobench.recordings.arrays import recordings_of_arrays
 from servobench.recordings.evidence import Evidence, evidence_of
 from servobench.recordings.formats.mapping import Mapping
@@ -175,7 +175,7 @@ def _without_empty(options: dict[str, Any]) -> dict[str, Any]:
 def _evidence(meant: Sequence[tuple[Recording, Mapping]]) -> tuple[Evidence, ...]:
     """The recordings as they were said to be, each under a name of its own."""
     parts = [evidence_of(recording, said) for recording, said in meant]
-    named = with_names_of_their_own([part.recording for part in parts])
+    named = unique_names([part.recording for part in parts])
     return tuple(replace(part, recording=own) for part, own in zip(parts, named, strict=True))
 
 

@@ -22,7 +22,7 @@ from servobench.core.rounding import rounded_interval
 from servobench.identification.estimators.base import Estimator, Fit
 from servobench.identification.estimators.budget import Contribution
 from servobench.identification.models.motion import turns_both_ways
-from servobench.identification.trust.doubts.single_level import with_what_one_level_tells
+from servobench.identification.trust.doubts.single_level import widen_for_single_level
 from servobench.identification.trust.validation import explains_the_colour
 
 _MOST = 8  # fits, spread evenly over the records
@@ -38,11 +38,11 @@ class _Without:
     fit: Fit
 
 
-def with_what_records_tell(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
+def widen_for_disagreement(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> Fit:
     """Return the fit, with a finding and wider intervals where its records disagree on parameters.
 
-    Nothing is fitted again where the residuals are white: records that differ leave a colour. Otherwise each record is left out
-    in turn (8 of them at the most), with `method` and `allow` as the whole was fitted. Where two of the intervals don't meet,
+    If the residuals are white nothing is fitted again, because records that differ leave a colour. Otherwise each record is
+    left out in turn (at most 8 of them), with `method` and `allow` as for the whole fit. If two of the intervals don't overlap,
     that of the whole is widened to hold them all, and the standard deviation is at least the jackknife's,
 
         s² = (n - 1)/n Σ (θ_i - θ̄)²,   θ_i without record i of n.
@@ -89,7 +89,7 @@ def _selections(fit: Fit, method: Estimator, allow: Callable[[Fit], Fit]) -> lis
             continue
         start = np.concatenate([fit.model.theta, *(record.nuisance for record in rest)])
         try:
-            other = with_what_one_level_tells(allow(method.fit(fit.model.structure, data, (start,))))
+            other = widen_for_single_level(allow(method.fit(fit.model.structure, data, (start,))))
         except NotIdentifiable:
             continue
         # Under another model of the noise the same data say something else: that is no matter of the records.

@@ -85,7 +85,7 @@ def blocks_of(data: Dataset, moving: Array, longest: float, rest: float | None =
 
     `moving` (M,) is above 0 where the shaft slides.
 
-    A shaft at rest shows an encoder the same count all the time: that tells where it is once, with the whole rounding error,
+    A shaft at rest gives the same count all the time: this determines its position once, with the whole rounding error,
     however long the rest. So with `rest`, the variance of that error beside r, a rest is one block, and weighs as such.
     """
     t = data.t_output
@@ -140,7 +140,7 @@ class Linearisation:
         return np.asarray(np.log(self.sample_time / memories ** _POWER[self.kind]), dtype=np.float64)
 
     def under(self, tau: float, ratio: float) -> Trial:
-        """Return what noise of a given τ and q/r makes of the parameters, and how likely it is."""
+        """Return the parameters for noise with the given τ and q/r, and its likelihood."""
         size = len(self.free)
         h, g, logarithms, filtered = np.zeros((size, size)), np.zeros(size), 0.0, []
         for blocks, columns, place in zip(self.blocks, self.columns, self.places, strict=True):

@@ -24,7 +24,7 @@ from servobench.identification.estimators.base import Fit
 
 _AXES = ("gain", "time_constant", "coulomb_voltage")
 _EXPLAINED = 0.9  # of the scatter; below that no single cause is named
-_AS_GOOD = 0.02  # shares that are nearer can't be told apart
+_AS_GOOD = 0.02  # shares closer than this can't be separated
 _STILL = 0.05  # the probability of so little scatter by chance
 _DIM = 0.1  # of the scatter's variance: noise of an axis that is as large halves what the axis counts
 _KNOWN = 5.0  # standard deviations that a parameter has to be away from zero, for its logarithm

@@ -87,7 +87,7 @@ def _join(parts: Sequence[Observation]) -> Observation:
 def _start(fit: Fit, joint: Observation) -> dict[str, float]:
     """A motor that obeys the fit exactly: for any R and k, b, J, T_c and L follow from K, τ, u_c and τ_e.
 
-    It doesn't matter which R where nothing tells it.
+    Any R will do if it isn't determined.
     """
     names = fit.model.names
     k = 1.0 / fit.model["gain"]

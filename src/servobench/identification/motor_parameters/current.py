@@ -119,7 +119,7 @@ def _rounding(x: Array, bread: Array, step: float, variance: float) -> Array:
 
 
 def _whole_delay(fit: Fit) -> float:
-    """The delay of the model, the winding's lag included where the structure has one [s]."""
+    """The delay of the model, including the winding's lag if the structure has one [s]."""
     names = ("delay", "electrical_time_constant")
     return sum(fit.model[name] for name in names if name in fit.model.names)
 

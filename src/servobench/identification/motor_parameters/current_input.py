@@ -1,6 +1,6 @@
 """The meaning of a model whose input is the current: J dω/dt = k i - b ω - T_c sgn(ω), without winding and back-emf.
 
-From this equation, K = k/b, τ = J/b and K/τ = k/J while the shaft slides.
+K = k/b, τ = J/b and K/τ = k/J follow from this equation while the shaft slides.
 """
 
 from __future__ import annotations

@@ -28,7 +28,7 @@ UNITS = {
 }
 """The parameters of a motor and their units; all but the viscous friction are above zero."""
 
-_EXACT = 1e-6  # of its value: the standard deviation of a number that somebody states without one
+_EXACT = 1e-6  # of its value: the standard deviation of a number stated without one
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

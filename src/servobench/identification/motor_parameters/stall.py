@@ -64,7 +64,7 @@ def _steady_samples(data: Dataset) -> tuple[Array, Array]:
     """Voltage and current of a record where the voltage has held for long enough and isn't zero."""
     changes = data.t_input[data.u != np.concatenate([[data.input_before], data.u[:-1]])]
     # A sample at the instant of a change is left out: microseconds decide which of the two voltages its current belongs to.
-    # A sample at the instant of a change is left out: to which of the two voltages its current belongs depends on microseconds.
+    # A sample at the instant of a change is left out: microseconds decide to which of the two voltages its current belongs.
     last = np.searchsorted(changes, data.t_output, side="right") - 1
     since = np.full(len(data.y), np.inf)
     since[last >= 0] = data.t_output[last >= 0] - changes[last[last >= 0]]

@@ -161,7 +161,7 @@ def _choose_form(forms: list[Form]) -> tuple[Form | None, tuple[str, ...]]:
 def _mark(question: Question, form: Form | None, stand: MotorStand) -> Mark:
     blank = question.blank
     given = "" if form is None else form.answers.get(blank.id, "")
-    if not question.is_asked:
+    if not question.is_answerable:
         return Mark(blank=blank.id, verdict="not asked", given=given, sentence=question.why_not)
     if not given.strip():
         gone = form is not None and blank.id not in form.answers

@@ -30,7 +30,7 @@ class Body(Settings):
     """Inertia, where it is known without mass and radius [kg·m²]."""
 
     @model_validator(mode="after")
-    def _tells_its_inertia(self) -> Self:
+    def _check_inertia(self) -> Self:
         if (self.inertia is None) == (self.mass is None) or (self.mass is None) != (self.radius is None):
             raise ValueError("expected a mass and a radius, or else an inertia")
         return self

@@ -59,8 +59,8 @@ def _list_of_kinds() -> str:
     return ", ".join(adapter.accepted for adapter in ADAPTERS)
 
 
-def with_names_of_their_own(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
-    """Return the recordings, those of one name called after their files, or numbered where that tells them no better."""
+def unique_names(recordings: Sequence[Recording]) -> tuple[Recording, ...]:
+    """Return the recordings with unique names: equal names get the file's name in front, or a number."""
     names = [each.name for each in recordings]
     stems = [PurePath(each.source.name).stem for each in recordings]
     longer = [f"{stem} {name}".strip() for stem, name in zip(stems, names, strict=True)]

@@ -232,7 +232,7 @@ def _check_kind(path: Path, file: BinaryIO, size: int) -> None:
         )
 
 
-def is_of_others(head: bytes) -> bool:
+def is_foreign_mcap(head: bytes) -> bool:
     """Return whether a file that begins like this is an MCAP file of another program, as its header says."""
     file = io.BytesIO(head)
     if file.read(len(mcap.MAGIC)) != mcap.MAGIC or len(head) < len(mcap.MAGIC) + mcap.RECORD_HEAD:

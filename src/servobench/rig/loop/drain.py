@@ -197,13 +197,13 @@ class Drain:
             lost = self._rows.next - len(rows) - before
             if lost:
                 self._write_missed(ROWS_MISSED, before, lost)
-            if len(rows := self._as_long_as_asked(rows)):
+            if len(rows := self._rows_within_duration(rows)):
                 self.append(rows[:, : self._width])
             if self._rows.next == before:
                 break
 
-    def _as_long_as_asked(self, rows: Array) -> Array:
-        """The rows that were due before the time that is to be recorded is over."""
+    def _rows_within_duration(self, rows: Array) -> Array:
+        """The rows that were due within the duration to be recorded."""
         if self._duration is None or self._scheduled is None or not len(rows):
             return rows
         due = rows[:, self._scheduled]

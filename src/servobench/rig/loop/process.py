@@ -305,18 +305,18 @@ class LoopProcess:
         """Why it ended; None while it goes on."""
         self._listen()
         if self._ended is None and (self._undead or self._process.poll() is not None):
-            self._say_its_last_word()
+            self._report_unexpected_end()
         return None if self._ended is None else stop_reason(self._ended)
 
-    def _say_its_last_word(self) -> None:
-        """Say in place of a loop that is dead how it ended, if it didn't, for everybody who listens."""
+    def _report_unexpected_end(self) -> None:
+        """Report to all listeners how a dead loop ended, if it didn't do so itself."""
         with self._ending:
             if self._ended is None:
                 self._listen()  # what it said last
             if self._ended is not None:
                 return
             silence = self._silence
-            silence = silence and self._as_known_now(silence)
+            silence = silence and self._update_silence(silence)
             found: Finding = loop_died(self.ring) if silence is None else silence.finding()
             if silence is not None:
                 stopped = Stopped(reason="device_lost", sentence=f"the device failed: {silence.sentence}")
@@ -366,7 +366,7 @@ class LoopProcess:
             raise UsageError("this run wasn't recorded: give `record`")
         recording = self._complete_recording(*self._recording, stopped, say)
         if self._silence is not None:
-            raise DeviceSilent(self._as_known_now(self._silence).sentence, recording)
+            raise DeviceSilent(self._update_silence(self._silence).sentence, recording)
         if stopped.reason == "device_lost":
             raise DeviceLost(stopped.sentence.removeprefix("the device failed: "), recording)
         return recording
@@ -415,8 +415,8 @@ class LoopProcess:
             self._warn(silence.warning)
         return silence
 
-    def _as_known_now(self, silence: Silence) -> Silence:
-        """A silence with what is known of the motor by now: what ended it may have put out zero volts."""
+    def _update_silence(self, silence: Silence) -> Silence:
+        """The silence with the present state of the motor: its end may have put out zero volts."""
         return replace(silence, zero_volts=bool(self.ring.get(ZERO_VOLTS)))
 
     def _warn_of_danger(self) -> None:
@@ -586,7 +586,7 @@ class LoopProcess:
         self._end_loop()
         if self.ring.written and self._process.poll() is not None:
             with suppress(ServobenchError):  # what it failed by was told, or nobody waits for it
-                self._say_its_last_word()
+                self._report_unexpected_end()
         self._warn_of_danger()
         self._confirmed = bool(self.ring.get(ZERO_VOLTS))
         self._danger = self._danger_text()

@@ -148,7 +148,7 @@ def record(spec: RecorderSpec, rows: RowRing, events: MessageRing, signs: Signs)
         drain.take()  # what came since the last look, where no last word ends the run
         _publish(drain, rows)
         found = (loop_died(rows),) if stopped is SILENT else (ENDED_EARLY,)
-        is_there = drain.end(*(_as_asked(spec, drain) or drain.ended or (stopped, found)))
+        is_there = drain.end(*(_early_end(spec, drain) or drain.ended or (stopped, found)))
     except BaseException:
         rows.set(RECORDER_STATE, FAILED)
         _wait_for_rest(rows, signs)
@@ -181,7 +181,7 @@ def _drain(spec: RecorderSpec, experiment: Experiment, rows: RowRing, events: Me
     )
 
 
-def _as_asked(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
+def _early_end(spec: RecorderSpec, drain: Drain) -> tuple[Stopped, tuple[Finding, ...]] | None:
     """Why a recording ended before its run did; None where it didn't."""
     if not drain.complete or spec.late is None:
         return None

@@ -219,14 +219,14 @@ def _nearest(finder: Method, motor: FirstOrderMotor, wish: Wish) -> str:
     """What the nearest loop is that can be had by a slower or a faster wish, to a twentieth; empty where there is none."""
     for n in range(1, math.ceil(math.log(_FARTHEST) / math.log(_STEP))):
         for factor, word in ((_STEP**n, "fastest"), (_STEP**-n, "slowest")):
-            if _can_be_had(finder, motor, wish.slower(factor)):
+            if _is_feasible(finder, motor, wish.slower(factor)):
                 # Beyond by more than the rounding of what is printed.
                 told = finder.speed_text(wish.slower(factor * (_SLACK if factor > 1 else 1 / _SLACK)))
                 return f"; the {word} possible is about {told}"
     return ""
 
 
-def _can_be_had(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
+def _is_feasible(finder: Method, motor: FirstOrderMotor, wish: Wish) -> bool:
     if _beyond_the_ticks(finder, wish):
         return False
     try:

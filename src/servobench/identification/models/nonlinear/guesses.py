@@ -204,7 +204,7 @@ def _correct_signs(value: dict[str, float], gain: float) -> None:
 def _still(
     structure: FrictionAndGravity, theta: Array, data: Sequence[Dataset]
 ) -> np.ndarray[tuple[int], np.dtype[np.int64]]:
-    """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
+    """The places of the start speeds of the records in which a shaft at rest would stay at rest at first."""
     from servobench.identification.models.nonlinear import kernels
 
     places, at = [], len(structure.parameters)

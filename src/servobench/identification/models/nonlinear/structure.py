@@ -72,7 +72,7 @@ COSINE = Parameter(
 )
 LOAD = Parameter(name="load_friction", meaning="friction per unit of gravity's load", unit="1", lower=0.0)
 
-# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀), with which weight.
+# The place and weight of each parameter in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀).
 _PLACES: dict[Parameter, dict[int, float]] = {
     GAIN: {0: 1.0},
     TIME_CONSTANT: {1: 1.0},
@@ -168,7 +168,7 @@ class NonlinearMotor:
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change, but for the stribeck_voltage.
 
-        What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
+        A fast reversal determines u_s ω_s, the area below the Stribeck curve, and hardly the two factors.
         So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s). A u_s that
         doesn't change is held.
         """

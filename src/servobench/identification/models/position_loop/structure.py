@@ -129,7 +129,7 @@ class PositionLoop:
     def unmodelled(self, theta: Array, data: Dataset) -> Array:
         """Return the encoder's rounding at each rest of the shaft, as columns (M, E).
 
-        A shaft at rest is rounded the same way in all its samples, so that a rest tells its position once, not a hundred times:
+        A shaft at rest is rounded in the same way in all samples, so a rest gives its position once, not a hundred times:
         to within step/√12, as its place between two steps is as good as random.
         """
         if not data.quantum or data.kind != "position" or not self.friction:

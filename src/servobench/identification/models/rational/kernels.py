@@ -166,7 +166,7 @@ def powers_by_doubling(field: Array, h0: float, longest: float) -> Array:
                 times(powers[k - 1], powers[k - 1, j], column)
             else:
                 column[j] = 1.0
-                # Half of h₀ twice: h₀ itself would ask for the matrix that is being made.
+                # Half of h₀ twice: h₀ itself would need the matrix that is being made.
                 advance(field, powers[:0], h0, 0.5 * h0, column, term, sum_)
                 advance(field, powers[:0], h0, 0.5 * h0, column, term, sum_)
             powers[k, j] = column

@@ -20,8 +20,8 @@ from servobench.identification.trust.doubts.base import DOUBTS, Doubt
 _WORTH_A_WORD = 0.5  # of the standard deviation of the delay
 
 
-def with_what_the_computer_hides(fit: Fit) -> Fit:
-    """Return the fit with the delay's variance larger by what reading and writing hide of it."""
+def widen_for_host_delay(fit: Fit) -> Fit:
+    """Return the fit with the uncertainty of the read and write times added to the delay's variance."""
     hidden = _host_delay(fit)
     if not hidden:
         return fit

@@ -27,7 +27,7 @@ from servobench.identification.trust.explanations.equation import (
     motion,
     regression,
 )
-from servobench.identification.trust.explanations.trial import fit_plainly, is_borne_out
+from servobench.identification.trust.explanations.trial import fit_plainly, is_confirmed
 from servobench.recordings.measurement.dataset import Dataset
 
 _CONVINCING = 0.6  # of the misfit may be left where a cause is told
@@ -149,7 +149,7 @@ class Causes:
         if cause.remedy is None and not cause.structure:
             return True
         if cause not in self._tried:
-            self._tried[cause] = is_borne_out(cause, self.records, self._without)
+            self._tried[cause] = is_confirmed(cause, self.records, self._without)
         return self._tried[cause]
 
     @cached_property

@@ -32,8 +32,8 @@ _FITS = 50.0  # percent of the output that a fit with the cause explains at leas
 _LONGEST = 0.1  # of the record: the longest lag over which residuals are differenced
 
 
-def is_borne_out(cause: CauseFit, records: Sequence[Dataset], without: Fit | None) -> bool:
-    """Return whether the motor that the cause makes of the records, or of its structure, is the better one by simulation.
+def is_confirmed(cause: CauseFit, records: Sequence[Dataset], without: Fit | None) -> bool:
+    """Return whether the motor with the cause, in the records or in its structure, simulates the data better.
 
     `without` is the fit without any cause, as `fit_plainly` gives it.
     """

@@ -1,4 +1,4 @@
-"""Forward Euler (RK1), the solver of the paper's section II.A."""
+"""Forward Euler (RK1), the solver in section II.A of the paper."""
 
 from __future__ import annotations
 
