@@ -75,7 +75,7 @@ class Inertias(StudySettings):
         scale = required_fact(stand, "sheet_resistance") / required_fact(stand, "sheet_motor_constant") ** 2
         inertias = tuple(row[3] for row in rows)
         table = Table(
-            title="All that turns",
+            title="Everything that turns",
             columns=(
                 Column(name="body", heading="", values=tuple(row[0] for row in rows)),
                 Column(

@@ -124,7 +124,7 @@ def _table(rows: list[_Row], work: _Work) -> Table:
         Column(name="scatter", heading="scatter", unit="ms", values=tuple(1e3 * row.error.sd for row in rows), digits=2),
     )  # fmt: skip
     return Table(
-        title="Ways to a speed",
+        title="Ways to compute a speed",
         columns=columns,
         note=(
             f"Noise of the run at {plain(work.steady.speed)} rad/s, beside the exact formula. The last two columns are computed, "

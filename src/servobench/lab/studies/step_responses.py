@@ -161,7 +161,7 @@ def _figure(courses: Sequence[tuple[str, tuple[Response, Response]]], change: Ch
         "step-responses",
         "Step responses, measured and without friction",
         "Wide and grey: the run. Thin and blue: the same loop around a motor without friction and limits.",
-        f"Answers to {change} with {'; '.join(name for name, _ in courses)}.",
+        f"Responses to {change} with {'; '.join(name for name, _ in courses)}.",
         tuple(_course(name, *each, change) for name, each in courses),
     )
 

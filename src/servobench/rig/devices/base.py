@@ -116,7 +116,7 @@ def value_text(value: object) -> str:
         return repr(float(value))
     try:
         shown = " ".join(repr(value).split())
-    except Exception:  # somebody's own __repr__, or an integer too long to be printed
+    except Exception:  # a custom __repr__, or an integer too long to be printed
         shown = "a value"
     shown = shown if len(shown) <= 40 else f"{shown[:37]}..."
     name = kind.__name__ if kind.__module__ == "builtins" else f"{kind.__module__}.{kind.__name__}"
@@ -167,7 +167,7 @@ def connect(name: str, **settings: object) -> Device:
 
 
 def missing_settings(name: str, settings: Mapping[str, object]) -> tuple[str, ...]:
-    """Return a sentence for each setting that the device can't do without and that isn't given: its name, and what it is.
+    """Return a sentence for each required setting that is missing: its name, and what it is.
 
     Raises `UnknownName`, which lists the devices.
     """

@@ -56,7 +56,7 @@ RECORDER_PATIENCE = 30.0  # s; a process that starts on a busy machine
 
 
 class ToRing:
-    """Hands the ticks on to whoever reads the ring, and keeps account of their timing."""
+    """Passes the ticks on through the ring, and keeps account of their timing."""
 
     def __init__(self, rows: RowRing, row: RowMaker, width: int, account: Account) -> None:
         self._rows = rows
@@ -177,7 +177,7 @@ class _Loop:
                 reason="finished", sentence=f"ran for {experiment.duration:g} s, as asked"
             )
 
-        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        # Last: from here on a board that keeps the time sends samples, whether or not they are read.
         device.start(experiment.sample_time, experiment.seed)
         stopped, error = outcome(carry_out, device)
         found = (*opened.findings, *steps.findings(), *account.findings())

@@ -122,7 +122,7 @@ class _Onlooker:
 
 
 class _RowsSoFar:
-    """Gathers the rows so far for somebody who looks at them as a recording."""
+    """Gathers the rows so far as a recording for `look`."""
 
     def __init__(self, loop: LoopProcess) -> None:
         self._width = loop.width

@@ -134,7 +134,7 @@ class ToFile:
             raise self._failure
 
     def _write(self) -> None:
-        """Write block after block; after a failure, take them without writing, so that nobody waits."""
+        """Write block after block; after a failure, discard them, so that the loop doesn't wait."""
         while (rows := self._blocks.get()) is not None:
             if self._failure is None:
                 try:

@@ -48,7 +48,7 @@ LAST_WORDS = 40  # looks for which the loop's last word is waited for, once some
 STOPPING = 40  # looks for which a file that failed is kept open while the loop stops its motor
 
 PATIENCE = 10.0  # s; how long a recorder may take to finish its file before it is killed, and the file completed from memory
-SLOW = 1.0  # s; from then on whoever waits for it is told
+SLOW = 1.0  # s; after that the waiting program gets a message
 
 TOO_EARLY = Stopped(
     reason="error",
@@ -124,7 +124,7 @@ class Signs(Protocol):
         ...
 
     def alone(self) -> bool:
-        """Return whether nobody is left to tell the recorder anything."""
+        """Return whether the recorder has lost both the loop and the program."""
         ...
 
     def end_wanted(self) -> bool:
@@ -198,7 +198,7 @@ def _follow(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped
     """
     looks = patience
     while looks and drain.ended is None and not drain.complete:
-        # Looked at before the rings: who has ended by now has pushed its last word before.
+        # Checked before the rings: a loop that has ended by now pushed its last message before.
         gone, over = signs.loop_gone(), rows.get(LOOP_STATE) == ENDED
         before = drain.taken
         drain.take()
@@ -215,7 +215,7 @@ def _follow(drain: Drain, rows: RowRing, signs: Signs, patience: int) -> Stopped
 
 
 def _publish(drain: Drain, rows: RowRing) -> None:
-    """Tell the loop how far the rows are safe, and that somebody is alive here."""
+    """Publish the number of rows on disk and a heartbeat for the loop."""
     if drain.begun:
         rows.set(ROWS_KEPT, drain.kept)
         rows.set(RECORDER_STATE, RECORDING)
@@ -317,7 +317,7 @@ def _load() -> None:
 
 
 def _clear_up(rows: RowRing, events: MessageRing, commands: str) -> None:
-    """Remove the memory of a run of which nobody else is left to do so."""
+    """Remove the memory of a run if no other process is left to do so."""
     rows.clear_up()
     events.clear_up()
     with suppress(UsageError), MessageRing.attach(commands) as ring:  # the loop may have removed it
@@ -352,7 +352,7 @@ class RecorderProcess:
             _input(self._process).flush()
 
     def dismiss(self) -> None:
-        """End one that was never told to begin: it has nothing to lose."""
+        """End a recorder that was never started: it has nothing to lose."""
         self._process.kill()
         self._process.communicate()
         self._errors.close()

@@ -135,7 +135,7 @@ def run(
         *_attendants(experiment, log, watch, look),
     )
     try:
-        # Last of all: a board that keeps the time sends samples from here on, whether or not somebody reads them.
+        # Last: from here on a board that keeps the time sends samples, whether or not they are read.
         device.start(experiment.sample_time, experiment.seed)
     except BaseException:
         stop(device)
@@ -158,7 +158,7 @@ def run(
 
 
 def _check(experiment: object, device: object) -> None:
-    """Raise `UsageError` where a run is asked for with something else than an experiment and a device."""
+    """Raise `UsageError` if the arguments aren't an experiment and a device."""
     if getattr(experiment, "signal", None) is None:  # what is like an experiment will do
         raise UsageError(
             f"{experiment!r} isn't an experiment; expected an Experiment, such as load_experiment(FILE)"

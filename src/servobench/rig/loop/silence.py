@@ -14,9 +14,7 @@ from servobench.core.finding import Finding, danger
 from servobench.rig.devices.observed import Call
 from servobench.rig.loop.ring import CALL, ZERO_VOLTS, RowRing
 
-PATIENCE = (
-    0.8  # s; after 0.1 s the watchdog has tried a write, after 0.3 s a stop, and within 1 s somebody is told
-)
+PATIENCE = 0.8  # s; after 0.1 s the watchdog has tried a write, after 0.3 s a stop, and within 1 s the user gets a message
 RUN_PATIENCE = 4.0  # s; from then on the loop's process is ended, as no call of a tick takes as long
 OPENING_PATIENCE = 30.0  # s; the same for a device that is being opened or started
 DEVICE_SILENT = "device-silent"
@@ -65,7 +63,7 @@ class Silence:
 
     @property
     def warning(self) -> str:
-        """The sentence in capitals, with what to do: for whoever stands beside the motor."""
+        """The sentence in capitals, with what to do, for the person at the motor."""
         return urgent(self.sentence, " if the motor turns" if self.call in _OPENING else "")
 
     def finding(self) -> Finding:

@@ -36,7 +36,7 @@ START_ANGLE = (-0.003, 0.003)
 
 @dataclass(frozen=True, kw_only=True)
 class Individual:
-    """What is somebody's own in a simulated motor: `resistance` [Ω], `motor_constant` [V·s/rad], `inertia` [kg·m²].
+    """The individual parameters of a simulated motor: `resistance` [Ω], `motor_constant` [V·s/rad], `inertia` [kg·m²].
 
     `viscous_friction` [N·m·s/rad], `coulomb_torque` [N·m], `start_angle` [rad]; `noise_seed` is the seed of its sensors' noise.
     """
