@@ -127,7 +127,7 @@ class Recording:
     findings: tuple[Finding, ...] = ()
     """What there is to know about it."""
     stopped: Stopped = Stopped(reason="unknown", sentence="the file doesn't say why the recording ended")
-    """Why it ended, None where nobody knows."""
+    """Why it ended, None if unknown."""
     versions: Mapping[str, str] = field(default_factory=dict)
     """Programs and their versions that made it."""
     events: tuple[Event, ...] = ()

@@ -31,7 +31,7 @@ from servobench.systems.transfer_function import TransferFunction
 _TURN = 2 * math.pi
 _QUARTER = 0.5 * math.pi
 _EDGE = 1e-12  # relative; how far from an edge a stretch begins, so that a jump there is no part of it
-_TERMS = 15  # of the exponential's series: what is left of it is below (1/2)^15/15! = 2e-17
+_TERMS = 15  # of the exponential's series: the remainder is below (1/2)^15/15! = 2e-17
 _LEVEL = 1e-9  # of a turn; nearer than that a phase is at a level, as far as rounding tells
 
 _MOST_STATES = 1000  # of a closed loop: the time for its poles grows with their cube

@@ -59,7 +59,7 @@ def pass_rates(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, float]:
 
 
 def same_for_all(asked: Sequence[tuple[Question, ...]]) -> Mapping[str, bool]:
-    """Return, by blanks, whether the right answer is everybody's, as it hangs on nobody's motor; False with one student alone."""
+    """Return for each blank whether all students have the same right answer; False with a single student."""
     found = {}
     for column in zip(*asked, strict=True):
         right = [question.right for question in column if question.is_answerable]

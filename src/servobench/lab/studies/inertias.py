@@ -60,7 +60,7 @@ class Inertias(StudySettings):
     """
 
     bodies: Annotated[tuple[Body, ...], Field(min_length=1)]
-    """All that turns."""
+    """The bodies that turn."""
     totals: tuple[Total, ...] = ()
     """Sums of bodies, a row each below them."""
 

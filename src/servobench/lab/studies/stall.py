@@ -1,4 +1,4 @@
-"""The study `stall`: a shaft that is held under several voltages, and what the stall monitor makes of it."""
+"""The study `stall`: a shaft that is held at several voltages, and the response of the stall monitor."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The study `steady_state_errors`: what is left of the error after a step and along a ramp, by theory and by runs."""
+"""The study `steady_state_errors`: the remaining error after a step and along a ramp, by theory and by runs."""
 
 from __future__ import annotations
 

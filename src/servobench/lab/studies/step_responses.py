@@ -185,7 +185,7 @@ def _controllers(controllers: Sequence[Controller]) -> Column:
 
 
 def _names(controllers: Sequence[Controller]) -> tuple[str, ...]:
-    """What the controllers are called; those that differ by their filter alone are told apart by it."""
+    """The names of the controllers; those that only differ in their filter have it in the name."""
     names = [gains_text(each) for each in controllers]
     return tuple(
         f"{name}, filter {plain(each.cutoff)} rad/s"

@@ -1,4 +1,4 @@
-"""The study `step_size`: what a shorter sample time gives, and what it takes: resolution of time, of speed, of the estimate."""
+"""The study `step_size`: what a shorter sample time gains and costs: resolution of time, of speed, of the estimate."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The study `step_tail`: wrong models held against the rise and against the tail of a step."""
+"""The study `step_tail`: wrong models compared with the rise and with the tail of a step."""
 
 from __future__ import annotations
 

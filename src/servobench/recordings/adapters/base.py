@@ -35,7 +35,7 @@ ADAPTERS: Registry[type[Adapter]] = Registry(
 
 
 def recordings_in(data: object, argument: str = "data") -> tuple[Recording, ...]:
-    """Return the recordings in what somebody has at hand: a path, a table, a recording, or a list of such.
+    """Return the recordings in the given data: a path, a table, a recording, or a list of these.
 
     `argument` is what an error message calls it.
     Raises `UsageError` for an object of no kind that is known, and what reading it raises.

@@ -34,7 +34,7 @@ class Format(Protocol):
     suffixes: ClassVar[tuple[str, ...]]
     """The file endings it is known by, in lower case with the dot; the first is the usual one."""
     by_library: ClassVar[bool]
-    """Whether a library reads it, in a process with limits; plain text is read by our own code, where it's asked for."""
+    """Whether a library reads it, in a process with limits; our own code reads plain text in the calling process."""
 
     def recognises(self, path: Path, head: bytes) -> bool:
         """Return whether a file with these first bytes (up to 4096) is of this format.

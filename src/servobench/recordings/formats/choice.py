@@ -180,7 +180,7 @@ _COMMAND = re.compile(
 
 
 def _varies(values: Array) -> bool:
-    """Whether a column ever changes: one that doesn't is of a motor that nobody moved."""
+    """Whether a column ever changes: if not, the motor didn't move."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and (finite != finite[0]).any())
 

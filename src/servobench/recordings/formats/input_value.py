@@ -17,7 +17,7 @@ from servobench.recordings.formats.roles import ColumnSpec, full_scale
 from servobench.recordings.recording import Recording, Series
 
 LEVEL = "{level}"
-"""What stands for the value in a pattern of a file's name."""
+"""The placeholder for the value in a pattern of a file's name."""
 CHANNEL = "input_value"
 """The name of the channel that is made of it."""
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from servobench.core.channels import Array
 
-_APART = 1e-9  # s; between voltages of which each replaced the one before at once
+_APART = 1e-9  # s; between voltages that replaced each other at once
 _WHOLE = 2e-6  # s; a board counts whole microseconds: of the time of a sample, and of that of a voltage
 
 

@@ -112,7 +112,7 @@ def measure(recording: Recording, chain: Chain | str | None = None, starts_at_re
 
 
 def _reference(recording: Recording, t: Array) -> Array | None:
-    """What a loop was told to follow at the times t (N,) [s], in SI units: the value before, or the first one."""
+    """A loop's reference at the times t (N,) [s], in SI units: the value before, or the first one."""
     if recording.reference is None:
         return None
     series = recording[recording.reference]
@@ -131,7 +131,7 @@ def _reference(recording: Recording, t: Array) -> Array | None:
 
 
 def _reference_unit(recording: Recording) -> str | None:
-    """The SI unit of what a loop was told to follow."""
+    """The SI unit of a loop's reference."""
     unit = recording[recording.reference].channel.unit if recording.reference is not None else None
     return None if unit is None else unit_named(unit).si
 

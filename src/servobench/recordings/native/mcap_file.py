@@ -54,7 +54,7 @@ class McapFile:
         self._span: tuple[int, int] | None = None
         self._failure = ""
         self._file = _new_file(self.part)
-        hold(self._file)  # where there are no locks, nobody can be told that the file is being written
+        hold(self._file)  # without locks, other processes can't see that the file is being written
         try:
             self._put(mcap.MAGIC + mcap.header(library))
         except StorageError:

@@ -140,7 +140,7 @@ class _PartialRecording:
 
 @dataclass
 class _Scan:
-    """The recordings so far, the bytes up to which everything is right, and what isn't right there, if anything."""
+    """The recordings so far, the number of intact bytes, and the damage after them, if any."""
 
     recordings: list[_PartialRecording] = field(default_factory=list)
     right: int = 0
@@ -168,7 +168,7 @@ def _collect(file: BinaryIO, size: int) -> _Scan:
 
 
 def _take(recordings: list[_PartialRecording], name: str, entries: dict[str, bytes]) -> None:
-    """Take a metadata record: ours begin a recording, tell an event or end it; others are somebody else's, and no matter."""
+    """Process a metadata record: our own begin a recording, report an event or end it; all others are ignored."""
     if name == OPENING:
         if recordings and recordings[-1].ending is None:
             raise Damaged("a recording begins before the previous one has ended")

@@ -29,7 +29,7 @@ class Pole:
 
     @property
     def side(self) -> int:
-        """-1 in the left half-plane, 1 in the right, 0 where it can't be told from the imaginary axis."""
+        """-1 in the left half-plane, 1 in the right, 0 if it can't be distinguished from the imaginary axis."""
         return 0 if abs(self.at.real) <= self.uncertainty else (1 if self.at.real > 0 else -1)
 
 

@@ -17,7 +17,7 @@ StabilityVerdict: TypeAlias = Literal["stable", "marginally stable", "unstable"]
 
 @dataclass(frozen=True, kw_only=True)
 class StabilityReport:
-    """The poles [1/s] and their `multiplicities`, how many times each stands there; the verdict and its reasons.
+    """The poles [1/s] and their `multiplicities`; the verdict and its reasons.
 
     `reasons` has a sentence for each pole, one for a complex pair. The verdict is that of the poles: what the system does by
     itself. `bibo` says whether every bounded input gives a bounded output; `drive` is a bounded input for which it doesn't, and

@@ -63,7 +63,7 @@ class _LambdaTuning:
 
 
 def _law(wish: Wish) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
-    """The law that is wished, its settings but for the filter, and the gains to be found."""
+    """The requested law, its settings except the filter, and the gains to be found."""
     match wish.controller, wish.output:
         case "pid", "speed":
             return Pid, {"output": "speed"}, ("kp", "ki")

@@ -32,7 +32,7 @@ _CLOSE = 0.1  # of a pole's size; nearer to each other poles count as a multiple
 
 @dataclass(frozen=True, kw_only=True)
 class Pole:
-    """A pole of the closed loop [1/s]: as wished, and as obtained, e^(sh) being a root of 1 + L(z)."""
+    """A pole of the closed loop [1/s]: as specified, and as obtained, e^(sh) being a root of 1 + L(z)."""
 
     wished: complex
     obtained: complex
@@ -92,7 +92,7 @@ def match_poles(
     wished: Sequence[complex],
     cancelled: Iterable[complex] = (),
 ) -> tuple[Pole, ...]:
-    """Return each pole wished for with the one obtained: of the loop's slowest, as many as are wished, the nearest.
+    """Return each specified pole with the one obtained: the nearest of the loop's slowest poles, as many as specified.
 
     Poles are the slower the nearer their real part is to zero. One that a zero of the law cancels isn't seen in how the output
     follows the reference, and is left out. All in 1/s, `sample_time` in s.

@@ -104,7 +104,7 @@ def _pair(wish: Wish) -> tuple[complex, ...]:
 
 
 def _both_of_pairs(wish: Wish) -> tuple[complex, ...]:
-    # One of a complex pair stands for both, and both may be said, too.
+    # One of a complex pair stands for both; both may also be given.
     poles = [*wish.poles]
     poles += [p.conjugate() for p in wish.poles if p.imag and p.conjugate() not in wish.poles]
     if not all(math.isfinite(abs(p)) and p.real < 0 for p in poles):
@@ -127,7 +127,7 @@ def _pole_text(pole: complex) -> str:
 
 
 def _law(wish: Wish, integral: bool) -> tuple[type[Tunable], dict[str, Any], tuple[str, ...]]:
-    """The law that is wished, its settings but for the filter, and the gains to be found, that of the speed first."""
+    """The requested law, its settings except the filter, and the gains to be found, that of the speed first."""
     settings: dict[str, Any]
     match wish.controller, wish.output:
         case "pid", "position":
