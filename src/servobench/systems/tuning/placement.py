@@ -32,7 +32,7 @@ _CLOSE = 0.1  # of a pole's size; nearer to each other poles count as a multiple
 
 @dataclass(frozen=True, kw_only=True)
 class Pole:
-    """A pole of the closed loop [1/s]: as specified, and as obtained, e^(sh) being a root of 1 + L(z)."""
+    """A pole of the closed loop [1/s]: `wished` is specified, `obtained` the root e^(sh) of 1 + L(z)."""
 
     wished: complex
     obtained: complex
