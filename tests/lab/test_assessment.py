@@ -592,7 +592,7 @@ def test_what_is_odd_gets_a_mark_and_a_reason(secret: Path, tmp_path: Path) -> N
     said = {m.blank: (m.verdict, m.sentence) for m in ada.marks}
 
     assert said["gain"][0] == "wrong"
-    assert "revolutions a minute" in said["gain"][1]
+    assert "revolutions per minute" in said["gain"][1]
     assert said["level"] == ("missing", "The form has no such line.")
     assert said["read"] == ("wrong", "An answer has 100 characters at most.")
     assert said["lag"][0] == "wrong"
