@@ -53,7 +53,11 @@ WAITING = ("stories", "hang", "panel", "docs", "cli", "bench", "faults")
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put files that wait in turns with files that compute, so that neither kind has the processors, or the end, to itself."""
     files = list(dict.fromkeys(item.path for item in items))
-    folders = {path: path.relative_to(ROOT / "tests").parts[0] for path in files if path.is_relative_to(ROOT)}
+    folders = {
+        path: path.relative_to(ROOT / "tests").parts[0]
+        for path in files
+        if path.is_relative_to(ROOT / "tests")
+    }
     waiting = sorted(
         (path for path in files if folders.get(path) in WAITING),
         key=lambda path: WAITING.index(folders[path]),

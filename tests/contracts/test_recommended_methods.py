@@ -42,7 +42,7 @@ def asked(secret: Path, name: str, number: int) -> tuple[MotorStand, list[Questi
     """The stand of a student who has the motor as well, and what they are asked."""
     assessment = Assessment(exercise=exercise(name), secret_file=secret, secret=SECRET, with_motor=True)
     stand = assessment.stand(f"s{number}")
-    return stand, [each for each in questions(assessment.exercise, stand) if each.is_asked]
+    return stand, [each for each in questions(assessment.exercise, stand) if each.is_answerable]
 
 
 def written(value: float, question: Question) -> str:

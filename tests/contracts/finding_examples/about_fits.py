@@ -14,7 +14,7 @@ from servobench.identification.estimators.output_error import best_minimum, rema
 from servobench.identification.identify import identify
 from servobench.identification.models.base import STRUCTURES
 from servobench.identification.trust.doubts.base import about_fit
-from servobench.identification.trust.doubts.lag_not_split import with_what_the_lag_tells
+from servobench.identification.trust.doubts.lag_not_split import widen_for_lag_split
 from servobench.identification.trust.held_out import about_validation, validate_with
 from servobench.identification.trust.validation import validate
 from servobench.identification.uncertainty.identifiability import combinations, parameter_statuses
@@ -159,8 +159,8 @@ EXAMPLES = (
     _example("structure-reverses", _one_way_that_reverses),
     Example(
         code="lag-not-split",
-        raised=lambda: with_what_the_lag_tells(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,
-        absent=lambda: with_what_the_lag_tells(sound_fit()).findings,
+        raised=lambda: widen_for_lag_split(fit_with(0.01, 2.0, 2.0, -0.9999)).findings,
+        absent=lambda: widen_for_lag_split(sound_fit()).findings,
     ),
     _example(
         "loop-tells-little",

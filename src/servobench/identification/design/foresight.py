@@ -1,7 +1,7 @@
-"""What an experiment will tell of a motor: the standard deviations, before anything has moved.
+"""The standard deviations to expect from an experiment, before it is run.
 
-The covariance is that of the estimator which will be used on the data, with every nuisance parameter (friction, offset, delay,
-start state) unknown. It is the mean over motors drawn from what is known of the motor, of these parts:
+The covariance is that of the estimator that will be used on the data, with every nuisance parameter (friction, offset, delay,
+start state) unknown. It is the mean of these parts over motors drawn from the present knowledge of the motor:
 
 - the noise: σ² (J'J)⁻¹, or what the encoder's real rounding of the drawn motor's positions makes of the parameters where that
   is more: rounding that repeats with the input doesn't average out, and that depends on the motor by chance.

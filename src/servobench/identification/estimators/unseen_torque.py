@@ -1,14 +1,14 @@
-"""A random torque that nobody sees: what may act on a motor although the data don't show it, as a line of the budget.
+"""A random torque that may act on a motor although the data don't show it, as a line of the budget.
 
-An encoder averages its rounding so well that an interval may be far smaller than a count, and smaller than what a torque does
-that puts no count out of its place: above all the offset voltage, which a random torque is in the mean. That no test finds a
-torque doesn't say that there is none. So each level of it has a probability: before the data, one half for none and one half
-spread evenly over the logarithm of the levels at which motors are seen to wander; after them, times the likelihood L. By the
-mixture of the levels the covariance has more
+Rounding averages out so well that an interval may be far smaller than a count, and smaller than the effect of a torque that
+changes no count. This matters most for the offset voltage, which the mean of a random torque looks like. If no test finds a
+torque, there may still be one. So each level has a probability: before the data, one half for none and one half spread evenly
+over the logarithm of the levels at which motors wander; after the data, this times the likelihood L. The mixture of the levels
+adds to the covariance
 
     Σ w (C - C₀) + Σ w δ δ',   w ∝ prior · L
 
-C being the covariance under a level and C₀ under none, δ the change of the estimates (model averaging: Hoeting, Madigan,
+where C is the covariance at a level and C₀ without a torque, δ the change of the estimates (model averaging: Hoeting, Madigan,
 Raftery and Volinsky 1999). Such a mixture isn't normal: where a torque acts with a chance of one in ten only, an error of
 four of its standard deviations happens once in a hundred recordings. So each parameter has the standard deviation of a normal
 distribution that reaches as far as the mixture once in a hundred, where that is more.

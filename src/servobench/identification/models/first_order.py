@@ -1,11 +1,11 @@
-"""The first-order motor with an integrator: gain, time constant and delay, and the voltage that is lost on the way.
+"""The first-order motor with an integrator: gain, time constant, delay and the lost voltage.
 
     τ dω/dt = -ω + K (u(t - d) - u₀ - u_c sgn(ω)),   dθ/dt = ω
 
 They follow from J dω/dt = k i - b ω - T_c sgn(ω) and R i = u(t - d) - u₀ - k ω: K = k/(R b + k²),
-τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in which of the two lost voltages they have:
-the offset u₀, which doesn't care which way the motor turns, and the Coulomb voltage u_c, which always brakes. Turning one way
-only, nobody can tell the two apart: one voltage stands for their sum, and holds the shaft where it rests in between.
+τ = R J/(R b + k²), u_c = R T_c/k. Four members share these equations. They differ in the lost voltages that they have: the
+offset u₀, which doesn't depend on the direction, and the Coulomb voltage u_c, which always brakes. If the motor only turns one
+way, the two can't be separated: one voltage stands for their sum, and holds the shaft during rests.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ from servobench.recordings.measurement.base import Kind
 from servobench.recordings.measurement.dataset import Dataset
 from servobench.systems.transfer_function import TransferFunction
 
-# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d).
+# The place of each parameter in the kernel's vector (K, τ, u₀, u_c, d).
 _COLUMN = {"gain": 0, "time_constant": 1, "offset_voltage": 2, "coulomb_voltage": 3, "delay": 4}
 
 
@@ -86,9 +86,9 @@ class FirstOrder:
 
         Nor can it come later than it does: the first motion bounds the delay from above (`models.first_motion`).
         Two channels that are latched one after the other may be out of step by that much, of the one that is sampled more
-        often; anything more would be a wrong model, as slow data can't tell a negative delay from a longer time constant.
-        In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it.
-        A time constant below a hundredth of a sample time can't be told from none.
+        often; anything more would be a wrong model, because slow data can't separate a negative delay from a longer time
+        constant. In a closed loop it is half of one: earlier, the input that answers to a sample would be what causes it. A
+        time constant below a hundredth of a sample time can't be distinguished from zero.
         """
         step = max(record.sample_time for record in data)
         latch = max(min(record.sample_time, record.input_step) for record in data)
@@ -146,7 +146,7 @@ class FirstOrder:
         return (np.concatenate([theta, own]),)
 
     def _still(self, theta: Array, data: Sequence[Dataset]) -> NDArray[np.int64]:
-        """The places of the start speeds of the records in which a shaft at rest would stay so at first."""
+        """The places of the start speeds of the records in which a shaft at rest would stay at rest at first."""
         places, at = [], len(self.parameters)
         for record in data:
             own = self.nuisance(record)

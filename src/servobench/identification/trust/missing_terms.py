@@ -1,7 +1,7 @@
-"""Is something missing from the model's structure? A score test for each term that motors are known to have and a model may lack.
+"""Does the model's structure lack something? A score test for each term that a motor may have and the model lacks.
 
-How the test works is told in `uncertainty.score_test`. Here are the terms, each with the sentence that a person reads, and with
-what its amount means.
+`uncertainty.score_test` explains the test. Here are the terms, each with its sentence for the user and the meaning of its
+amount.
 """
 
 from __future__ import annotations

@@ -1,4 +1,4 @@
-"""Which series has a role, in which unit: what is said comes first, then what the recording knows, then what its names say."""
+"""Which series has a role, in which unit: by the user's options first, then by the recording, then by the names."""
 
 from __future__ import annotations
 
@@ -186,7 +186,7 @@ _COMMAND = re.compile(
 
 
 def _varies(values: Array) -> bool:
-    """Whether a column ever changes: one that doesn't is of a motor that nobody moved."""
+    """Whether a column ever changes: if not, the motor didn't move."""
     finite = values[np.isfinite(values)]
     return bool(len(finite) and (finite != finite[0]).any())
 

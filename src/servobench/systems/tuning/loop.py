@@ -1,4 +1,4 @@
-"""The open loop of a controller around a motor as it runs, tick by tick, and its margins as far as the motor is known.
+"""The sampled open loop of a controller and a motor, and its margins with the uncertainty of the motor.
 
 Both halves are exact: what the controller computes is taken from the controller (`control.sampled_law`), and the motor is sampled
 with its hold and its delay (`sampled_loop`). docs/decisions/0028-sampled-loop.md says why.

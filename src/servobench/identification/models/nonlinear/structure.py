@@ -3,17 +3,17 @@
     τ dω/dt = -ω + K (u(t - d) - u₀ - g(θ) - u_a |ω|) - |K| sgn(ω) (u_c + u_s e^(-|ω|/ω_s) + μ |g(θ)|),   dθ/dt = ω
     g(θ) = u_gs sin θ + u_gc cos θ
 
-Everything that is lost is told in units of the input, so that a fit needs no motor constant. Viscous friction is in K and τ
-already, and a constant load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin
-(1947); a Gaussian in its place is flat at rest, and would say nothing of how a shaft creeps there. Gravity by sine and
-cosine, not by amplitude and angle, is linear in its parameters and has no singularity where there is none.
+All losses are in units of the input, so a fit needs no motor constant. K and τ already include viscous friction, and a constant
+load (a hoist) is the offset u₀. Falling friction is Stribeck's in the exponential form of Tustin (1947); a Gaussian is flat at
+rest and wouldn't describe a shaft that creeps. Gravity by sine and cosine, not by amplitude and angle, is linear in its
+parameters and has no singularity where there is none.
 
 Friction that differs by direction: with the Coulomb voltages u₊ and u₋, and forward the way that a positive input drives,
 
     sgn(ω) u_c + u₀  =  u₊ forward, -u₋ backward   where   u_c = (u₊ + u₋)/2, u₀ = (u₊ - u₋)/2
 
-so that unequal Coulomb voltages and an offset are one and the same thing, at rest too, and nobody can have both. What an offset
-can't stand for is viscous friction that differs: u_a |ω|.
+so unequal Coulomb voltages and an offset are the same thing, at rest too, and a model can't have both. An offset can't replace
+viscous friction that depends on the direction: u_a |ω|.
 """
 
 from __future__ import annotations
@@ -71,7 +71,7 @@ COSINE = Parameter(
 )
 LOAD = Parameter(name="load_friction", meaning="friction per unit of gravity's load", unit="1", lower=0.0)
 
-# Where each parameter stands in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀), with which weight.
+# The place and weight of each parameter in the kernel's vector (K, τ, u₀, u_c, d, u_s, ω_s, u_gs, u_gc, μ, u_a, θ₀, ω₀).
 _PLACES: dict[Parameter, dict[int, float]] = {
     GAIN: {0: 1.0},
     TIME_CONSTANT: {1: 1.0},
@@ -167,7 +167,7 @@ class NonlinearMotor:
     def move(self, theta: Array, change: Array) -> Array:
         """Return where a change leads from theta, both (P + ΣQ,): theta + change, but for the stribeck_voltage.
 
-        What a fast reversal tells of Stribeck friction is u_s ω_s, the area below it, and hardly how the two share it.
+        A fast reversal determines u_s ω_s, the area below the Stribeck curve, and hardly the two factors.
         So it is the area that a change moves to first order: u_s becomes (u_s ω_s + ω_s δu_s + u_s δω_s)/(ω_s + δω_s). A u_s that
         doesn't change is held.
         """
