@@ -72,7 +72,7 @@ def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float
 
 
 def least_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, LoopValue]:
-    """Return intervals that lie within those of `loop_margins`, ten times sooner: enough to see that a loop is too fast.
+    """Return intervals that lie within those of `loop_margins`, ten times sooner, to see that a loop is too fast; `sample_time` [s].
 
     The 2.5 % quantile of all draws is at most the same order statistic of some of them; those with the longest delay and the
     fastest acceleration, which are the hardest to control, come nearest to it.
