@@ -72,10 +72,11 @@ def loop_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float
 
 
 def least_margins(controller: Tunable, motor: FirstOrderMotor, sample_time: float) -> dict[str, LoopValue]:
-    """Return intervals that lie within those of `loop_margins`, ten times sooner, to see that a loop is too fast; `sample_time` [s].
+    """Return intervals that lie within those of `loop_margins`, ten times sooner.
 
-    The 2.5 % quantile of all draws is at most the same order statistic of some of them; those with the longest delay and the
-    fastest acceleration, which are the hardest to control, come nearest to it.
+    They show a loop that is too fast for its `sample_time` [s]: the 2.5 % quantile of all draws is at most the same order
+    statistic of some of them. Those with the longest delay and the fastest acceleration, which are the hardest to control, come
+    nearest to it.
     """
     draws = motor.draws(_DRAWS)
     hardest = [np.argsort(by)[-_HARDEST:] for by in (draws[:, 2], np.abs(draws[:, 0] / draws[:, 1]))]
