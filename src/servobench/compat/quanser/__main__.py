@@ -9,9 +9,11 @@ import signal
 import sys
 import traceback
 from pathlib import Path
+from types import TracebackType
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from servobench.compat.quanser.motion import Mounted
     from servobench.compat.quanser.session import Bench
 
 _FAILED, _WRONG_USAGE, _INTERRUPTED = 1, 2, 130
@@ -44,10 +46,10 @@ def _bench(given: argparse.Namespace) -> Bench:
     """Install the stand-in; what ends it is registered first, so that it runs after all that the program registers."""
     from servobench.compat.quanser import install
 
-    pendulum = "hanging" if given.pendulum is None else given.pendulum
+    mounted: dict[str, Mounted] = {"lifts": "lifted", "holds": "upright", "none": "hanging"}
     bench = install(
         time="real" if given.real_time else "simulated",
-        mounted="disc" if given.pendulum is False else pendulum,
+        mounted=mounted[given.hand] if given.pendulum else "disc",
         has_watchdog=not given.no_watchdog,
     )
     bench.unplug_at = given.unplug
@@ -69,7 +71,7 @@ def _end(number: int, frame: object) -> None:
     sys.exit(128 + number)
 
 
-def _own_frames(error: BaseException, script: Path) -> object:
+def _own_frames(error: BaseException, script: Path) -> TracebackType | None:
     """The part of a traceback that begins in the program."""
     trace = error.__traceback__
     while trace and Path(trace.tb_frame.f_code.co_filename) != script:
@@ -91,12 +93,13 @@ def _parser() -> argparse.ArgumentParser:
     clock.add_argument(
         "--real-time", action="store_true", help="let the wall clock set the pace from the start"
     )
+    parser.add_argument("--pendulum", action="store_true", help="mount a pendulum in the disc's place")
     parser.add_argument(
-        "--pendulum",
-        nargs="?",
-        choices=("hanging", "upright", "lifted"),
-        default=False,
-        help="mount a pendulum in the disc's place: hanging, held upright by a hand until the motor takes over, or lifted by one after 2 s",
+        "--hand",
+        choices=("lifts", "holds", "none"),
+        default="lifts",
+        help="the hand that lifts the pendulum after 2 s where the program waits for that (the default), holds it upright from "
+        "the start, or isn't there; it lets go where the motor takes over",
     )
     parser.add_argument(
         "--unplug", metavar="SECONDS", type=float, default=float("inf"), help="unplug the board at that time"

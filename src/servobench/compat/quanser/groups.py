@@ -100,7 +100,7 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
     ]
     widths = [len(asked) for asked in groups]
     cut: Callable[[int], Row] = (
-        lambda k: tuple(  # noqa: E731
+        lambda k: tuple(
             found[k * width : (k + 1) * width] for found, width in zip(flat, widths, strict=True)
         )
     )

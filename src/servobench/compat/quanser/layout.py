@@ -57,7 +57,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Address:
-    """Which board is opened: its type and identifier, and, where it is one of Quanser's simulator, whether a pendulum is mounted."""
+    """Which board is opened: its type and identifier, and whether it is one of Quanser's simulator, with a pendulum."""
 
     card_type: str
     identifier: str

@@ -33,8 +33,8 @@ class Absent(type):
     def __call__(cls, *arguments: Any, **named: Any) -> Any:
         raise errors.GenericError(
             -int(errors.Code.NOT_SUPPORTED),
-            f"{cls.__module__}.{cls.__name__}: the stand-in has the hardware interface of a QUBE-Servo alone; cameras, streams and "
-            "other devices need Quanser's own software.",
+            f"{cls.__module__}.{cls.__name__}: the stand-in has the hardware interface of a QUBE-Servo alone; "
+            "cameras, streams and other devices need Quanser's own software.",
         )
 
 

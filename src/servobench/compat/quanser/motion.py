@@ -84,23 +84,28 @@ class Motion:
         self.counters = tuple(Counter(per_rev, bits) for _ in range(layout.encoders))  # type: ignore[arg-type]
         self.plant, self.hand = _plant(twin, mounted, self._random)
         if mounted == "upright":
-            self.counters[1].set(0, math.pi)  # the board was switched on while it was held
+            self.counters[1].set(0, -math.pi)  # the board was switched on while it was held
         self.voltage, self.enabled = 0.0, False
         self.stalled_for, self.stall_error = 0.0, False
         self._now = 0.0
+        self._began: float | None = None
 
     @property
     def angles(self) -> tuple[float, float]:
-        """Angles of motor and pendulum [rad]; that of a pendulum that isn't mounted is 0."""
+        """Angles of motor and pendulum as their encoders count them [rad]; that of a pendulum that isn't mounted is 0.
+
+        On a real QUBE both encoders count up where the pendulum swings ahead of the arm: balance programs that work there, Quanser's own
+        among them, have gains of one sign for both angles. So the second one counts against the textbook's angle.
+        """
         rod = self.plant.pendulum.rod if isinstance(self.plant, RotaryPendulum) else 0.0
-        return self.plant.state.angle, rod
+        return self.plant.state.angle, -rod
 
     @property
     def speeds(self) -> tuple[float, float]:
         """Speeds of motor and pendulum, as their tachometers show them, in whole counts a second."""
         rod = self.plant.pendulum.rod_speed if isinstance(self.plant, RotaryPendulum) else 0.0
         scale = self.counts_per_rev / (2 * math.pi)
-        return float(round(self.plant.state.speed * scale)), float(round(rod * scale))
+        return float(round(self.plant.state.speed * scale)), float(round(-rod * scale))
 
     @property
     def current(self) -> float:
@@ -129,8 +134,11 @@ class Motion:
             self.stalled_for, self.stall_error = 0.0, False
         self._act()
 
-    def advance_to(self, time: float) -> None:
-        """Carry everything forward to a time [s]."""
+    def advance_to(self, moment: float) -> None:
+        """Carry everything forward to a time [s]; the first one is where it begins, at rest."""
+        if self._began is None:
+            self._began = moment
+        time = moment - self._began
         while self._now < time:
             watched = self.drives and abs(self.voltage) > STALL_VOLTAGE
             step = min(time, self._now + LOOK_AT_STALL) if watched or self.hand else time

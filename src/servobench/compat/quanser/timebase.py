@@ -26,15 +26,15 @@ _wall, _sleep, _epoch = time.perf_counter, time.sleep, time.time
 class Timebase:
     """The time since the stand-in was installed [s].
 
-    Simulated time stands still unless it is spent or waited for. It is paced by the wall clock from the moment on at which a second
-    thread takes part: nobody can tell what a thread that isn't waiting is doing.
+    Simulated time stands still unless it is spent or waited for. It is paced by the wall clock as soon as the program has a
+    second thread: nobody can tell what a thread that isn't waiting is doing.
     """
 
     def __init__(self, *, paced: bool) -> None:
         self._now = 0.0
         self._paced = paced
         self._lock = threading.RLock()
-        self._thread: int | None = None
+        self._threads = threading.active_count()
         self._offset = -_wall()
         self.began = _epoch()
 
@@ -68,11 +68,8 @@ class Timebase:
         return self.now()
 
     def _take_part(self) -> None:
-        """Notice a second thread."""
-        thread = threading.get_ident()
-        if self._thread is None:
-            self._thread = thread
-        elif self._thread != thread and not self._paced:
+        """Notice a thread that was started since."""
+        if not self._paced and threading.active_count() > self._threads:
             self._offset, self._paced = self._now - _wall(), True
 
 

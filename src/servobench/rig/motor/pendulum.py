@@ -10,8 +10,8 @@ so that the Lagrangian, kinetic minus potential energy, is
 
     ½ (J_a + m r² + (m l² + J) sin² α) θ'² + m r l cos α θ' α' + ½ (m l² + J) α'² + m g l cos α
 
-(a thin rod has no inertia about its own length, so J sin² α is its share in the turning of the arm). Lagrange's equations, with the
-motor's torque T, the friction of both bearings and P = m l² + J, are
+(a thin rod has no inertia about its own length, so J sin² α is its share in the turning of the arm). Lagrange's equations, with
+the motor's torque T, the friction of both bearings and P = m l² + J, are
 
     (J_a + m r² + P sin² α) θ'' + m r l cos α α'' = T - b_a θ' - T_c sgn θ' - 2 P sin α cos α θ' α' + m r l sin α α'²
     m r l cos α θ'' + P α'' = P sin α cos α θ'² - m g l sin α - b_p α'
@@ -67,8 +67,12 @@ class Rod:
         return self.mass * GRAVITY * self.middle
 
     def arm_inertia(self, rotor: float) -> float:
-        """Return J_a + m r² [kg·m²] with an inertia of rotor and hub [kg·m²]; the arm is a rod that turns about its end."""
-        return rotor + self.arm_mass * self.arm_length**2 / 3 + self.mass * self.arm_length**2
+        """Return J_a + m r² [kg·m²] with an inertia of rotor and hub [kg·m²].
+
+        The arm's own is that of a rod about its middle, as in the maker's models: much of its mass sits at the hub. As a rod about its
+        end it would be four times that, and gains that balance real pendulums (2, 30, 2, 2.5 of arm, rod and their speeds) would not.
+        """
+        return rotor + self.arm_mass * self.arm_length**2 / 12 + self.mass * self.arm_length**2
 
 
 class PendulumState(NamedTuple):
