@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import TypeAlias
 
 from servobench.compat.quanser.buffers import (
@@ -99,9 +99,11 @@ def rows(groups: Groups, arrays: Sequence[object], samples: int = 1) -> list[Row
         for given, asked, kind, name in zip(arrays, groups, _OUT_TYPES, _OUTPUTS, strict=True)
     ]
     widths = [len(asked) for asked in groups]
-    cut: Callable[[int], Row] = (
-        lambda k: tuple(
-            found[k * width : (k + 1) * width] for found, width in zip(flat, widths, strict=True)
-        )
+    return [_sample(flat, widths, number) for number in range(samples)]
+
+
+def _sample(flat: Sequence[tuple[float, ...]], widths: Sequence[int], number: int) -> Row:
+    """The values of one sample, out of those of all."""
+    return tuple(
+        found[number * width : (number + 1) * width] for found, width in zip(flat, widths, strict=True)
     )
-    return [cut(k) for k in range(samples)]

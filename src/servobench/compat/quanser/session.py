@@ -116,14 +116,12 @@ class Bench:
                 board.unplug()
 
     def rest(self) -> None:
-        """Put new motors, at rest, in the place of those of the open boards; for tests, which need repeatable starts."""
+        """Put new motors, at rest and without voltage, in the place of those of the open boards; for repeatable starts in tests."""
         self._motions.clear()
         for board in self._boards:
             if board.ending is None:
-                voltage, enabled = board.motion.voltage, board.motion.enabled
                 board.motion = self._motion(board.address)
                 board.motion.advance_to(self.timebase.now())
-                board.motion.put(voltage, enabled)
 
     def _motion(self, address: Address) -> Motion:
         """The motor at an address, which goes on while no board is open."""

@@ -90,7 +90,7 @@ class Task:
     def time_of(self, count: int) -> float:
         """Return the time at which a reader's buffer holds that many samples, or a writer's has room for them [s]."""
         missing = count - (len(self.buffer) if self.kind == "reader" else self.size - len(self.buffer))
-        return self._tick(self._done + max(missing, 0))
+        return self._tick(int(min(self._done + max(missing, 0), self._limit)))
 
     @property
     def started(self) -> bool:
