@@ -23,6 +23,7 @@ def install(
     settings: Mapping[str, Any] | None = None,
     seed: int | None = 0,
     has_watchdog: bool = True,
+    ignore_threads: bool = False,
     quiet: bool = False,
 ) -> Bench:
     """Install the stand-in for `quanser` in this process, and return it; used in a `with` statement it uninstalls itself.
@@ -30,7 +31,9 @@ def install(
     `time` is "simulated", where waits take none and `time.sleep`, `time.time`, `perf_counter` and `monotonic` follow the board's
     time, or "real". `mounted` is "disc", or a pendulum that is "hanging", held "upright" by a hand until the motor takes over, or
     "lifted" by one after two seconds. `settings` are those of the twin that differ from the data sheet of the board, in SI units;
-    `seed` makes its noise repeatable. `has_watchdog` says whether the boards have one; `quiet` leaves out the lines on standard error.
+    `seed` makes its noise repeatable. `has_watchdog` says whether the boards have one. As soon as the process has
+    another thread than now, the wall clock paces simulated time, unless `ignore_threads`, for threads that leave the board alone, such
+    as those of servobench's own loop. `quiet` leaves out the lines on standard error.
     Raises `RuntimeError` where it is installed already.
 
     >>> with install(quiet=True) as bench:
@@ -54,6 +57,7 @@ def install(
         settings=settings or {},
         seed=seed,
         has_watchdog=has_watchdog,
+        ignore_threads=ignore_threads,
         quiet=quiet,
     )
     bench.install()

@@ -22,7 +22,8 @@ class Bench:
 
     `time` is "simulated" or "real"; `mounted` is what hangs on the motors, the disc or a pendulum (a simulator's address chooses
     by itself); `settings` are those of the twin that differ from the data sheet, `seed` makes its noise repeatable;
-    `has_watchdog` says whether the boards have one, which isn't known of real ones; `says` takes the lines for the user.
+    `has_watchdog` says whether the boards have one, which isn't known of real ones; with `ignore_threads` other threads don't pace
+    simulated time; `quiet` leaves out the lines on standard error.
     """
 
     def __init__(
@@ -33,9 +34,10 @@ class Bench:
         settings: Mapping[str, Any],
         seed: int | None,
         has_watchdog: bool,
+        ignore_threads: bool,
         quiet: bool,
     ) -> None:
-        self.timebase = Timebase(paced=time == "real")
+        self.timebase = Timebase(paced=time == "real", ignore_threads=ignore_threads)
         self.endings: list[Ending] = []
         self.unplug_at = math.inf
         """When the boards are unplugged [s], from the installation on."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import sysconfig
 import threading
 import time
@@ -27,14 +28,14 @@ class Timebase:
     """The time since the stand-in was installed [s].
 
     Simulated time stands still unless it is spent or waited for. It is paced by the wall clock as soon as the program has a
-    second thread: nobody can tell what a thread that isn't waiting is doing.
+    second thread, unless threads are ignored: nobody can tell what a thread that isn't waiting is doing.
     """
 
-    def __init__(self, *, paced: bool) -> None:
+    def __init__(self, *, paced: bool, ignore_threads: bool = False) -> None:
         self._now = 0.0
         self._paced = paced
         self._lock = threading.RLock()
-        self._threads = threading.active_count()
+        self._threads = math.inf if ignore_threads else threading.active_count()
         self._offset = -_wall()
         self.began = _epoch()
 

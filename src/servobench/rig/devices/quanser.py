@@ -64,7 +64,7 @@ class QuanserSettings(Settings):
     """For how long samples are kept that weren't fetched in time [s]."""
     overflow: Literal["error", "count"] = "error"
     """Whether samples that are lost end the run, or are counted and left out."""
-    watchdog: Time = 0.1
+    watchdog: Time = 0.2
     """The board's watchdog, where it has one: without a voltage for that long the motor is let go; 0 leaves it off [s]."""
 
 
@@ -177,9 +177,7 @@ class Quanser:
         self._end_task(self._card)
         self._put(0.0)
         one = np.zeros(1, np.uint32)
-        self._call(
-            "reset the counter", lambda: self._card.set_encoder_counts(one, 1, np.zeros(1, np.int32))
-        )
+        self._call("reset the counter", lambda: self._card.set_encoder_counts(one, 1, np.zeros(1, np.int32)))
         self._switch(on=True)
         self.light(*GREEN)
         self._read = self._lost = 0
@@ -300,17 +298,16 @@ class Quanser:
         if card is None:
             return
         one = np.zeros(1, np.uint32)
-        acts: list[Callable[[], object]] = [
+        acts: tuple[Callable[[], object], ...] = (
             lambda: card.write_analog(one, 1, np.zeros(1)),
             lambda: card.write_digital(one, 1, np.zeros(1, np.int8)),
             lambda: card.write_other(np.array(_LIGHTS, np.uint32), 3, np.array(RED)),
-        ]
-        if self.watchdog == "running":
-            acts.append(card.watchdog_stop)
+        )
+        zeroed, switched, _ = [_succeeds(act) for act in acts]
+        # Where neither came through, the watchdog is what is left: it is no longer fed, and expires.
+        if self.watchdog == "running" and (zeroed or switched):
+            _succeeds(card.watchdog_stop)
             self.watchdog = "unknown"
-        for act in acts:
-            with suppress(Exception):  # a stop never raises: what fails, the guard sees by the shaft
-                act()
 
     def light(self, red: float, green: float, blue: float) -> None:
         """Light the lamp, each colour from 0 to 1."""
@@ -352,3 +349,14 @@ class Quanser:
     def _needs_board(self) -> None:
         if self._card is None:
             raise DeviceError("quanser: the board isn't open; use it inside a with statement")
+
+
+def _succeeds(act: Callable[[], object]) -> bool:
+    """Do something that may fail, and return whether it didn't; a stop never raises."""
+    try:
+        act()
+    except (
+        Exception
+    ):  # whatever a board that may be gone raises; the guard sees by the shaft whether it stands
+        return False
+    return True
