@@ -1,4 +1,4 @@
-"""A watchdog that is reloaded for a while, then starved: the motor has to coast to rest, and the board refuses until it is cleared."""
+"""A watchdog that is reloaded for a while, then starved: the motor coasts to rest, and the board refuses access."""
 
 import time
 

@@ -1,4 +1,4 @@
-"""The device for a QUBE-Servo, on the stand-in: verified on simulated hardware only. Fault rows 3, 6, 7, 11, 28 and 29 with it."""
+"""The device for a QUBE-Servo, on the stand-in: verified on simulated hardware only. With it fault rows 3, 6, 7, 11, 28, 29."""
 
 import math
 import sys
@@ -116,7 +116,7 @@ def test_the_voltage_is_limited_and_board_options_are_passed_on(bench: Bench) ->
 
 def test_an_option_that_the_board_refuses_is_an_error_that_leaves_it_closed(bench: Bench) -> None:
     motor = connect("quanser", board="qube_servo_3", options="colour=1")
-    with pytest.raises(DeviceError, match="couldn't set its options.*'colour'"):
+    with pytest.raises(DeviceError, match=r"couldn't set its options.*'colour'"):
         motor.__enter__()
 
     assert bench.board.ending is not None

@@ -32,8 +32,8 @@ def install(
     time, or "real". `mounted` is "disc", or a pendulum that is "hanging", held "upright" by a hand until the motor takes over, or
     "lifted" by one after two seconds. `settings` are those of the twin that differ from the data sheet of the board, in SI units;
     `seed` makes its noise repeatable. `has_watchdog` says whether the boards have one. As soon as the process has
-    another thread than now, the wall clock paces simulated time, unless `ignore_threads`, for threads that leave the board alone, such
-    as those of servobench's own loop. `quiet` leaves out the lines on standard error.
+    another thread than now, the wall clock paces simulated time, unless `ignore_threads`, for threads that leave the board alone,
+    such as those of servobench's own loop. `quiet` leaves out the lines on standard error.
     Raises `RuntimeError` where it is installed already.
 
     >>> with install(quiet=True) as bench:

@@ -82,7 +82,7 @@ def _own_frames(error: BaseException, script: Path) -> TracebackType | None:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="python -m servobench.compat.quanser",
-        description="Run a Python program that was written for a Quanser QUBE-Servo on a simulated one: a stand-in, never the real board.",
+        description="Run a program that was written for a Quanser QUBE-Servo on a simulated one, a stand-in for the board.",
     )
     parser.add_argument("script", metavar="SCRIPT.py", help="the program, unmodified")
     parser.add_argument("arguments", metavar="...", nargs=argparse.REMAINDER, help="arguments of the program")

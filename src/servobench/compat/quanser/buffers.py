@@ -1,7 +1,7 @@
 """Arrays as the HIL interface takes them: an address, and a number that the caller vouches for.
 
-The board's library is given the address of an array and reinterprets the bytes there, whatever their type. What it reads or writes
-correctly that way passes here, too; what it would misread, or read or write beyond the end of, is refused.
+The board's library is given the address of an array and reinterprets the bytes there, whatever their type. What it reads or
+writes correctly that way passes here, too; what it would misread, or read or write beyond the end of, is refused.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ _INTEGERS = "iub"
 
 @dataclass(frozen=True)
 class CType:
-    """A type that the interface knows, and the arrays that have it, for messages."""
+    """A type that the interface knows, as a `dtype`, and the `arrays` that have it, for messages."""
 
     dtype: np.dtype[Any]
     arrays: str
@@ -85,7 +85,10 @@ def values(given: object, count: int, kind: CType, name: str, missing: Code) -> 
 
 @dataclass(frozen=True)
 class Output:
-    """An array of the caller's that results go into, checked before anything is read."""
+    """An `array` of the caller's that results go into, checked before anything is read.
+
+    It takes a `count` of values of a `kind`; `name` says in messages what it is, `missing` is the error where it doesn't fit.
+    """
 
     array: NDArray[Any] | None
     count: int

@@ -16,9 +16,10 @@ _ADDRESS = re.compile(r"(?P<number>\d+)@tcpip://(localhost|127\.0\.0\.1):(?P<por
 
 @dataclass(frozen=True, kw_only=True)
 class Layout:
-    """A type of board: its name for people, its channels, and the largest voltage that it puts out [V].
+    """A type of board: its `title` for people, its channels, and the `largest_voltage` that it puts out [V].
 
-    `data_sheet` names the motor of that generation. `enable` says whether a digital output enables the amplifier.
+    `data_sheet` names the motor of that generation. There are so many `analog_inputs`, `analog_outputs`, `encoders`,
+    `digital_inputs`, `digital_outputs` and `pwm_outputs`; `other_inputs` and `other_outputs` have numbers of their own.
     """
 
     title: str
@@ -57,7 +58,7 @@ LAYOUTS: Mapping[str, Layout] = MappingProxyType(
 
 @dataclass(frozen=True)
 class Address:
-    """Which board is opened: its type and identifier, and whether it is one of Quanser's simulator, with a pendulum."""
+    """Which board is opened: its `card_type` and identifier, and whether it is one of Quanser's simulator, with a pendulum."""
 
     card_type: str
     identifier: str

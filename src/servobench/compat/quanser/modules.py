@@ -31,6 +31,7 @@ class Absent(type):
         return absent(f"{cls.__module__}.{cls.__name__}", name)
 
     def __call__(cls, *arguments: Any, **named: Any) -> Any:
+        """Raise `GenericError`: there is nothing behind the name."""
         raise errors.GenericError(
             -int(errors.Code.NOT_SUPPORTED),
             f"{cls.__module__}.{cls.__name__}: the stand-in has the hardware interface of a QUBE-Servo alone; "

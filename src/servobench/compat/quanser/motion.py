@@ -54,7 +54,7 @@ class Counter:
         self._offset = self._encoder.counts(angle) - counts
 
     def count_edges(self, edges: int, angle: float) -> None:
-        """Count 1, 2 or 4 edges of each line from now on, the counter as it is."""
+        """Count 1, 2 or 4 edges of each line from now on, the counter as it is at the present angle [rad]."""
         shown = self.counts(angle)
         self._encoder = self._whole.model_copy(
             update={"counts_per_rev": self._whole.counts_per_rev * edges / 4}
@@ -94,8 +94,8 @@ class Motion:
     def angles(self) -> tuple[float, float]:
         """Angles of motor and pendulum as their encoders count them [rad]; that of a pendulum that isn't mounted is 0.
 
-        On a real QUBE both encoders count up where the pendulum swings ahead of the arm: balance programs that work there, Quanser's own
-        among them, have gains of one sign for both angles. So the second one counts against the textbook's angle.
+        On a real QUBE both encoders count up where the pendulum swings ahead of the arm: balance programs that work there,
+        Quanser's own among them, have gains of one sign for both angles. So the second one counts against the textbook's angle.
         """
         rod = self.plant.pendulum.rod if isinstance(self.plant, RotaryPendulum) else 0.0
         return self.plant.state.angle, -rod

@@ -22,8 +22,8 @@ class Bench:
 
     `time` is "simulated" or "real"; `mounted` is what hangs on the motors, the disc or a pendulum (a simulator's address chooses
     by itself); `settings` are those of the twin that differ from the data sheet, `seed` makes its noise repeatable;
-    `has_watchdog` says whether the boards have one, which isn't known of real ones; with `ignore_threads` other threads don't pace
-    simulated time; `quiet` leaves out the lines on standard error.
+    `has_watchdog` says whether the boards have one, which isn't known of real ones; with `ignore_threads` other threads don't
+    pace simulated time; `quiet` leaves out the lines on standard error.
     """
 
     def __init__(
@@ -118,7 +118,7 @@ class Bench:
                 board.unplug()
 
     def rest(self) -> None:
-        """Put new motors, at rest and without voltage, in the place of those of the open boards; for repeatable starts in tests."""
+        """Put new motors, at rest and without voltage, in the place of those of the open boards, for tests that repeat."""
         self._motions.clear()
         for board in self._boards:
             if board.ending is None:

@@ -20,7 +20,7 @@ _ALMOST = 1e-9  # s; two sums of the same tick differ by rounding
 
 @dataclass(frozen=True, kw_only=True)
 class Groups:
-    """Channels by the four kinds: analog, then encoders (of inputs) or PWM (of outputs), digital, and others."""
+    """Channels by the four kinds: analog, `second` (encoders of inputs, PWM of outputs), digital, and other ones."""
 
     analog: tuple[int, ...] = ()
     second: tuple[int, ...] = ()
@@ -33,7 +33,11 @@ class Groups:
 
 @dataclass(eq=False)
 class Task:
-    """A task, by its channels, the size of its buffer in samples, and what a tick does: `latch` them, or `put` them out."""
+    """A task: its `kind`, the `groups` of its channels, the `size` of its buffer, and what a tick does: `latch` or `put`.
+
+    `simulated` says whether the board is one of Quanser's simulator, `mode` what a full buffer does, `overflows` how often it was
+    full. It is `running` from start to stop, `failed` where an overflow ended it, and `deleted` at the end.
+    """
 
     kind: Literal["reader", "writer"]
     groups: Groups

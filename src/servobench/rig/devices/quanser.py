@@ -26,8 +26,8 @@ GREEN, RED, BLUE = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (0.0, 0.0, 1.0)
 _LIGHTS, _TACHOMETER = (11000, 11001, 11002), 14000
 _OVERWRITE, _SYNCHRONIZED = 1, 4  # what a task does with samples that nobody has fetched in time
 _ROUTE = (
-    "Quanser's Python package isn't installed here: its installers for Windows are at github.com/quanser/quanser_sdk_win64, and the "
-    "way to install it with apt on Linux at github.com/quanser/quanser_sdk_linux"
+    "Quanser's Python package isn't installed here: its installers for Windows are at github.com/quanser/quanser_sdk_win64, "
+    "and the way to install it with apt on Linux at github.com/quanser/quanser_sdk_linux"
 )
 
 
@@ -72,9 +72,9 @@ class QuanserSettings(Settings):
 class Quanser:
     """A QUBE-Servo 1, 2 or 3: its hardware clock times the samples, and each is fetched by one call that waits for it.
 
-    The amplifier is on from `start` to `stop` only, after which voltages do nothing until the next `start`. The light is green while
-    it is on, red otherwise, blue where the watchdog has expired. Raises `DeviceError` where the software, the board or a sample is
-    missing, and `UsageError` for settings that no board has.
+    The amplifier is on from `start` to `stop` only, after which voltages do nothing until the next `start`. The light is green
+    while it is on, red otherwise, blue where the watchdog has expired. Raises `DeviceError` where the software, the board or a
+    sample is missing, and `UsageError` for settings that no board has.
     """
 
     Settings: ClassVar[type[QuanserSettings]] = QuanserSettings
@@ -84,7 +84,8 @@ class Quanser:
         self._model = _MODELS[self.settings.board]
         if self.settings.voltage_limit > LARGEST_VOLTAGE:
             raise UsageError(
-                f"quanser: voltage_limit is {self.settings.voltage_limit:g} V; the amplifier permits {LARGEST_VOLTAGE:g} V at most"
+                f"quanser: voltage_limit is {self.settings.voltage_limit:g} V; the amplifier permits "
+                f"{LARGEST_VOLTAGE:g} V at most"
             )
         if self.settings.watchdog < 0:
             raise UsageError(f"quanser: watchdog is {self.settings.watchdog:g} s; expected 0 or more")
@@ -277,11 +278,12 @@ class Quanser:
         """Try the watchdog: nobody has said in public which boards have one."""
         card, one = self._card, np.zeros(1, np.uint32)
         lights = np.array(_LIGHTS, np.uint32)
-        for configure in (
+        configurations: tuple[Callable[[], object], ...] = (
             lambda: card.watchdog_set_analog_expiration_state(one, 1, np.zeros(1)),
             lambda: card.watchdog_set_digital_expiration_state(one, 1, np.zeros(1, np.int32)),
             lambda: card.watchdog_set_other_expiration_state(lights, 3, np.array(BLUE)),
-        ):
+        )
+        for configure in configurations:
             with suppress(self._error):  # most boards have fixed states, and a watchdog all the same
                 configure()
         try:

@@ -10,8 +10,8 @@ so that the Lagrangian, kinetic minus potential energy, is
 
     ½ (J_a + m r² + (m l² + J) sin² α) θ'² + m r l cos α θ' α' + ½ (m l² + J) α'² + m g l cos α
 
-(a thin rod has no inertia about its own length, so J sin² α is its share in the turning of the arm). Lagrange's equations, with
-the motor's torque T, the friction of both bearings and P = m l² + J, are
+(by definition of the two energies; a thin rod has no inertia about its own length, so J sin² α is its share in the turning of the
+arm). Lagrange's equations, with the motor's torque T, the friction of both bearings and P = m l² + J, are
 
     (J_a + m r² + P sin² α) θ'' + m r l cos α α'' = T - b_a θ' - T_c sgn θ' - 2 P sin α cos α θ' α' + m r l sin α α'²
     m r l cos α θ'' + P α'' = P sin α cos α θ'² - m g l sin α - b_p α'
@@ -36,8 +36,8 @@ _STICKS_BELOW = 1e-3  # rad/s; below this speed the arm's Coulomb friction is a 
 class Rod:
     """The module that is mounted in the disc's place, in SI units, from the public manual of the QUBE-Servo 3.
 
-    Masses in kg, lengths in m, damping in N·m·s/rad. The damping of the rod's bearing isn't in the manual: 5e-5 is what Quanser's
-    own scripts assume.
+    `arm_mass` and `mass` of the rod in kg, `arm_length` and `length` of the rod in m, `damping` in N·m·s/rad. The damping of the
+    rod's bearing isn't in the manual: 5e-5 is what Quanser's own scripts assume.
     """
 
     arm_mass: float = 0.095
@@ -69,14 +69,14 @@ class Rod:
     def arm_inertia(self, rotor: float) -> float:
         """Return J_a + m r² [kg·m²] with an inertia of rotor and hub [kg·m²].
 
-        The arm's own is that of a rod about its middle, as in the maker's models: much of its mass sits at the hub. As a rod about its
-        end it would be four times that, and gains that balance real pendulums (2, 30, 2, 2.5 of arm, rod and their speeds) would not.
+        The arm's own is that of a rod about its middle, as in the maker's models: much of its mass sits at the hub. With that of
+        a rod about its end, gains that balance real pendulums (2, 30, 2 and 2.5 of arm, rod and their speeds) wouldn't.
         """
         return rotor + self.arm_mass * self.arm_length**2 / 12 + self.mass * self.arm_length**2
 
 
 class PendulumState(NamedTuple):
-    """Angle [rad] and speed [rad/s] of the arm, then of the rod; 0 is hanging down."""
+    """Angle [rad] and speed [rad/s] of the arm (`arm`, `arm_speed`), then of the rod (`rod`, `rod_speed`); 0 is hanging down."""
 
     arm: float
     arm_speed: float
