@@ -79,7 +79,7 @@ def modules() -> dict[str, ModuleType]:
     }
     for error in _ERRORS:
         package, _, name = error.partition(".")
-        made.update(_unused(f"quanser.{package}", name))
+        made.update(_absent_package(f"quanser.{package}", name))
     made["quanser.communications"].Timeout = Timeout  # type: ignore[attr-defined]
     for name in ("image_processing", "robotics"):
         made[f"quanser.{name}"] = AbsentModule(f"quanser.{name}")
@@ -90,7 +90,7 @@ def modules() -> dict[str, ModuleType]:
     return made
 
 
-def _unused(package: str, error: str) -> dict[str, ModuleType]:
+def _absent_package(package: str, error: str) -> dict[str, ModuleType]:
     """A package that can be imported: its error is one, as programs catch it."""
     kind = type(error, (errors.GenericError,), {"__module__": f"{package}.exceptions"})
     made: dict[str, ModuleType] = {

@@ -64,7 +64,7 @@ class Properties(Card):
 
     def get_double_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
         """Fetch properties that are other numbers; a QUBE has none."""
-        count = self._asked(properties, num_properties)
+        count = self._count(properties, num_properties)
         output(buffer, count, DOUBLE, "property buffer", Code.INVALID_ARGUMENT)
         if count:
             raise hil_error(Code.INVALID_ARGUMENT, "a QUBE has no such properties.")
@@ -90,7 +90,7 @@ class Properties(Card):
 
     def set_integer_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
         """Set properties that are whole numbers; a QUBE has none that can be set."""
-        if self._asked(properties, num_properties):
+        if self._count(properties, num_properties):
             raise hil_error(Code.INVALID_ARGUMENT, "a QUBE has no properties that can be set.")
 
     def set_double_property(self, properties: Any, num_properties: Any, buffer: Any) -> None:
@@ -102,7 +102,7 @@ class Properties(Card):
         self._board()
         raise hil_error(Code.INVALID_ARGUMENT, "a QUBE has no properties that can be set.")
 
-    def _asked(self, properties: Any, num_properties: Any) -> int:
+    def _count(self, properties: Any, num_properties: Any) -> int:
         self._board()
         count = whole(num_properties, "num_properties")
         return len(values(properties, count, INT, "properties", Code.INVALID_ARGUMENT))

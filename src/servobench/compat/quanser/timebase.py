@@ -88,7 +88,7 @@ class ReplacedTime:
         for name, began in (("time", self._timebase.began), ("perf_counter", 0.0), ("monotonic", 0.0)):
             self._replace(name, self._clock(began, 1))
             self._replace(f"{name}_ns", self._clock(began, 10**9))
-        self._replace("sleep", self._simulated_sleep)
+        self._replace("sleep", self._sleep_in_simulation)
         return self
 
     def __exit__(self, *ending: object) -> None:
@@ -111,7 +111,7 @@ class ReplacedTime:
 
         return look
 
-    def _simulated_sleep(self, duration: float) -> None:
+    def _sleep_in_simulation(self, duration: float) -> None:
         if duration < 0:
             raise ValueError("sleep length must be non-negative")
         self._timebase.wait_until(self._timebase.now() + duration)

@@ -259,10 +259,10 @@ class Quanser:
         limit = self.settings.voltage_limit
         put = max(-limit, min(limit, asked))
         self._put(put)
-        self._feed()
+        self._feed_watchdog()
         return put
 
-    def _feed(self) -> None:
+    def _feed_watchdog(self) -> None:
         """Reload the watchdog; the first voltage of a run starts it, where the board has one."""
         if not self.settings.watchdog:
             self.watchdog = "off"

@@ -147,9 +147,9 @@ class RotaryPendulum:
         """One step of the classical Runge-Kutta method (Kutta 1901)."""
         x = self.pendulum
         k1 = self._rates(x)
-        k2 = self._rates(_moved(x, k1, h / 2))
-        k3 = self._rates(_moved(x, k2, h / 2))
-        k4 = self._rates(_moved(x, k3, h))
+        k2 = self._rates(_step_along(x, k1, h / 2))
+        k3 = self._rates(_step_along(x, k2, h / 2))
+        k4 = self._rates(_step_along(x, k3, h))
         return PendulumState(
             *(a + h / 6 * (p + 2 * q + 2 * r + s) for a, p, q, r, s in zip(x, k1, k2, k3, k4, strict=True))
         )
@@ -178,5 +178,5 @@ class RotaryPendulum:
         )
 
 
-def _moved(x: PendulumState, rates: PendulumState, h: float) -> PendulumState:
+def _step_along(x: PendulumState, rates: PendulumState, h: float) -> PendulumState:
     return PendulumState(*(a + h * b for a, b in zip(x, rates, strict=True)))
