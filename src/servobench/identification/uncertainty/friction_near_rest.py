@@ -2,8 +2,8 @@
 
 Only the moments around stops and reversals show whether a motor has it, and what it does there moves gain and friction. The
 excess has one size s for all records, as a part of the Coulomb friction, and falls to nothing within a tenth of the largest
-speed. Before the data it is zero with a chance of one half, else anything up to a half, all sizes being alike probable. It
-moves the parameters by s B c, c the exact derivative of the output (`models.near_rest`) and B = (J'J)⁻¹ J', so that the
+speed. Before the data it is zero with a chance of three quarters, else anything up to a half, all sizes being alike probable.
+It moves the parameters by s B c, c the exact derivative of the output (`models.near_rest`) and B = (J'J)⁻¹ J', so that the
 covariance has more
 
     B c c' B' E[s²]
@@ -29,7 +29,7 @@ from servobench.recordings.measurement.dataset import Dataset
 SOURCE: Final = "friction near rest"
 _NARROW = 0.1  # of the largest speed: where the excess has fallen to nothing
 _LARGEST = 0.5  # of the Coulomb friction: the largest excess at rest
-_NONE = 0.5  # the chance that there is none
+_NONE = 0.75  # the chance that there is none
 _SIZES = np.linspace(0.0, _LARGEST, 101)
 BEFORE: Final = float(np.sqrt((1.0 - _NONE) * np.mean(_SIZES**2)))
 """The root mean square of the excess before any data, as a part of the Coulomb friction."""
