@@ -54,7 +54,7 @@ def weigh(question: Question) -> tuple[Hypothesis, ...]:
     mixtures = {name: _shifts(CAUSES[name], question, sizes) for name, sizes in possible.items()}
     odds = {name: CAUSES[name].occurrence / (1 - CAUSES[name].occurrence) for name in possible}
     logs: dict[tuple[str, ...], float] = {(CHANCE,): _evidence(question, _nothing(question))}
-    logs[SOMETHING_ELSE,] = _evidence(question, _unlisted_cause(question)) + np.log(
+    logs[SOMETHING_ELSE,] = _evidence(question, _other_cause(question)) + np.log(
         _ELSE_OCCURS / (1 - _ELSE_OCCURS)
     )
     for name, mixture in mixtures.items():
@@ -118,7 +118,7 @@ def _nothing(question: Question) -> _Shifts:
     return _Shifts(np.ones(1), np.zeros((1, d)), np.zeros((1, d, d)))
 
 
-def _unlisted_cause(question: Question) -> _Shifts:
+def _other_cause(question: Question) -> _Shifts:
     d = len(question.names)
     return _Shifts(np.ones(1), np.zeros((1, d)), _ELSE_SD**2 * np.eye(d)[None])
 
