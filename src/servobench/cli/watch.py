@@ -59,7 +59,8 @@ def watch(
         ),
     ] = None,
     for_: Annotated[
-        str | None, typer.Option("--for", metavar="TIME", help="Stop after this time of the stream, such as 20s.")
+        str | None,
+        typer.Option("--for", metavar="TIME", help="Stop after this time of the stream, such as 20s."),
     ] = None,
     reading: Reading = AS_IT_IS,
     structure: StructureName = "auto",
@@ -79,12 +80,15 @@ def watch(
     from servobench.cli.output_folder import empty_folder
     from servobench.cli.progress import Progress, announce_compiling
     from servobench.cli.terminal import messages, output, say
+    from servobench.core.errors import UsageError
     from servobench.recordings.reading import mapping_of
     from servobench.recordings.streams.base import stream_of
 
     check_names(structure, "auto", nominal)
     wish, length = _wish(until), _length(for_)
-    mapping = mapping_of(**{name: value for name, value in reading.options.items() if name != "recordings"})
+    if reading.recording:
+        raise UsageError(f"--recording {reading.recording[0]}: a stream is one recording; leave it out")
+    mapping = mapping_of(**reading.options)
     stream = stream_of(source)
     console = messages() if as_json else output()
     with empty_folder(out, "watch", datetime.now()) as folder:

@@ -99,7 +99,9 @@ class Watch:
         for part in self._intake.end():
             self._take(part)
         if self._writer is None:
-            raise UsageError(f"{self._name}: no rows came that a recording could be made of; nothing was recorded")
+            raise UsageError(
+                f"{self._name}: no rows came that a recording could be made of; nothing was recorded"
+            )
         self._finish(stopped)
         self._writer.close()
         recordings = read(self._path)
@@ -121,7 +123,7 @@ class Watch:
 
     def sentence(self) -> str:
         """Return in one sentence whether enough is known, and how well, or else which motion is missing."""
-        if self._evidence is None:
+        if self._evidence is None and not self._chains:
             return "waiting for rows"
         if self._live is None:
             return "recording; a speed is identified at the end, a position also live"
@@ -156,7 +158,9 @@ class Watch:
         opening = replace(
             found,
             name="stream" if number == 1 else f"stream {number}",
-            series=tuple(Series(channel=each.channel, values=np.empty(0), t=np.empty(0)) for each in found.series),
+            series=tuple(
+                Series(channel=each.channel, values=np.empty(0), t=np.empty(0)) for each in found.series
+            ),
             source=Source(name=self._name, format="stream"),
             versions={"servobench": __version__},
         )
@@ -195,7 +199,10 @@ class Watch:
         setting = Setting(quantum=quantum, sample_time=part.sample_time)
         is_angle = kind.si in ("rad", "counts")
         return LiveEstimate(
-            setting, self._wish, kind.si if not is_angle else _angle_unit(output), unit(input_.channel.unit or "").si
+            setting,
+            self._wish,
+            kind.si if not is_angle else _angle_unit(output),
+            unit(input_.channel.unit or "").si,
         )
 
     def _follow(self, live: LiveEstimate, part: Part, t: Array) -> None:

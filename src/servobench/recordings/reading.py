@@ -146,7 +146,9 @@ def mapping_of(**options: Any) -> Mapping:
     """
     said = _parse_options(_without_empty(options))
     if len(said.values) > 1:
-        raise UsageError(f"`input_value=...` is given {len(said.values)} times for one recording; give it once")
+        raise UsageError(
+            f"`input_value=...` is given {len(said.values)} times for one recording; give it once"
+        )
     own = said.base.override_with(said.mapping)
     return own.override_with(Mapping(input_value=said.values[0])) if said.values else own
 

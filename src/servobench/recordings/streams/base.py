@@ -52,9 +52,7 @@ class Stream(Protocol):
         ...
 
 
-STREAMS: Registry[type[Stream]] = Registry(
-    "stream", "servobench.recordings.streams", "servobench.streams"
-)
+STREAMS: Registry[type[Stream]] = Registry("stream", "servobench.recordings.streams", "servobench.streams")
 _PORT = re.compile(r"(/dev/(?!shm/).+|COM\d+)(@\d+)?", re.IGNORECASE)
 
 

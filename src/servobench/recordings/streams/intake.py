@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import groupby
 
 import numpy as np
 
@@ -75,11 +74,12 @@ class Intake:
         if self._order is None:
             return self._begin() if len(self._first) >= _FEWEST else []
         last, self._waiting = self._waiting, []
-        if not last or last[0][2] != "next" or self._before is None:
+        if not last or last[0][2] == "restart" or self._before is None:
             self._damaged += len(last)
             return []
         self.rows += len(last)
-        return [_without_first(self._part([self._before, *last]))]  # a row alone can't be read
+        whole = self._part([self._before, *last])  # as a row alone can't be read
+        return [_slice(whole, 1, 2, last[0][2])]
 
     @property
     def order(self) -> RowOrder | None:
@@ -97,13 +97,18 @@ class Intake:
         if self.damaged:
             example = f", such as {self._example!r}" if self._example else ""
             found.append(
-                warning("stream-damaged", f"{count_text(self.damaged, 'line')} of the stream were damaged and left out{example}.")
+                warning(
+                    "stream-damaged",
+                    f"{count_text(self.damaged, 'line')} of the stream were damaged and left out{example}.",
+                )
             )
         return (*found, *(_about_order(self._order) if self._order else ()))
 
     def _possible(self, rows: Rows) -> Array:
         if self._names and rows.names != self._names and len(rows.values):
-            raise UsageError(f"{self._name}: the columns changed from {self._names} to {rows.names}; begin again")
+            raise UsageError(
+                f"{self._name}: the columns changed from {self._names} to {rows.names}; begin again"
+            )
         self._names = self._names or rows.names
         good = (np.abs(rows.values) <= LARGEST_VALUE).all(axis=1)
         self._damaged += int((~good).sum())
@@ -121,7 +126,9 @@ class Intake:
             column, tick = self._time
             steps = np.diff(self._first[:, column]) * tick
             if not (steps > 0).any():
-                raise UsageError(f"{self._name}: the time {self._names[column]!r} doesn't increase; name another column")
+                raise UsageError(
+                    f"{self._name}: the time {self._names[column]!r} doesn't increase; name another column"
+                )
             step = float(np.median(steps[steps > 0]))
         self._order = RowOrder(step=step, tick=tick)
         first, self._first = self._first, np.empty((0, 0))
@@ -155,16 +162,19 @@ class Intake:
         return (first + np.arange(len(values))) * float(self._mapping.sample_time or 0.0)
 
     def _parts(self, found: Sequence[tuple[float, Array, Link]]) -> list[Part]:
+        groups = list(_split([*self._waiting, *found], "restart"))
+        self._waiting = groups.pop() if groups and len(groups[-1]) < _FEWEST else []
         parts: list[Part] = []
-        runs = list(_runs([*self._waiting, *found]))
-        self._waiting = runs.pop() if runs and len(runs[-1]) < _FEWEST else []
-        for run in runs:
-            if len(run) < _FEWEST:  # between two gaps: no motion
+        for group in groups:
+            if len(group) < _FEWEST:  # a clock that began again twice at once: no motion
                 self._damaged += 1
                 continue
-            parts.append(self._part(run))
-            self.rows += len(run)
-            self._before = run[-1]
+            whole, begin = self._part(group), 0
+            for run in _split(group, "restart", "gap", "rate"):
+                parts.append(_slice(whole, begin, begin + len(run), run[0][2]))
+                begin += len(run)
+            self.rows += len(group)
+            self._before = group[-1]
         return parts
 
     def _part(self, run: Sequence[tuple[float, Array, Link]]) -> Part:
@@ -174,7 +184,9 @@ class Intake:
             values[:, self._time[0]] = t / self._time[1]
         evidence = evidence_of(self._recording(values), self._mapping)
         series = tuple(replace(each, t=t) for each in evidence.recording.series)
-        recording = replace(evidence.recording, series=series, findings=_without_times(evidence.recording.findings))
+        recording = replace(
+            evidence.recording, series=series, findings=_without_times(evidence.recording.findings)
+        )
         step = self._order.step if self._order else 0.0
         return Part(evidence=replace(evidence, recording=recording), link=run[0][2], sample_time=step)
 
@@ -186,42 +198,53 @@ class Intake:
         return recording_of(columns, name="stream", source=Source(name=self._name, format="stream"))
 
 
-def _without_first(part: Part) -> Part:
+def _slice(part: Part, begin: int, end: int, link: Link) -> Part:
+    """The rows from one number to before another."""
     series = tuple(
-        replace(each, t=None if each.t is None else each.t[1:], values=each.values[1:])
+        replace(each, t=None if each.t is None else each.t[begin:end], values=each.values[begin:end])
         for each in part.recording.series
     )
-    return replace(part, evidence=replace(part.evidence, recording=replace(part.recording, series=series)), link="next")
+    return replace(
+        part, evidence=replace(part.evidence, recording=replace(part.recording, series=series)), link=link
+    )
 
 
-def _runs(found: Sequence[tuple[float, Array, Link]]) -> Iterator[list[tuple[float, Array, Link]]]:
-    """Rows that follow each other at once."""
-    number = 0
-
-    def place(row: tuple[float, Array, Link]) -> int:
-        nonlocal number
-        number += row[2] != "next"
-        return number
-
-    for _, run in groupby(found, place):
-        yield list(run)
+def _split(
+    found: Sequence[tuple[float, Array, Link]], *links: Link
+) -> Iterator[list[tuple[float, Array, Link]]]:
+    """Rows in pieces that begin at one of these links."""
+    run: list[tuple[float, Array, Link]] = []
+    for row in found:
+        if row[2] in links and run:
+            yield run
+            run = []
+        run.append(row)
+    if run:
+        yield run
 
 
 def _without_times(findings: Sequence[Finding]) -> tuple[Finding, ...]:
     """Findings of a part that hold for the whole: not those about its own times."""
-    return tuple(each for each in findings if not each.code.startswith("time-") or each.code == "time-recognised")
+    return tuple(
+        each for each in findings if not each.code.startswith("time-") or each.code == "time-recognised"
+    )
 
 
 def _about_order(order: RowOrder) -> Iterator[Finding]:
     if order.lost:
-        yield warning("stream-gaps", f"{count_text(order.lost, 'row')} were lost in {count_text(order.gaps, 'gap')}.")
+        yield warning(
+            "stream-gaps", f"{count_text(order.lost, 'row')} were lost in {count_text(order.gaps, 'gap')}."
+        )
     if order.repeated or order.late:
         yield info(
             "stream-rows-left-out",
             f"{count_text(order.repeated, 'row')} came twice and {count_text(order.late, 'row')} too late; they are left out.",
         )
     if order.clock_wraps:
-        yield info("stream-clock-wraps", f"The clock of the stream wrapped {count_text(order.clock_wraps, 'time')}; that is taken out.")
+        yield info(
+            "stream-clock-wraps",
+            f"The clock of the stream wrapped {count_text(order.clock_wraps, 'time')}; that is taken out.",
+        )
     if order.rate_changes:
         rates = ", ".join(f"{rate * 1e3:.4g} ms" for rate in order.rates)
         yield warning(

@@ -97,7 +97,9 @@ def _split(text: str) -> list[str]:
     for mark in (";", "\t", ","):
         if mark in text:
             parts = [part.strip() for part in text.split(mark)]
-            return [part.replace(",", ".") if mark == ";" and _number(part) is None else part for part in parts]
+            return [
+                part.replace(",", ".") if mark == ";" and _number(part) is None else part for part in parts
+            ]
     return text.split()
 
 

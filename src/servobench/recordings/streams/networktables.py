@@ -36,7 +36,9 @@ class NetworkTables:
     def __init__(self, rest: str, *, sleep: Callable[[float], None] = time.sleep) -> None:
         place, slash, topics = rest.partition("/")
         host, colon, port = place.partition(":")
-        self._topics = [f"/{each.strip().lstrip('/')}" for each in f"{slash}{topics}".split(",") if each.strip(" /")]
+        self._topics = [
+            f"/{each.strip().lstrip('/')}" for each in f"{slash}{topics}".split(",") if each.strip(" /")
+        ]
         names = [each.rpartition("/")[2] for each in self._topics]
         if not host or len(names) < 2 or len(set(names)) < len(names) or (colon and not port.isdecimal()):
             raise UsageError(
@@ -57,9 +59,7 @@ class NetworkTables:
         try:
             import ntcore
         except ImportError:
-            raise UsageError(
-                "NetworkTables need pyntcore: python -m pip install 'servobench[frc]'"
-            ) from None
+            raise UsageError("NetworkTables need pyntcore: python -m pip install 'servobench[frc]'") from None
         self._instance = ntcore.NetworkTableInstance.create()
         options = ntcore.PubSubOptions(periodic=_AGAIN, sendAll=True, pollStorage=_KEPT, keepDuplicates=True)
         self._subscribers = [

@@ -77,11 +77,11 @@ class RowOrder:
         if self._held is None or self._last is None:
             return time
         (held, row), self._held = self._held, None
+        if self._goes_on(time, held) and self._last < held < time:
+            self._accept(held, row, "gap", found)
+            return time
         if self._follows(time, self._last) or not self._goes_on(time, held):
             self.damaged += 1
-            return time
-        if held > self._last:
-            self._accept(held, row, "gap", found)
             return time
         self.restarts += 1
         self._wrapped = 0.0

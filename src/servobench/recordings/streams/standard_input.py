@@ -32,7 +32,9 @@ class StandardInput:
     def __enter__(self) -> Self:
         """Begin to read."""
         if sys.stdin is None or sys.stdin.isatty():
-            raise UsageError("nothing is piped into standard input; put a program before it: PROGRAM | servobench watch -")
+            raise UsageError(
+                "nothing is piped into standard input; put a program before it: PROGRAM | servobench watch -"
+            )
         # A daemon: a read that waits for a program that says nothing can't be ended.
         Thread(target=self._read, args=(sys.stdin.fileno(),), daemon=True).start()
         return self
