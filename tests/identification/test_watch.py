@@ -15,6 +15,7 @@ from servobench.recordings.formats.mapping import Mapping
 from servobench.recordings.native.reader import read
 from servobench.recordings.streams.base import Rows
 from servobench.recordings.streams.networktables import NetworkTables
+from servobench.systems.signals.ramp import Ramp
 from tests.recordings.streams.robot import robot
 
 ENCODER = Mapping(counts_per_rev=2048.0)
@@ -109,7 +110,7 @@ def test_cruising_needs_a_faster_change_of_speed(tmp_path: Path) -> None:
 
 def test_a_slow_drift_of_the_voltage_is_no_faster_change_of_speed(tmp_path: Path) -> None:
     """From 3.0 to 3.3 V within 18 s: gain and friction can't be told apart either, as one speed is like the other."""
-    signal = sb.Ramp(initial=3.0, final=3.3, duration=20)
+    signal = Ramp(initial=3.0, final=3.3, duration=20)
     rows = rows_of(sb.Experiment(signal=signal, duration=20, seed=1))[1000:]
     watch = watched(tmp_path, rows)
 
@@ -139,7 +140,8 @@ def test_a_wrapping_counter_is_followed_and_said(tmp_path: Path) -> None:
     plain = watched(tmp_path / "plain", driven(low=1.0))
     wrapped, free = watch.message(), plain.message()
 
-    assert wrapped is not None and free is not None
+    assert wrapped is not None
+    assert free is not None
     assert wrapped["parameters"]["gain"]["value"] == pytest.approx(
         free["parameters"]["gain"]["value"], rel=1e-9
     )

@@ -7,7 +7,7 @@ from servobench.recordings.streams.order import RowOrder
 
 def links(order: RowOrder, t: list[float]) -> list[tuple[float, str]]:
     rows = np.arange(len(t), dtype=float)[:, None]
-    return [(round(time, 6), link) for time, _, link in order.take(t, rows)]
+    return [(round(time, 6), link) for time, _, link in order.take(np.array(t), rows)]
 
 
 def test_a_gap_is_counted_in_rows() -> None:
@@ -35,7 +35,7 @@ def test_a_clock_of_microseconds_wraps_after_71_minutes() -> None:
     order = RowOrder(step=1e-3, tick=1e-6)
     ticks = [2**32 - 1500, 2**32 - 500, 500, 1500]
 
-    found = order.take([1e-6 * each for each in ticks], np.zeros((4, 1)))
+    found = order.take(1e-6 * np.array(ticks), np.zeros((4, 1)))
 
     np.testing.assert_allclose(np.diff([time for time, _, _ in found]), 1e-3, rtol=1e-6)
     assert (order.clock_wraps, order.lost, order.restarts) == (1, 0, 0)

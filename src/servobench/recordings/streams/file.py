@@ -18,7 +18,7 @@ _AGAIN = 0.05  # s between two looks at a file that hasn't grown
 
 @STREAMS.member("file")
 class GrowingFile:
-    """The lines of a text file from its beginning, then those that are added; a file that became shorter is read from its beginning.
+    """The lines of a text file from its beginning, then those that are added; one that became shorter is read from its beginning.
 
     Nobody says that a file won't grow any more: it has no end.
     """

@@ -26,7 +26,10 @@ _FEWEST = 2  # rows that can be read as a recording
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Part:
-    """Rows that follow each other: as `evidence` with roles, units and times [s]; `link` says how the first follows what was before."""
+    """Rows that follow each other, as `evidence` with roles, units and times; `link` says how the first follows what was before.
+
+    The rows come every `sample_time` [s].
+    """
 
     evidence: Evidence
     link: Link
@@ -61,6 +64,8 @@ class Intake:
         """Return the parts that rows became; those of the beginning come together, and a single row waits for the next."""
         self._damaged += rows.damaged
         self._example = self._example or rows.example
+        if not len(rows.values):
+            return []
         values = self._possible(rows)
         if self._order is None:
             self._first = np.concatenate([self._first.reshape(-1, values.shape[1]), values])
@@ -153,13 +158,16 @@ class Intake:
         return None
 
     def _times(self, values: Array) -> Array:
+        """The times of rows (N, C) [s]."""
         if self._time is not None:
             column, factor = self._time
             times: Array = values[:, column] * factor
             return times
         first = self._number
         self._number += len(values)
-        return (first + np.arange(len(values))) * float(self._mapping.sample_time or 0.0)
+        step = float(self._mapping.sample_time or 0.0)
+        evenly: Array = step * (first + np.arange(len(values), dtype=np.float64))
+        return evenly
 
     def _parts(self, found: Sequence[tuple[float, Array, Link]]) -> list[Part]:
         groups = list(_split([*self._waiting, *found], "restart"))

@@ -16,7 +16,7 @@ _LABELLED = re.compile(r"([^\W\d][^:=,;\t]*)[:=](.*)")
 
 
 class LineTable:
-    """Turns bytes into rows: fields between commas, semicolons, tabs or blanks; `name:value` as the serial plotter takes them, too.
+    """Turns bytes into rows: fields between commas, semicolons, tabs or blanks, also `name:value` as for a serial plotter.
 
     The header is the last line before the first row that has as many fields; without one the columns are column_1, column_2, ....
     A row has two columns at least. `torn` says that the first line may have begun before it was listened to: a first row is left

@@ -25,10 +25,10 @@ _PASS = 0.002  # s in which a loop publishes all of its topics
 
 @STREAMS.member("networktables")
 class NetworkTables:
-    """Topics of a robot: `networktables:HOST[:PORT]/TOPIC,TOPIC,...`, such as `networktables:10.12.34.2/drive/voltage,/drive/position`.
+    """Topics of a robot: `networktables:HOST[:PORT]/TOPIC,...`, such as `networktables:10.12.34.2/drive/voltage,/drive/position`.
 
-    The columns are `time` in s, by the server's clock, and the topics by their last part. There is a row at each time at which the
-    last topic named, the position, comes; the others have their values of the same pass of the robot's loop, which ends 2 ms
+    The columns are `time` in s, by the server's clock, and the topics by their last part. There is a row at each time at which
+    the last topic named, the position, comes; the others have their values of the same pass of the robot's loop, which ends 2 ms
     later, or the latest before it. NetworkTables leave out a value that is the same as before, unless the robot publishes with
     `keepDuplicates`. This subscribes and never publishes.
     """

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Literal, TypeAlias
 
@@ -46,7 +45,7 @@ class RowOrder:
     _wrapped: float = field(default=0.0, init=False)
     _steps: deque[tuple[float, int]] = field(default_factory=lambda: deque(maxlen=_LATEST), init=False)
 
-    def take(self, t: Sequence[float], rows: Array) -> list[tuple[float, Array, Link]]:
+    def take(self, t: Array, rows: Array) -> list[tuple[float, Array, Link]]:
         """Return the rows (C,) of those (N, C) at times t (N,) [s] that have a place, each with its time [s] and its link."""
         found: list[tuple[float, Array, Link]] = []
         for time, row in zip(t, rows, strict=True):

@@ -61,8 +61,8 @@ class SerialPort:
 
         if self._serial is None:
             raise UsageError(f"{self.name} isn't open: use the stream in a `with`")
-        self._serial.timeout = patience
         try:
+            self._serial.timeout = patience
             data: bytes = self._serial.read(1)
             data += self._serial.read(self._serial.in_waiting) if data else b""
         except (serial.SerialException, OSError):
