@@ -16,7 +16,7 @@ import pytest
 import servobench as sb
 from servobench.recordings.native.reader import read
 
-PATIENCE = 240.0  # s; in a fresh clone all kernels are compiled
+PATIENCE = 120.0  # s; in a fresh clone all kernels are compiled
 ROWS = 5000
 
 
@@ -48,7 +48,7 @@ def test_lines_on_standard_input_end_in_a_report(lines: list[str], tmp_path: Pat
     )
 
     assert ended.returncode == 0, ended.stderr
-    assert "5 000 rows in 10.0 s" in ended.stdout
+    assert "5000 rows in 10.0 s" in ended.stdout
     assert "enough is known: gain ±" in ended.stdout
     assert sorted(each.name for each in out.iterdir()) == ["recording.mcap", "report.html", "result.json"]
     (recording,) = read(out / "recording.mcap")
@@ -77,7 +77,7 @@ def await_rows(folder: Path) -> None:
     """Wait until something of the stream is on the disk."""
     until = time.monotonic() + PATIENCE
     part = folder / "recording.mcap.part"
-    while not (part.exists() and part.stat().st_size > 20_000):
+    while not (part.exists() and part.stat().st_size > 4_000):
         assert time.monotonic() < until, "nothing was recorded"
         time.sleep(0.05)
 

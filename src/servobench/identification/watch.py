@@ -90,7 +90,7 @@ class Watch:
             self._take(part)
 
     def end(self, stopped: Stopped, last: Rows | None = None) -> list[Evidence]:
-        """Finish the file and return the recordings in it, ready to be identified: each time the clock began again is another one.
+        """Finish the file and return the recordings in it to be identified: each time the clock began again is another one.
 
         Raises `UsageError` where there weren't rows enough for one.
         """

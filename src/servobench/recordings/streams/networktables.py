@@ -31,6 +31,7 @@ class NetworkTables:
     the last topic named, the position, comes; the others have their values of the same pass of the robot's loop, which ends 2 ms
     later, or the latest before it. NetworkTables leave out a value that is the same as before, unless the robot publishes with
     `keepDuplicates`. This subscribes and never publishes.
+    Raises `UsageError` for a text without a host and two topics.
     """
 
     def __init__(self, rest: str, *, sleep: Callable[[float], None] = time.sleep) -> None:

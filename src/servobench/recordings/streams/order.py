@@ -25,6 +25,9 @@ _WRAPS = (2.0**32, 2.0**16)  # ticks of a board's clock
 class RowOrder:
     """Judges the times of rows, one after the other; `step` is the time between two rows, `tick` the unit of the times [s].
 
+    `lost` rows were missing in `gaps`; rows `repeated` a time, came `late`, or had a `damaged` one; there were `clock_wraps`,
+    `rate_changes` and `restarts` of the clock.
+
     A row that jumps in time is held until the next one says whether it was a gap or a damaged digit.
     """
 

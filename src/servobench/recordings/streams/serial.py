@@ -21,6 +21,7 @@ class SerialPort:
 
     Nothing is written to it. A board that restarts when its port is opened prints its header then; where the first line is a row
     it may be torn, and is left out. A port that is gone ends the stream.
+    Raises `UsageError` for a text that is no port.
     """
 
     def __init__(self, rest: str) -> None:
@@ -56,7 +57,7 @@ class SerialPort:
             self._serial.close()
 
     def read(self, patience: float) -> Rows | None:
-        """Return the rows that have come; None where the port is gone."""
+        """Return the rows that have come; None where the port is gone; raises `UsageError` where it isn't open."""
         import serial
 
         if self._serial is None:

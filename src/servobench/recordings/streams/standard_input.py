@@ -18,7 +18,10 @@ _BLOCK = 1 << 16  # bytes
 
 @STREAMS.member("standard_input")
 class StandardInput:
-    """Lines of standard input until its end. A thread reads them, as no system can wait for a pipe and a clock alike."""
+    """Lines of standard input until its end. A thread reads them, as no system can wait for a pipe and a clock alike.
+
+    Raises `UsageError` for anything behind the `-`.
+    """
 
     name = "standard input"
 

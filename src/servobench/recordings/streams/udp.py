@@ -20,7 +20,8 @@ _MOST = 1000  # datagrams at once
 class Udp:
     """Lines that datagrams to a port of this computer bring: `udp:PORT`, or `udp:ADDRESS:PORT` to listen at one address alone.
 
-    A datagram holds whole lines; its last needs no line end. Rows that overtake each other are for whoever has their times.
+    A datagram holds whole lines; its last needs no line end. Rows may overtake each other.
+    Raises `UsageError` for a text that is no port.
     """
 
     def __init__(self, rest: str) -> None:
@@ -59,7 +60,7 @@ class Udp:
             self._socket.close()
 
     def read(self, patience: float) -> Rows | None:
-        """Return the rows that have come; never None, as a sender that is silent may go on."""
+        """Return the rows that have come; never None, as a sender that is silent may go on; raises `UsageError` where it isn't open."""
         if self._socket is None:
             raise UsageError(f"{self.name} isn't open: use the stream in a `with`")
         found: list[bytes] = []
