@@ -60,7 +60,10 @@ class Udp:
             self._socket.close()
 
     def read(self, patience: float) -> Rows | None:
-        """Return the rows that have come; never None, as a sender that is silent may go on; raises `UsageError` where it isn't open."""
+        """Return the rows that have come; never None, as a sender that is silent may go on.
+
+        Raises `UsageError` where it isn't open.
+        """
         if self._socket is None:
             raise UsageError(f"{self.name} isn't open: use the stream in a `with`")
         found: list[bytes] = []
