@@ -104,7 +104,7 @@ class LiveEstimate:
             "samples": self._recursive.samples,
         }
 
-    def missing(self) -> tuple[str, ...]:
+    def missing_motions(self) -> tuple[str, ...]:
         """Return which motions would tell what is wished for, as the covariance says it; nothing where that is known already.
 
         A parameter that is nearly known needs more of the same. Where the gain would be known if friction or offset were, the
@@ -118,7 +118,7 @@ class LiveEstimate:
         if not np.isfinite(covariance[0, 0]):
             return (MOTION,)
         found = [
-            _missing_for(name, share, reference, covariance)
+            _motion_for(name, share, reference, covariance)
             for name, share in self.wish.items()
             if TWO_SIDED * _sd(covariance, _COLUMNS[name]) > share * abs(reference[_COLUMNS[name]])
         ]
@@ -151,7 +151,7 @@ class LiveEstimate:
         )
 
 
-def _missing_for(name: str, share: float, reference: Array, covariance: Array) -> str:
+def _motion_for(name: str, share: float, reference: Array, covariance: Array) -> str:
     """The motion that a parameter of too wide an interval lacks."""
     at = _COLUMNS[name]
     enough = share * abs(reference[at]) / TWO_SIDED

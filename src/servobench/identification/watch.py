@@ -134,7 +134,7 @@ class Watch:
             return f"enough is known: {known}{both}"
         if self._live.message()["white"] is False:
             return "the motor doesn't do what the model says: look for play, a load that changes, or a limit that it reaches"
-        return " and ".join(self._live.missing()) or "needs more of the same motion"
+        return " and ".join(self._live.missing_motions()) or "needs more of the same motion"
 
     def _take(self, part: Part) -> None:
         if part.link == "restart":

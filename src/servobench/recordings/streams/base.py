@@ -65,21 +65,21 @@ def stream_of(source: str) -> Stream:
     'UDP port 5005'
     """
     if source == "-":
-        return _made("standard_input", "")
+        return _make("standard_input", "")
     if _PORT.fullmatch(source):
-        return _made("serial", source)
+        return _make("serial", source)
     name, colon, rest = source.partition(":")
     if colon and name in STREAMS:
-        return _made(name, rest)
+        return _make(name, rest)
     if not Path(source).exists():
         kinds = ", ".join(f"{each}:..." for each in STREAMS.names() if each != "standard_input")
         raise UsageError(
             f"{source!r} is no source of rows: expected -, a serial port, a file that exists, or one of {kinds}"
         )
-    return _made("file", source)
+    return _make("file", source)
 
 
-def _made(name: str, rest: str) -> Stream:
+def _make(name: str, rest: str) -> Stream:
     make: type = STREAMS[name]
     stream: Stream = make(rest)
     return stream

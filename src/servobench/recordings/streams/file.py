@@ -48,12 +48,12 @@ class GrowingFile:
     def read(self, patience: float) -> Rows | None:
         """Return the rows that were added; never None."""
         waited = 0.0
-        while not (data := self._added()) and waited < patience:
+        while not (data := self._new_bytes()) and waited < patience:
             self._sleep(_AGAIN)
             waited += _AGAIN
         return self._table.take(data)
 
-    def _added(self) -> bytes:
+    def _new_bytes(self) -> bytes:
         if self._file is None:
             raise UsageError(f"{self._path} isn't open: use the stream in a `with`")
         if self._path.exists() and self._path.stat().st_size < self._file.tell():
