@@ -78,7 +78,7 @@ class LiveEstimate:
 
     def look_again(self) -> None:
         """Look at all samples so far now, without waiting for more of them: there will be none."""
-        self._recursive.look_again()
+        self._recursive.move_reference()
 
     def message(self, delay_sd: float = 0.0) -> dict[str, Any]:
         """Return the `live` message: the parameters with their 95 % intervals, the whiteness light, and whether it is enough.

@@ -76,7 +76,7 @@ class Recursive:
         self._off = np.zeros(COLUMNS)
         self._found: Likeliest | None = None
         self.uninformed: Uninformed | None = None
-        """What the last look told where it was too little for an estimate; None where there is one, or nothing was looked at."""
+        """What the last look that led anywhere told, if it was too little for an estimate; None once there is one."""
 
     def take(self, t: Array, u: Array, counts: Array) -> Array:
         """Take rows: times t (N,) [s], inputs u (N,) that hold from then on [V], unwrapped counts (N,); any N, in order.
@@ -146,7 +146,10 @@ class Recursive:
             found = run_through(self.setting, samples, now, self._motion.friction, self._motion)
         if isinstance(found, Motion):
             self._motion, self._off, self._found = found, np.zeros(COLUMNS), None
-        self.uninformed = found if self._motion is None and isinstance(found, Uninformed) else None
+        if self._motion is not None:
+            self.uninformed = None
+        elif isinstance(found, Uninformed):  # otherwise what the look before told still holds
+            self.uninformed = found
         self._kept = [samples]
         if len(samples.t) > _KEPT:
             # The old samples of a motor that hasn't moved contain no information.
