@@ -7,7 +7,10 @@ import os
 import signal
 import subprocess
 import sys
+import threading
 import time
+import tty
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -114,3 +117,39 @@ def test_what_came_outlives_a_kill(lines: list[str], tmp_path: Path) -> None:
     (recording,) = read(tmp_path / "out" / "recording.mcap.part")
     assert (recording.input, recording.output) == ("u", "counts")
     assert sb.identify(recording).fit is not None
+
+
+@pytest.mark.skipif(os.name != "posix", reason="a pseudo-terminal as the serial port")
+def test_a_serial_port_that_goes_on_sending_ends_after_the_time_asked_for(
+    lines: list[str], tmp_path: Path
+) -> None:
+    """What a board sent before the port was opened is dropped, as its first line would be a part of one."""
+    board, port = os.openpty()
+    tty.setraw(port)
+    sender = threading.Thread(target=send, args=(board, "\n".join(lines[2:]) + "\n"), daemon=True)
+    sender.start()
+    ended = subprocess.run(
+        [
+            *command(os.ttyname(port), "--out", tmp_path / "out", "--for", "8s"),
+            *("--time", "column_1:us", "--input", "column_2:V", "--output", "column_3:counts"),
+        ],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=PATIENCE,
+    )
+    os.close(port)
+    os.close(board)
+
+    assert ended.returncode == 0, ended.stderr
+    assert "stopped when the time was over" in ended.stdout
+    assert "enough is known: gain ±" in ended.stdout
+    assert (tmp_path / "out" / "report.html").exists()
+
+
+def send(board: int, text: str) -> None:
+    """Send until nobody listens any more."""
+    data = text.encode()
+    with suppress(OSError):
+        while data:
+            data = data[os.write(board, data[:500]) :]

@@ -58,3 +58,19 @@ def test_a_line_without_an_end_does_not_grow_for_ever() -> None:
 
     assert table.take(b"7" * 5000).damaged == 1
     assert table.take(b"\n2,1\n").values.tolist() == [[2.0, 1.0]]
+
+
+@pytest.mark.parametrize("part", ["3,17", "7", "0.002,3,17", "4,3,17"])
+def test_the_end_of_a_line_that_began_before_does_not_decide_how_many_columns_there_are(part: str) -> None:
+    table = LineTable(torn=True)
+    rows = table.take(f"{part}\n0.004,3,18\n0.006,3,19\n".encode())
+
+    assert rows.values.tolist() == [[0.004, 3, 18], [0.006, 3, 19]]
+    assert rows.damaged == 0
+
+
+def test_a_header_is_a_whole_line_even_if_it_comes_first() -> None:
+    rows = LineTable(torn=True).take(b"t,u,counts\n0.004,3,18\n")
+
+    assert rows.names == ("t", "u", "counts")
+    assert rows.values.tolist() == [[0.004, 3, 18]]

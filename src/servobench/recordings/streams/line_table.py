@@ -19,8 +19,8 @@ class LineTable:
     """Turns bytes into rows: fields between commas, semicolons, tabs or blanks, also `name:value` as for a serial plotter.
 
     The header is the last line before the first row that has as many fields; without one the columns are column_1, column_2, ....
-    A row has two columns at least. `torn` says that the first line may have begun before it was listened to: a first row is left
-    out then.
+    A row has two columns at least. `torn` says that the first line may have begun before it was listened to: a row there is left
+    out, however many fields it has.
     """
 
     def __init__(self, *, torn: bool = False) -> None:
@@ -54,8 +54,10 @@ class LineTable:
             if not text or text.startswith("#"):
                 continue
             first, self._torn = self._torn, False
+            if first and _is_row(text):  # or part of one, which must not decide how many columns there are
+                continue
             row = self._row(text)
-            if row is not None and not first:
+            if row is not None:
                 found.append(row)
             elif row is None and self._names and self._header(text) != self._names:
                 damaged.append(text)
@@ -81,6 +83,10 @@ class LineTable:
 
     def _header(self, text: str) -> tuple[str, ...]:
         return tuple(each.strip("\"'") for each in _split(text))
+
+
+def _is_row(text: str) -> bool:
+    return all(_number(each) is not None for each in _fields(text)[1])
 
 
 def _fields(text: str) -> tuple[tuple[str, ...], list[str]]:
