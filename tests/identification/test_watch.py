@@ -258,3 +258,24 @@ def run_of_truth() -> sb.Recording:
     with sb.connect("twin") as motor:
         signal = sb.Square(low=-2, high=3, frequency=0.4)
         return sb.run(sb.Experiment(signal=signal, duration=20, seed=1), motor)
+
+
+def test_a_few_rows_after_a_restart_cost_no_result(tmp_path: Path) -> None:
+    watch = watched(tmp_path, driven()[:4000])
+    give(watch, driven()[:8])
+    (evidence,) = watch.end(stop_text("end"))
+
+    assert len(evidence.recording["counts"].values) == 4000
+    assert {"stream-stub", "stream-restarts"} <= {each.code for each in evidence.recording.findings}
+    assert sb.identify(evidence.dataset()).verdict == "trusted"
+
+
+def test_all_rows_at_once_and_no_more_tell_what_they_tell_in_turn(tmp_path: Path) -> None:
+    """A growing file that doesn't grow: rows come in one block, and nothing calls for another look."""
+    watch = Watch(ENCODER, "test", tmp_path / "recording.mcap")
+    OPEN.append(watch)
+    for block in Rows(names=NAMES, values=driven()[:4499]).blocks(200):
+        watch.take(block)
+    watch.look_again()
+
+    assert watch.enough

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 _PATIENCE = 0.2  # s of waiting for rows, before the display is renewed
 _LOOK = 1.0  # s between two looks at whether it is enough
+_BLOCK = 200  # rows between two looks at why to stop, however many come at once
 KNOWN = "known"
 
 
@@ -163,17 +164,22 @@ def _follow(
         rows = stream.read(_PATIENCE)
         if rows is None:
             return "end"
-        watched.take(rows)
         if len(rows.values):
             heard = time.monotonic()
+        else:
+            watched.look_again()  # no further row will call for it
         silence = time.monotonic() - heard
-        if length is not None and (watched.duration >= length or silence >= length):
-            return "time"
-        if until_known and watched.duration >= look:
-            look = watched.duration + _LOOK
-            if watched.enough:
-                return "known"
-        show(watched, silence)
+        for block in rows.blocks(_BLOCK):
+            watched.take(block)
+            if length is not None and (watched.duration >= length or silence >= length):
+                return "time"
+            if until_known and (watched.duration >= look or not len(block.values)):
+                look = watched.duration + _LOOK
+                if watched.enough:
+                    return "known"
+            show(watched, silence)
+            if requested():
+                return "interrupted"
     return "interrupted"
 
 

@@ -372,6 +372,7 @@ _TABLE = (
     FindingCode("stream-rate-changes", "The rows of a watched stream came at another rate than before."),
     FindingCode("stream-restarts", "The clock of a watched stream began again, as after a restart of the board.",
         "Look at the supply of the board."),
+    FindingCode("stream-stub", "A few rows between two restarts of a watched stream are left out."),
     FindingCode("stream-rows-left-out", "Rows of a watched stream came twice or too late and were left out."),
     FindingCode("structure-chosen", "The structure was chosen from the data."),
     FindingCode("structure-reverses", "A model for one direction of turning was asked for, and the motor turns both ways.",

@@ -34,6 +34,7 @@ KNOWN = {"gain": 0.02, "time_constant": 0.05}
 """The half-widths over the values that are enough where nobody wishes for others."""
 
 _COUNTERS = (16, 32)  # bits of the counters whose wraps are recognised
+_FEWEST = 20  # rows: fewer than any structure needs for a model
 
 
 class Watch:
@@ -62,6 +63,7 @@ class Watch:
         self._begun: float | None = None
         self._watched = 0.0
         self._last = 0.0
+        self._looked = 0
         self._chains: list[str] = []
 
     @property
@@ -89,6 +91,13 @@ class Watch:
         for part in self._intake.take(rows):
             self._take(part)
 
+    def look_again(self) -> None:
+        """Estimate from all rows so far now, where some have come since the last look: no more come for a while."""
+        rows = self.rows
+        if self._live is not None and rows > self._looked:
+            self._live.look_again()
+            self._looked = rows
+
     def end(self, stopped: Stopped, last: Rows | None = None) -> list[Evidence]:
         """Finish the file and return the recordings in it to be identified: each time the clock began again is another one.
 
@@ -98,14 +107,15 @@ class Watch:
             self.take(last)
         for part in self._intake.end():
             self._take(part)
+        self.look_again()
         if self._writer is None:
             raise UsageError(
                 f"{self._name}: no rows came that a recording could be made of; nothing was recorded"
             )
         self._finish(stopped)
         self._writer.close()
-        recordings = read(self._path)
-        return [Evidence(each, chain) for each, chain in zip(recordings, self._chains, strict=True)]
+        found = [Evidence(each, chain) for each, chain in zip(read(self._path), self._chains, strict=True)]
+        return _without_stubs(found)
 
     def abandon(self) -> None:
         """Let go of the file; what is in it stays."""
@@ -216,6 +226,21 @@ class Watch:
         if output.channel.counts_per_rev and quantum:
             y = y + 0.5 * quantum
         live.take(Samples(t=t, y=y, t_in=t, u=u))
+
+
+def _without_stubs(found: list[Evidence]) -> list[Evidence]:
+    """The recordings that are long enough for a model, with a finding for those that aren't; all where none is."""
+    long = [each for each in found if len(each.recording.series[0].values) >= _FEWEST]
+    if not long or len(long) == len(found):
+        return found
+    stubs = [each.recording for each in found if each not in long]
+    listed = ", ".join(f"{each.name} of {count_text(len(each.series[0].values), 'row')}" for each in stubs)
+    sentence = (
+        f"The clock of the stream began again, and what is too short for a model is left out: {listed}."
+    )
+    first = long[0].recording
+    told = replace(first, findings=(*first.findings, info("stream-stub", sentence)))
+    return [replace(long[0], recording=told), *long[1:]]
 
 
 class _Travel:

@@ -93,6 +93,17 @@ def test_a_file_is_read_from_its_beginning_and_as_it_grows(tmp_path: Path) -> No
         assert all_rows(stream, 1).tolist() == [[0.0, 1.0, 5.0]]
 
 
+def test_another_file_of_the_same_name_is_read_from_its_beginning(tmp_path: Path) -> None:
+    """As where logs are rotated, even if the new one is longer than what was read of the old."""
+    log = tmp_path / "log.csv"
+    log.write_bytes(lines(50))
+    with GrowingFile(str(log), sleep=lambda _: None) as stream:
+        assert len(all_rows(stream, 50)) == 50
+        log.rename(tmp_path / "log.old")
+        log.write_bytes(lines(80))
+        assert len(all_rows(stream, 80)) == 80
+
+
 def test_all_values_of_a_robot_arrive_with_the_times_of_its_server() -> None:
     t = 0.02 * np.arange(1000)
     with robot() as server, NetworkTables(f"127.0.0.1:{server.port}/drive/voltage,/drive/position") as stream:

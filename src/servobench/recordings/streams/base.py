@@ -7,7 +7,8 @@ open begins and ends with it.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self, runtime_checkable
@@ -28,6 +29,12 @@ class Rows:
     values: Array
     damaged: int = 0
     example: str = ""
+
+    def blocks(self, count: int) -> Iterator[Rows]:
+        """Yield the same in blocks of `count` rows at most, one of none where there are none; damaged lines go with the first."""
+        for begin in range(0, max(len(self.values), 1), count):
+            values = self.values[begin : begin + count]
+            yield replace(self, values=values) if begin == 0 else Rows(names=self.names, values=values)
 
 
 @runtime_checkable

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -18,7 +19,8 @@ _AGAIN = 0.05  # s between two looks at a file that hasn't grown
 
 @STREAMS.member("file")
 class GrowingFile:
-    """The lines of a text file from its beginning, then those that are added; one that became shorter is read from its beginning.
+    """The lines of a text file from its beginning, then those that are added; one that became shorter, or is
+    another file of that name, is read from its beginning.
 
     Nobody says that a file won't grow any more: it has no end.
     """
@@ -56,7 +58,16 @@ class GrowingFile:
     def _new_bytes(self) -> bytes:
         if self._file is None:
             raise UsageError(f"{self._path} isn't open: use the stream in a `with`")
-        if self._path.exists() and self._path.stat().st_size < self._file.tell():
+        data = self._file.read(_BLOCK)
+        if not data and self._is_another():
             self._file.close()
             self._file = self._path.open("rb")
-        return self._file.read(_BLOCK)
+            data = self._file.read(_BLOCK)
+        return data
+
+    def _is_another(self) -> bool:
+        """Whether the file became shorter, or another one has its name now, as where logs are rotated."""
+        if self._file is None or not self._path.exists():
+            return False
+        now = self._path.stat()
+        return now.st_size < self._file.tell() or not os.path.samestat(now, os.fstat(self._file.fileno()))

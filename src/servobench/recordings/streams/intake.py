@@ -260,7 +260,7 @@ def _about_order(order: RowOrder) -> Iterator[Finding]:
             f"The time between rows changed {count_text(order.rate_changes, 'time')}, to {rates}.",
         )
     if order.restarts:
-        yield warning(
+        yield info(
             "stream-restarts",
             f"The clock of the stream began again {count_text(order.restarts, 'time')}; what follows is a recording of its own.",
         )
