@@ -153,6 +153,34 @@ def test_a_buffer_of_a_wrong_type_is_refused_before_anything_is_written_into_it(
     assert buffer[0] == 7
 
 
+@pytest.mark.parametrize("buffer", [bytearray(b"\xff" * 4), np.full(5, 255, np.uint8), array("b", [-1] * 4)])
+def test_bytes_are_memory_and_filled_whole(card: HIL, buffer: Any) -> None:
+    import struct
+
+    card.set_encoder_counts(struct.pack("I", 0), 1, struct.pack("i", -70000))
+    card.read_encoder(ONE, 1, buffer)
+
+    assert struct.unpack("i", bytes(memoryview(buffer).cast("B"))[:4]) == (-70000,)
+
+
+def test_voltages_may_be_packed_bytes(bench: Bench, card: HIL) -> None:
+    import struct
+
+    card.write_analog(ONE, 1, struct.pack("d", 1.5))
+
+    assert bench.board.motion.voltage == 1.5
+
+
+def test_numbers_of_another_byte_order_are_refused(card: HIL) -> None:
+    with fails(Code.MISSING_ANALOG_OUTPUT_BUFFER):
+        card.write_analog(ONE, 1, np.array([0.5], ">f8"))
+
+
+def test_the_sentence_of_a_buffer_that_does_not_fit_does_not_call_it_missing_alone(card: HIL) -> None:
+    with pytest.raises(HILError, match=r"missing or doesn't fit\. encoder buffer: the array is read-only"):
+        card.read_encoder(ONE, 1, np.frombuffer(bytes(4), np.int32))
+
+
 def test_arrays_that_are_too_short_are_refused(card: HIL) -> None:
     with fails(Code.MISSING_ENCODER_INPUT_BUFFER):
         card.read_encoder(BOTH, 2, np.zeros(1, np.int32))
@@ -528,3 +556,87 @@ def test_the_modules_that_programs_import_are_there_and_say_what_they_lack(bench
     assert PollFlag.RECEIVE is not None
     with pytest.raises(Generic, match="need Quanser's own software"):
         Stream()
+
+
+# --- waits ---
+
+
+def test_the_motor_turns_while_the_program_sleeps(bench: Bench, card: HIL) -> None:
+    import time
+
+    drive(card, 2.0)
+    before = bench.board.motion.angles[0]
+    time.sleep(2.0)
+
+    # K (V - V_c) (t - tau), as in the programs; the call after a sleep has nothing to catch up with.
+    assert bench.board.motion.angles[0] - before == pytest.approx((2 - 0.16) / 0.042 * 1.9, rel=0.01)
+
+
+def test_a_sleep_that_is_interrupted_has_lasted_as_long_as_the_motor_turned(
+    bench: Bench, card: HIL, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import time
+
+    drive(card, 2.0)
+    motion = bench.board.motion
+    advance = motion.advance_to
+
+    def interrupt(moment: float) -> None:
+        if moment > 5.0:
+            raise KeyboardInterrupt
+        advance(moment)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(motion, "advance_to", interrupt)
+        with pytest.raises(KeyboardInterrupt):
+            time.sleep(1e6)
+
+    assert 5.0 < bench.timebase.now() < 7.0
+
+
+@pytest.fixture
+def wall(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """A wall clock and the processor's, which go as the test says [s]."""
+    from servobench.compat.quanser import timebase, waits
+
+    clocks = [0.0, 0.0]
+    monkeypatch.setattr(timebase, "_wall", lambda: clocks[0])
+    monkeypatch.setattr(waits, "_cpu", lambda: clocks[1])
+    return clocks
+
+
+@pytest.mark.parametrize(("answer", "lasts"), [(3.05, 3.0), (0.01, 0.0)])
+def test_input_takes_the_time_that_somebody_takes_to_answer(
+    wall: list[float], monkeypatch: pytest.MonkeyPatch, answer: float, lasts: float
+) -> None:
+    import builtins
+
+    def slow(prompt: str) -> str:
+        wall[0] += answer
+        return prompt
+
+    monkeypatch.setattr(builtins, "input", slow)
+    with install(quiet=True) as bench:
+        assert input("Enter") == "Enter"
+        assert bench.timebase.now() == pytest.approx(lasts)
+    assert builtins.input is slow
+
+
+@pytest.mark.parametrize(
+    ("voltage", "computed", "lines"),
+    [(2.0, 0.0, 1), (2.0, 1.0, 0), (0.0, 0.0, 0)],
+    ids=["waits", "computes", "rests"],
+)
+def test_a_wait_that_nothing_simulates_is_told_once(
+    wall: list[float], capsys: pytest.CaptureFixture[str], voltage: float, computed: float, lines: int
+) -> None:
+    with install():
+        card = HIL("qube_servo2_usb", "0")
+        drive(card, voltage)
+        for _ in range(100):
+            wall[0] += 0.05
+            wall[1] += 0.05 * computed
+            counts(card)
+        card.close()
+
+    assert capsys.readouterr().err.count("simulated time stood still") == lines

@@ -12,10 +12,14 @@ SCRIPTS = Path(__file__).parent / "scripts"
 GAIN = 1 / 0.042  # rad/(s·V), of a motor without friction
 
 
-def run(script: Path, *options: str, arguments: tuple[str, ...] = ()) -> subprocess.CompletedProcess[str]:
+def run(
+    script: Path | str, *options: str, arguments: tuple[str, ...] = (), folder: Path | None = None
+) -> subprocess.CompletedProcess[str]:
     """Run a program on the stand-in."""
     command = [sys.executable, "-m", "servobench.compat.quanser", *options, str(script), *arguments]
-    return subprocess.run(command, capture_output=True, text=True, timeout=300, input="\n", check=False)
+    return subprocess.run(
+        command, capture_output=True, text=True, timeout=300, input="\n", check=False, cwd=folder
+    )
 
 
 def written(folder: Path, text: str) -> Path:
@@ -90,7 +94,7 @@ def test_a_pendulum_that_somebody_lifts_is_balanced() -> None:
         ("raise SystemExit", 0),
         ("1 / 0", 1),
         ("raise KeyboardInterrupt", 130),
-        ("import os, signal; os.kill(os.getpid(), signal.SIGTERM)", 143),
+        ("import os, signal; os.kill(os.getpid(), signal.SIGTERM)", -signal.SIGTERM),
         ("card.close()", 0),
     ],
 )
@@ -180,3 +184,142 @@ def test_a_board_that_is_unplugged_is_an_error_from_then_on(tmp_path: Path) -> N
     assert [line.split() for line in lines] == [[str(k), "-41"] for k in range(first, 100)]
     assert first in range(88, 92)  # 9 s after the first second, at 0.1 s and a call each
     assert ended.stderr.rstrip().endswith("amplifier off, after it was unplugged.")
+
+
+REST = (
+    "card.write_analog(one, 1, np.zeros(1)); card.write_digital(one, 1, np.zeros(1, np.int8)); card.close()"
+)
+AT_REST = "servobench: end: QUBE-Servo 2: 0 V, amplifier off."
+
+
+def last_line(ended: subprocess.CompletedProcess[str]) -> str:
+    return ended.stderr.rstrip().splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "wait",
+    [
+        "import threading; threading.Event().wait(0.5)",
+        "import threading; threading.Semaphore(0).acquire(timeout=0.5)",
+        "import queue\ntry: queue.Queue().get(timeout=0.5)\nexcept queue.Empty: pass",
+        "import sched; s = sched.scheduler(time.time, time.sleep); s.enter(0.5, 1, int); s.run()",
+        "while time.process_time() < before + 0.5: pass",
+        "while time.clock_gettime(time.CLOCK_MONOTONIC) < before + 0.5: pass",
+    ],
+)
+def test_what_waits_by_other_means_waits_in_simulated_time_too(wait: str, tmp_path: Path) -> None:
+    program = (
+        f"{OPEN}before = time.perf_counter()\n{wait}\nprint(round(time.perf_counter() - before, 3))\n{REST}"
+    )
+
+    assert run(written(tmp_path, program)).stdout == "0.5\n"
+
+
+def test_an_installed_package_that_opens_the_board_sleeps_in_simulated_time(tmp_path: Path) -> None:
+    package = tmp_path / "site-packages" / "environment"
+    package.mkdir(parents=True)
+    (package / "__init__.py").write_text(
+        "import time\nfrom quanser.hardware import HIL\n"
+        "def make():\n    return HIL('qube_servo2_usb', '0')\ndef step():\n    time.sleep(2.0)\n",
+        encoding="utf-8",
+    )
+    program = (
+        f"import sys, time\nsys.path.insert(0, {str(package.parent)!r})\nimport environment\n"
+        "card = environment.make()\nbefore = time.perf_counter()\nenvironment.step()\n"
+        "print(round(time.perf_counter() - before, 3))\ncard.close()\n"
+    )
+
+    assert run(written(tmp_path, program)).stdout == "2.0\n"
+
+
+def test_a_request_to_end_ends_at_once_as_under_python_and_tells_what_was_on_the_board(
+    tmp_path: Path,
+) -> None:
+    program = (
+        f"{OPEN}import atexit, os, signal\ndef end():\n    {REST}\natexit.register(end)\n"
+        "try:\n    os.kill(os.getpid(), signal.SIGTERM)\nfinally:\n    end()\n"
+    )
+    ended = run(written(tmp_path, program))
+
+    assert ended.returncode == -signal.SIGTERM
+    assert "left 2 V, amplifier on, and never closed" in last_line(ended)
+
+
+@pytest.mark.parametrize("more", ["", "q.self = q", "import atexit; atexit.register(lambda: q)", "1 / 0"])
+def test_a_global_that_cleans_up_as_it_goes_still_finds_the_board(more: str, tmp_path: Path) -> None:
+    program = f"{OPEN}class Q:\n    def __del__(self):\n        {REST}\nq = Q()\n{more}\n"
+    ended = run(written(tmp_path, program))
+
+    assert last_line(ended) == AT_REST
+    assert "ignored" not in ended.stderr
+
+
+def test_a_hook_of_the_program_for_errors_is_called_with_its_own_frames(tmp_path: Path) -> None:
+    program = (
+        f"{OPEN}import traceback\ndef hook(kind, error, trace):\n    {REST}\n"
+        "    print(kind.__name__, [frame.name for frame in traceback.extract_tb(trace)])\n"
+        "sys.excepthook = hook\n1 / 0\n"
+    )
+    ended = run(written(tmp_path, program))
+
+    assert (ended.returncode, ended.stdout) == (1, "ZeroDivisionError ['<module>']\n")
+    assert last_line(ended) == AT_REST
+
+
+@pytest.mark.parametrize(
+    "program",
+    ["def f(:\n", "class Stop(BaseException): pass\nraise Stop", "import sys; sys.excepthook = 1\n1 / 0"],
+)
+def test_no_error_of_a_program_shows_frames_of_the_stand_in(program: str, tmp_path: Path) -> None:
+    ended = run(written(tmp_path, program))
+
+    assert ended.returncode == 1
+    assert "Error" in ended.stderr or "Stop" in ended.stderr
+    assert "quanser" not in ended.stderr.replace("quanser.hardware", "")
+
+
+def test_a_program_finds_its_file_and_its_name_as_under_python(tmp_path: Path) -> None:
+    written(tmp_path, "import sys\nprint(__file__)\nprint(sys.argv[0])\n")
+
+    assert run("./program.py", folder=tmp_path).stdout == f"{tmp_path}/./program.py\n./program.py\n".replace(
+        "/./", "/", 1
+    )
+
+
+@pytest.mark.skipif(not hasattr(__import__("os"), "fork"), reason="no child processes are forked off here")
+def test_a_forked_child_that_leaves_a_voltage_does_not_make_the_last_line_untrue(tmp_path: Path) -> None:
+    program = f"import os\nif os.fork():\n    os.wait()\nelse:\n    {OPEN.strip().replace(chr(10), chr(10) + '    ')}\n"
+    ended = run(written(tmp_path, program))
+
+    assert last_line(ended) == "servobench: end: this process opened no board."
+    assert "child processes were started" in ended.stderr
+    assert ended.stderr.count("servobench: end") == 1
+
+
+def test_a_program_that_only_reads_raises_no_alarm(tmp_path: Path) -> None:
+    program = (
+        "import numpy as np\nfrom quanser.hardware import HIL\ncard = HIL('qube_servo2_usb', '0')\n"
+        "card.read_encoder(np.zeros(1, np.uint32), 1, np.zeros(1, np.int32))\n"
+    )
+    line = last_line(run(written(tmp_path, program)))
+
+    assert line.endswith("left 0 V, amplifier off, and never closed the board.")
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [(("--hand", "holds"), "needs --pendulum"), (("--unplug", "-1"), "give seconds, 0 or more")],
+)
+def test_options_that_make_no_sense_are_refused(
+    options: tuple[str, ...], sentence: str, tmp_path: Path
+) -> None:
+    ended = run(written(tmp_path, ""), *options)
+
+    assert ended.returncode == 2
+    assert sentence in ended.stderr
+
+
+def test_a_folder_is_not_called_missing(tmp_path: Path) -> None:
+    ended = run(tmp_path)
+
+    assert (ended.returncode, "is a folder" in ended.stderr) == (2, True)

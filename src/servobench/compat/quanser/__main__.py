@@ -4,79 +4,94 @@ from __future__ import annotations
 
 import argparse
 import atexit
-import runpy
+import math
+import os
 import signal
 import sys
-import traceback
 from pathlib import Path
-from types import TracebackType
 from typing import TYPE_CHECKING
+
+from servobench.compat.quanser.program import Program
 
 if TYPE_CHECKING:
     from servobench.compat.quanser.motion import Mounted
     from servobench.compat.quanser.session import Bench
 
-_FAILED, _WRONG_USAGE, _INTERRUPTED = 1, 2, 130
+_WRONG_USAGE = 2
 
 
 def main(arguments: list[str] | None = None) -> int:
     """Run the program that the command line names, and return the exit status."""
-    given = _parser().parse_args(arguments)
+    parser = _parser()
+    given = parser.parse_args(arguments)
+    if given.hand and not given.pendulum:
+        parser.error("--hand needs --pendulum: there is nothing to lift or to hold on a disc")
     script = Path(given.script)
     if not script.is_file():
-        sys.stderr.write(f"no such file: {script}\n")
+        sys.stderr.write(
+            f"{script} is a folder; name the program in it\n"
+            if script.is_dir()
+            else f"no such file: {script}\n"
+        )
         return _WRONG_USAGE
-    bench = _bench(given)
-    signal.signal(signal.SIGTERM, _end)
-    sys.argv = [str(script), *given.arguments]
+    program = Program(given.script)
+    _bench(given, program)
+    sys.argv = [given.script, *given.arguments]
     sys.path[0] = str(script.resolve().parent)
-    try:
-        runpy.run_path(str(script), run_name="__main__")
-    except Exception as error:
-        # Without the frames of whoever runs the program.
-        traceback.print_exception(error.with_traceback(_own_frames(error, script)))
-        return _FAILED
-    except KeyboardInterrupt:
-        bench.say("interrupted")
-        return _INTERRUPTED
-    return 0
+    return program.run()
 
 
-def _bench(given: argparse.Namespace) -> Bench:
+def _bench(given: argparse.Namespace, program: Program) -> None:
     """Install the stand-in; what ends it is registered first, so that it runs after all that the program registers."""
     from servobench.compat.quanser import install
 
-    mounted: dict[str, Mounted] = {"lifts": "lifted", "holds": "upright", "none": "hanging"}
+    mounted: dict[str | None, Mounted] = {
+        None: "lifted",
+        "lifts": "lifted",
+        "holds": "upright",
+        "none": "hanging",
+    }
     bench = install(
         time="real" if given.real_time else "simulated",
         mounted=mounted[given.hand] if given.pendulum else "disc",
         has_watchdog=not given.no_watchdog,
     )
     bench.unplug_at = given.unplug
-    atexit.register(_finish, bench)
-    return bench
+    process = os.getpid()
+
+    def finish() -> None:
+        if os.getpid() == process:  # and not in a child that was forked off
+            program.drop()
+            _finish(bench)
+
+    def end(number: int, frame: object) -> None:
+        """End at once, as Python does, where neither `finally` nor what is registered for the exit runs."""
+        if os.getpid() == process:
+            _finish(bench)
+        signal.signal(number, signal.SIG_DFL)
+        os.kill(os.getpid(), number)
+
+    atexit.register(finish)
+    signal.signal(signal.SIGTERM, end)
 
 
 def _finish(bench: Bench) -> None:
     """Put the boards to rest, and say how it ended."""
     bench.uninstall()
+    if bench.forks:
+        bench.say("child processes were started; what they left on a board isn't told here.")
     if not bench.endings:
-        bench.say("end: no board was opened.")
+        bench.say(f"end: {'this process opened no board' if bench.forks else 'no board was opened'}.")
     for ending in bench.endings:
         bench.say(f"end: {ending}")
 
 
-def _end(number: int, frame: object) -> None:
-    """End as on a request of the program itself, so that everything is put to rest."""
-    sys.exit(128 + number)
-
-
-def _own_frames(error: BaseException, script: Path) -> TracebackType | None:
-    """The part of a traceback that begins in the program."""
-    trace = error.__traceback__
-    while trace and Path(trace.tb_frame.f_code.co_filename) != script:
-        trace = trace.tb_next
-    return trace or error.__traceback__
+def _seconds(text: str) -> float:
+    """A time from the command line [s]."""
+    seconds = float(text)
+    if not seconds >= 0.0:
+        raise argparse.ArgumentTypeError(f"{text} is no time; give seconds, 0 or more")
+    return seconds
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -97,12 +112,11 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument(
         "--hand",
         choices=("lifts", "holds", "none"),
-        default="lifts",
         help="the hand that lifts the pendulum after 2 s where the program waits for that (the default), holds it upright from "
         "the start, or isn't there; it lets go where the motor takes over",
     )
     parser.add_argument(
-        "--unplug", metavar="SECONDS", type=float, default=float("inf"), help="unplug the board at that time"
+        "--unplug", metavar="SECONDS", type=_seconds, default=math.inf, help="unplug the board at that time"
     )
     parser.add_argument("--no-watchdog", action="store_true", help="let the board have no watchdog")
     return parser

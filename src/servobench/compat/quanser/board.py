@@ -14,6 +14,7 @@ from servobench.compat.quanser.layout import LAYOUTS, LIGHTS, TACHOMETER, Addres
 from servobench.compat.quanser.motion import Motion
 from servobench.compat.quanser.tasks import Groups, Row, Task
 from servobench.compat.quanser.timebase import CALL, Timebase
+from servobench.compat.quanser.waits import Idle
 from servobench.compat.quanser.watchdog import Watchdog
 
 GREEN, RED = (0.0, 1.0, 0.0), (1.0, 0.0, 0.0)
@@ -46,9 +47,8 @@ class Ending:
             return f"{at_rest}{', after it was unplugged' if self.unplugged else ''}."
         left = f"{self.voltage:g} V, amplifier {'on' if self.enabled else 'off'}"
         never = "" if self.closed else ", and never closed the board"
-        return (
-            f"{at_rest}, by the stand-in. The program itself left {left}{never}: a real motor might turn on."
-        )
+        danger = ": a real motor might turn on" if self.enabled and self.voltage else ""
+        return f"{at_rest}, by the stand-in. The program itself left {left}{never}{danger}."
 
 
 class Board:
@@ -57,9 +57,11 @@ class Board:
     Its motor is there before and after, as it has a supply of its own.
     """
 
-    def __init__(self, address: Address, motion: Motion, timebase: Timebase, *, has_watchdog: bool) -> None:
+    def __init__(
+        self, address: Address, motion: Motion, timebase: Timebase, idle: Idle, *, has_watchdog: bool
+    ) -> None:
         self.address, self.layout = address, LAYOUTS[address.card_type]
-        self.motion, self.timebase = motion, timebase
+        self.motion, self.timebase, self._idle = motion, timebase, idle
         self.has_watchdog = has_watchdog
         self.lock = threading.RLock()
         self.lights: tuple[float, ...] = RED
@@ -77,6 +79,7 @@ class Board:
 
         Raises `HILError` where it was unplugged, or, unless it isn't `guarded`, where its watchdog has expired.
         """
+        self._idle.end(driven=self.motion.drives and self.motion.voltage != 0.0)
         now = self.timebase.spend(cost)
         with self.lock:
             self.advance(now)
@@ -85,6 +88,7 @@ class Board:
             if guarded and self.watchdog.expired:
                 raise hil_error(Code.NO_PERMISSION, "Its watchdog has expired; clear that first.")
             yield now
+        self._idle.begin()
 
     def advance(self, now: float) -> None:
         """Let everything happen that is due until a time [s]."""

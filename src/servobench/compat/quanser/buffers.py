@@ -1,7 +1,8 @@
 """Arrays as the HIL interface takes them: an address, and a number that the caller vouches for.
 
 The board's library is given the address of an array and reinterprets the bytes there, whatever their type. What it reads or
-writes correctly that way passes here, too; what it would misread, or read or write beyond the end of, is refused.
+writes correctly that way passes here, too, and bytes are memory for values of any type; what it would misread, or read or write
+beyond the end of, is refused.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ class CType:
 
     def is_exactly(self, dtype: np.dtype[Any]) -> bool:
         """Return whether an array of that type holds such values, signed or not."""
-        if dtype.itemsize != self.dtype.itemsize:
+        if dtype.itemsize != self.dtype.itemsize or not dtype.isnative:
             return False
         return dtype.kind == self.dtype.kind or (dtype.kind in _INTEGERS and self.dtype.kind in _INTEGERS)
 
@@ -40,6 +41,10 @@ class CType:
             and self.dtype.kind in "iu"
             and self.dtype.itemsize == 4
         )
+
+    def is_raw(self, dtype: np.dtype[Any]) -> bool:
+        """Return whether an array of that type is memory of bytes, as a bytearray or a packed structure is."""
+        return dtype.kind in "iu" and dtype.itemsize == 1 < self.dtype.itemsize
 
 
 CHANNEL = CType(np.dtype(np.uint32), "numpy.uint32 or array('I')")
@@ -78,6 +83,8 @@ def values(given: object, count: int, kind: CType, name: str, missing: Code) -> 
     if kind.is_exactly(array.dtype) or kind.is_long(array.dtype):
         return meant
     seen = np.frombuffer(array.tobytes()[: count * kind.dtype.itemsize], kind.dtype)
+    if kind.is_raw(array.dtype):
+        return seen
     if len(meant) < count or not np.array_equal(seen, meant):
         raise _wrong_type(array, kind, name, missing)
     return meant
@@ -103,6 +110,8 @@ class Output:
         found = np.fromiter(results, self.kind.dtype, self.count)
         if self.kind.is_exactly(self.array.dtype) or self.kind.is_long(self.array.dtype):
             self.array[: self.count] = found
+        elif self.kind.is_raw(self.array.dtype):
+            self.array[: found.nbytes] = np.frombuffer(found.tobytes(), self.array.dtype)
         else:
             self._fill_bytes(found)
 
@@ -129,7 +138,7 @@ def output(given: object, count: int, kind: CType, name: str, missing: Code) -> 
     _check_size(array, count, kind, name, missing)
     if not array.flags.writeable:
         raise hil_error(missing, f"{name}: the array is read-only.")
-    fits = kind.is_exactly(array.dtype) or kind.is_long(array.dtype)
+    fits = kind.is_exactly(array.dtype) or kind.is_long(array.dtype) or kind.is_raw(array.dtype)
     if not fits and (
         array.dtype.kind not in _INTEGERS or kind.dtype.kind not in _INTEGERS or len(array) < count
     ):

@@ -72,7 +72,7 @@ SENTENCES = {
     Code.CANNOT_RECEIVE: "The board no longer answers.",
     Code.INVALID_CARD: "The board isn't open.",
     Code.FUNCTION_NOT_SUPPORTED: "The board doesn't have this function.",
-    Code.MISSING_CLOCKS: "A number of clocks was given, but no clocks.",
+    Code.MISSING_CLOCKS: "The clocks are missing or don't fit.",
     Code.TASK_IS_NULL: "No task was given.",
     Code.INVALID_TASK: "The task is none, or was deleted.",
     Code.BOARD_NOT_FOUND: "There is no board of that type with that identifier.",
@@ -102,9 +102,9 @@ def sentence(code: int) -> str:
         return SENTENCES[found]
     words = found.name.lower().split("_")
     if words[-1] == "buffer":
-        return f"The buffer for the {words[1]} {words[2]}s is missing or too short."
+        return f"The buffer for the {words[1]} {words[2]}s is missing or doesn't fit."
     if words[0] == "missing":
-        return f"A number of {words[1]} {words[2]} was given, but no channels."
+        return f"The channels of {words[1]} {words[2]} are missing or don't fit."
     return f"One of the {words[1]} {words[2]} channels doesn't exist on this board."
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import atexit
 import math
+import os
 import sys
 from collections.abc import Mapping
 from typing import Any, Literal
@@ -12,9 +13,13 @@ from servobench.compat.quanser.board import Board, Ending
 from servobench.compat.quanser.errors import Code, hil_error
 from servobench.compat.quanser.layout import LAYOUTS, Address, find
 from servobench.compat.quanser.motion import Motion, Mounted
-from servobench.compat.quanser.timebase import ReplacedTime, Timebase
+from servobench.compat.quanser.timebase import Timebase
+from servobench.compat.quanser.waits import Idle, ReplacedTime
 
 _installed: list[Bench] = []
+
+FOLLOW = 1.0
+"""The boards follow simulated time in such steps while a program sleeps [s], so that a sleep costs what it simulates."""
 
 
 class Bench:
@@ -46,7 +51,10 @@ class Bench:
         self._motions: dict[Address, Motion] = {}
         self._boards: list[Board] = []
         self._modules: dict[str, Any] = {}
-        self._time = ReplacedTime(self.timebase) if time == "simulated" else None
+        self._idle = Idle(self.timebase, self.say)
+        self._time = ReplacedTime(self.timebase, self.wait, self._idle) if time == "simulated" else None
+        self.forks = 0
+        """How many child processes were forked off."""
         self._titled: set[str] = set()
 
     def __enter__(self) -> Bench:
@@ -93,11 +101,32 @@ class Bench:
         if any(board.address == address and board.ending is None for board in self._boards):
             raise hil_error(Code.BOARD_IN_USE)
         self._tell_title(LAYOUTS[address.card_type].title)
-        board = Board(address, self._motion(address), self.timebase, has_watchdog=self._has_watchdog)
+        if self._time:
+            self._time.follow(sys._getframe())
+        board = Board(
+            address, self._motion(address), self.timebase, self._idle, has_watchdog=self._has_watchdog
+        )
         board.advance(self.timebase.now())
         board.unplug_at = self.unplug_at
         self._boards.append(board)
         return board
+
+    def wait(self, duration: float) -> None:
+        """Let a time pass [s], with the boards following step by step, so that it can be interrupted like any other wait."""
+        end = self.timebase.now() + duration
+        while (now := self.timebase.now()) < end:
+            now = self.timebase.wait_until(min(end, now + FOLLOW))
+            if not self.timebase.paced:
+                self._follow(now)
+
+    def _follow(self, now: float) -> None:
+        """Carry the boards that are open, and all motors, to a time [s]."""
+        for board in self._boards:
+            if board.ending is None:
+                with board.lock:
+                    board.advance(now)
+        for motion in self._motions.values():
+            motion.advance_to(now)
 
     def close(self, board: Board, *, by_program: bool = True) -> None:
         """Close a board, with its motor at rest; nothing happens where it was closed."""
@@ -147,6 +176,15 @@ class Bench:
         if not self._quiet:
             sys.stderr.write(f"servobench: {line}\n")
             sys.stderr.flush()
+
+
+def _count_fork() -> None:
+    for bench in _installed:
+        bench.forks += 1
+
+
+if hasattr(os, "register_at_fork"):
+    os.register_at_fork(after_in_parent=_count_fork)
 
 
 def current() -> Bench:
