@@ -14,7 +14,7 @@
 #define CHECKSUM 2
 
 static frame_reader reader;
-static uint8_t sequence, received_sequence, first_boot = 1, blocks;
+static uint8_t sequence, received_sequence = 0xff, first_boot = 1, blocks;
 static uint16_t crc_bad, received_gaps, refused, tx_lost;
 static uint32_t index;
 static uint8_t told_state = 0xff, told_faults, told_warnings;

@@ -12,9 +12,9 @@ static volatile uint8_t sent[SEND_SIZE], send_head, send_tail;
 static volatile uint16_t lost;
 
 void serial_init(void) {
-    UBRR0 = (uint16_t)((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
     UCSR0A = _BV(U2X0);
     UCSR0C = _BV(UCSZ01) | _BV(UCSZ00);
+    UBRR0 = (uint16_t)((F_CPU + BAUD * 4) / (BAUD * 8) - 1);
     UCSR0B = _BV(RXCIE0) | _BV(RXEN0) | _BV(TXEN0);
 }
 

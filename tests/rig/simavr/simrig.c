@@ -137,16 +137,26 @@ static void turn(rig *r) {
     r->angle += h * (w + r->speed) / 2;
 }
 
+/* Tells simavr the encoder's levels as what holds the pins from outside: whenever the firmware writes to PORTD simavr takes the
+   inputs from there again. */
+static void hold_pins(rig *r) {
+    avr_ioport_external_t pins = {.name = 'D', .mask = 0x0c, .value = (uint32_t)(r->level[0] << 2 | r->level[1] << 3)};
+    avr_ioctl(r->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &pins);
+}
+
+static void set_level(rig *r, int channel, uint8_t level) {
+    if (level == r->level[channel])
+        return;
+    r->level[channel] = level;
+    hold_pins(r);
+    avr_raise_irq(r->channel[channel], level);
+}
+
 static void show_channels(rig *r) {
     static const uint8_t gray[4] = {0, 1, 3, 2}; /* bit 0 is A, bit 1 is B */
-    uint8_t levels = gray[r->edges & 3];
-    for (int each = 0; each < 2; each++) {
-        uint8_t level = levels >> each & 1;
-        if (level != r->level[each] && !(r->stuck & 1 << each)) {
-            r->level[each] = level;
-            avr_raise_irq(r->channel[each], level);
-        }
-    }
+    for (int each = 0; each < 2; each++)
+        if (!(r->stuck & 1 << each))
+            set_level(r, each, gray[r->edges & 3] >> each & 1);
 }
 
 static void count(rig *r, int direction) {
@@ -225,8 +235,7 @@ static void quiet(avr_t *avr, const int level, const char *format, va_list argum
 
 /* The pins between the encoder and the chip, and what the UART is told; again after a reset of the chip. */
 static void wire(rig *r) {
-    avr_ioport_external_t pins = {.name = 'D', .mask = 0x0c, .value = (uint32_t)(r->level[0] << 2 | r->level[1] << 3)};
-    avr_ioctl(r->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &pins);
+    hold_pins(r);
     uint32_t flags = 0;
     avr_ioctl(r->avr, AVR_IOCTL_UART_GET_FLAGS('0'), &flags);
     flags &= ~(uint32_t)(AVR_UART_FLAG_POOL_SLEEP | AVR_UART_FLAG_STDIO);
@@ -353,12 +362,8 @@ void rig_stick(rig *r, int channels) {
 
 /* Turns both channels over at once: a transition that no encoder makes. */
 void rig_disturb(rig *r) {
-    count(r, 1);
-    r->edges--; /* the shaft hasn't moved, and the firmware saw A and B change within one interrupt or not at all */
-    for (int each = 0; each < 2; each++) {
-        r->level[each] ^= 1;
-        avr_raise_irq(r->channel[each], r->level[each]);
-    }
+    for (int each = 0; each < 2; each++)
+        set_level(r, each, !r->level[each]);
 }
 
 /* Presses the reset button. */
