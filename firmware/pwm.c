@@ -59,6 +59,11 @@ void pwm_set(int16_t duty) {
         return;
     }
     turn(duty > 0 ? 1 : -1);
+    if (duty == DUTY_FULL || duty == -DUTY_FULL) { /* without the timer: simavr puts out nothing at OCR1A = TOP */
+        disconnect();
+        PORTB |= _BV(BRIDGE_PWM);
+        return;
+    }
     OCR1A = (uint16_t)((duty > 0 ? duty : -duty) - 1); /* high for OCR1A + 1 of 1024 counts, from the next period on */
     TCCR1A = PWM_MODE_A | _BV(COM1A1);
 }
