@@ -263,13 +263,14 @@ def check_damage(frames: int, seed: int) -> None:
         board.enable()
         drawn = random.Random(seed)
         for n in range(frames):
-            frame = bytearray(encode(PROTOCOL.message("duty").pack(n & 0xFF, owner=OWNER, duty=700)))
+            good = encode(PROTOCOL.message("duty").pack(n & 0xFF, owner=OWNER, duty=700))
+            frame = bytearray(good)
             for _ in range(drawn.randint(1, 4)):
                 frame[drawn.randrange(len(frame))] ^= 1 << drawn.randrange(8)
+            if frame == good:
+                continue  # two flips of one bit
             if drawn.random() < 0.2:
                 frame += drawn.randbytes(drawn.randrange(40)) + b"\0"
-            if frame == encode(PROTOCOL.message("duty").pack(n & 0xFF, owner=OWNER, duty=700)):
-                continue  # two flips of one bit
             board.write(bytes(frame))
             board.send("duty", duty=0)
             board.run(ms=1.5)
