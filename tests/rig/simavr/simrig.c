@@ -30,7 +30,7 @@ typedef struct {
     double supply;                                                     /* V */
     double counts_per_rev;
     double start; /* counts; the shaft's angle at the start */
-    uint32_t step; /* cycles of a step of the motor; the encoder moves by an edge in each at most */
+    uint32_t step; /* cycles of a step of the motor, 4 at least; the encoder moves by an edge in each at most */
 } motor_settings;
 
 /* What a test may look at. */
@@ -63,6 +63,7 @@ typedef struct {
     uint64_t pwm_high, pwm_rises, received;
     uint8_t pwm;
     avr_irq_t *channel[2], *uart_in, *sensor;
+    avr_ioport_t *port; /* D, with the encoder */
     uint8_t level[2];
     int room; /* the UART takes bytes */
     uint8_t input[INPUT_SIZE], output[OUTPUT_SIZE];
@@ -138,10 +139,10 @@ static void turn(rig *r) {
 }
 
 /* Tells simavr the encoder's levels as what holds the pins from outside: whenever the firmware writes to PORTD simavr takes the
-   inputs from there again. */
+   inputs from there again. What AVR_IOCTL_IOPORT_SET_EXTERNAL does, without its search. */
 static void hold_pins(rig *r) {
-    avr_ioport_external_t pins = {.name = 'D', .mask = 0x0c, .value = (uint32_t)(r->level[0] << 2 | r->level[1] << 3)};
-    avr_ioctl(r->avr, AVR_IOCTL_IOPORT_SET_EXTERNAL('D'), &pins);
+    r->port->external.pull_mask = 0x0c;
+    r->port->external.pull_value = (uint8_t)(r->level[0] << 2 | r->level[1] << 3);
 }
 
 static void set_level(rig *r, int channel, uint8_t level) {
@@ -190,8 +191,6 @@ static void attend(rig *r) {
         r->next_sensor += SENSOR_CYCLES;
         avr_raise_irq(r->sensor, (uint32_t)(2500 + 185 * r->current));
     }
-    if (r->pwm && bridge_on(r))
-        r->pwm_high = now;
     if (r->room && r->input_head != r->input_tail) {
         avr_raise_irq(r->uart_in, r->input[r->input_tail++ % INPUT_SIZE]);
         r->received = now;
@@ -203,6 +202,8 @@ static void on_pwm(struct avr_irq_t *irq, uint32_t value, void *param) {
     (void)irq;
     if ((value & 1) && !r->pwm)
         r->pwm_rises++;
+    if (!(value & 1) && r->pwm && bridge_on(r))
+        r->pwm_high = r->avr->cycle;
     r->pwm = value & 1;
 }
 
@@ -259,7 +260,10 @@ rig *rig_new(const char *elf, const motor_settings *motor) {
     avr_load_firmware(r->avr, &firmware);
     r->avr->frequency = FREQUENCY;
     r->avr->vcc = r->avr->avcc = r->avr->aref = 5000;
-    r->avr->run_cycle_limit = 1;
+    r->avr->run_cycle_limit = motor->step / 4; /* how long the chip runs before the world around it is attended to */
+    for (avr_io_t *io = r->avr->io_port; io; io = io->next)
+        if (!strcmp(io->kind, "port") && ((avr_ioport_t *)io)->name == 'D')
+            r->port = (avr_ioport_t *)io;
     r->channel[0] = avr_io_getirq(r->avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 2);
     r->channel[1] = avr_io_getirq(r->avr, AVR_IOCTL_IOPORT_GETIRQ('D'), 3);
     r->uart_in = avr_io_getirq(r->avr, AVR_IOCTL_UART_GETIRQ('0'), UART_IRQ_INPUT);
@@ -324,7 +328,7 @@ void rig_look(rig *r, rig_view *view) {
     const uint8_t *data = r->avr->data;
     memset(view, 0, sizeof *view);
     view->cycle = r->avr->cycle;
-    view->pwm_high = r->pwm_high;
+    view->pwm_high = r->pwm && bridge_on(r) ? r->avr->cycle : r->pwm_high;
     view->pwm_rises = r->pwm_rises;
     view->received = r->received;
     view->edges = r->edges;
@@ -378,6 +382,7 @@ void rig_reset(rig *r) {
 #include <fcntl.h>
 #include <poll.h>
 #include <pty.h>
+#include <sched.h>
 #include <termios.h>
 #include <time.h>
 #include <unistd.h>
@@ -485,6 +490,9 @@ int main(int count, char **words) {
     rig *r = rig_new(words[1], &motor);
     if (!r)
         return 1;
+    /* Where it is allowed to it keeps up with real time on a busy machine, too. */
+    struct sched_param priority = {.sched_priority = 10};
+    sched_setscheduler(0, SCHED_FIFO, &priority);
     int master = open_terminal();
     double begun = now();
     while (obey(r) && !r->crashed) {

@@ -223,7 +223,7 @@ def test_a_duty_out_of_range_is_refused_and_the_last_one_stays() -> None:
 
 @pytest.mark.parametrize("duty", [1, -1, 512, -512, 1023, 1024, -1024])
 def test_the_pin_carries_the_duty_and_zero_is_without_a_spike(duty: int) -> None:
-    with Board(around=motor(coulomb=1.0)) as board:
+    with Board(around=motor(coulomb=1.0, step=4)) as board:
         board.enable()
         board.duty(duty, ms=10)
         high, before = 0, board.look()

@@ -25,7 +25,7 @@ NAME = "rig"
 BOOT_TIME = 4.0  # s; a board that is reset by the opening of its port runs its boot loader first
 BLOCK_PERIOD = 2  # ticks; slower samples come one by one, as eight of them would take too long
 LEAD = 96  # duties that the board is to hold in advance, of the 128 that it can
-LATCH_TO_DUTY = 30e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
+LATCH_TO_DUTY = 25e-6  # s; from a sample's latch to the duty that a table puts out with it, by the firmware in simavr
 CONVERTER = 5.0 / 1024  # V; a step of the board's converter
 PERIODS_WATCHED = 2  # the watchdog has to last for as many sample times
 FAULTS = {
@@ -375,7 +375,7 @@ class Rig:
                 index=index,
                 time=time,
                 counts=position,
-                current=None if scale is None else (current * CONVERTER - self.settings.current_offset) / scale,
+                current=None if scale is None else ((current + 0.5) * CONVERTER - self.settings.current_offset) / scale,
                 held_since=held_since,
             )
         )
